@@ -20,7 +20,7 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.emulator.launch import control, is_running, read_status
-from drivers.remote import AgentClient, agent_pid, kill_agent
+from drivers.remote import AgentClient, find_agent_pid, kill_agent
 
 MODEL = "ultimaker2_plus"
 FARM = Path(sys.executable).with_name("farm")
@@ -78,7 +78,7 @@ def measure(printers: int) -> dict[str, float]:
         daemon = int((state / "lock").read_text())
         try:
             asyncio.run(prepare(folders, gcode))
-            for pid in (daemon, *(agent_pid(folder) for folder in folders)):
+            for pid in (daemon, *(find_agent_pid(folder) for folder in folders)):
                 assert pid is not None
                 os.kill(pid, signal.SIGSTOP)
             assert all(map(is_hot, folders))

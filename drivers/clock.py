@@ -14,7 +14,7 @@ import time
 from dataclasses import dataclass
 
 
-def wall_s() -> float:
+def read_wall_s() -> float:
     """Return wall time in seconds since the epoch, unaffected by changes of the host's clock."""
     return _BOOTED_S + time.clock_gettime(time.CLOCK_BOOTTIME)
 
@@ -27,7 +27,7 @@ _SMALLEST_STEP_S = 1.0  # smaller changes add up
 class Clock:
     """Conversion of wall time to farm time: ``farm = anchor_s + (wall - anchor_s) * scale + ahead_s``.
 
-    Wall time is that of `wall_s`.
+    Wall time is that of `read_wall_s`.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Clock:
 
         A clock with a scale other than 1 belongs to simulated printers, and never follows.
         """
-        step_s = time.time() - wall_s() - self.ahead_s
+        step_s = time.time() - read_wall_s() - self.ahead_s
         if self.scale != 1.0 or abs(step_s) < _SMALLEST_STEP_S:
             return 0.0
         self.ahead_s += step_s
@@ -56,7 +56,7 @@ class Clock:
 
     def now(self) -> float:
         """Return farm time in seconds since the epoch."""
-        return self.farm(wall_s())
+        return self.farm(read_wall_s())
 
     def farm(self, wall_s: float) -> float:
         """Convert a wall time to farm time, both in seconds since the epoch."""

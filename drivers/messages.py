@@ -324,7 +324,7 @@ class Reply(_AgentMessage):
     lines: tuple[WireLine, ...] = ()  # of `ListLines`, oldest first
 
 
-def for_protocol(request: Request, protocol: int) -> str | None:
+def encode_for_protocol(request: Request, protocol: int) -> str | None:
     """Dump a request for an agent of this protocol version.
 
     Fields unknown to it are omitted if they have their defaults; None if that is not possible.

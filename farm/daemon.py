@@ -85,7 +85,7 @@ class Daemon:
         self._fleet = fleet
         self._places = places
         self._state = places.state
-        self._clock = farm_clock(fleet, self._state)
+        self._clock = open_farm_clock(fleet, self._state)
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
         self._workers: Pool = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
@@ -334,7 +334,7 @@ def _lock_state_folder(state: StateFolder) -> Iterator[None]:
         yield
 
 
-def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
+def open_farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
     """Return the farm's clock, the same after a restart: running agents and emulators use it too.
 
     Raises

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 
-from drivers.clock import wall_s
+from drivers.clock import read_wall_s
 from drivers.records import Alarm, Suspicion
 from drivers.safety import NO_COMMAND, POLL_S, PowerOff
 from drivers.session import Session
@@ -115,4 +115,4 @@ class Alarms:
 
     def wake_wall_s(self) -> float:
         """Return the wall time of the next call of `outcome`."""
-        return math.inf if self._run is None else wall_s() + POLL_S
+        return math.inf if self._run is None else read_wall_s() + POLL_S

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drivers.agent.emulator_bed import EmulatorBed
 from drivers.agent.idle_watch import CARD, IdleWatch
-from drivers.clock import Clock, wall_s
+from drivers.clock import Clock, read_wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import Connected, Event, Events, Link, LinkFault, OtherLine, Phase, Report
 from drivers.ports import Port, RecordedPort, WireRecord, identify_device, open_port
@@ -118,7 +118,7 @@ class Board:
 
     def tick(self) -> None:
         """Do what is due now."""
-        if self._port is None and wall_s() >= self._retry_wall_s:
+        if self._port is None and read_wall_s() >= self._retry_wall_s:
             self.open()
         now_s = self._clock.now()
         self._process(self.link.tick(now_s), now_s)
@@ -152,7 +152,7 @@ class Board:
             if self.absent_reason != str(error):
                 log.warning("%s", error)
             self.absent_reason = str(error)
-            self._retry_wall_s = wall_s() + RETRY_S
+            self._retry_wall_s = read_wall_s() + RETRY_S
             return
         if not self._is_responsible:
             self._on_opened()
@@ -390,7 +390,7 @@ class Board:
         self.report = None
         self._declared_idle, self._pulses_left = False, 0
         self.link.on_closed()
-        self._retry_wall_s = wall_s() + RETRY_S
+        self._retry_wall_s = read_wall_s() + RETRY_S
         session = self.session
         if session is not None and not session.context.wants_reset:
             session.fail(Fault.PORT_LOST, str(error), self._clock.now())

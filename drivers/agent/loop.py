@@ -15,7 +15,7 @@ from drivers.agent.server import Server
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.agent.spool import Spool
 from drivers.agent.status import describe_link, list_prints, make_snapshot
-from drivers.clock import wall_s
+from drivers.clock import read_wall_s
 from drivers.errors import DriverError, TooLate
 from drivers.log_file import rotate_log
 from drivers.messages import ListLines, ListPrints, Reply, Request, Snapshot, WireLine
@@ -96,10 +96,10 @@ class Agent:
         self._server = Server(self._folder, self._selector, self._answer, self._build_snapshot)
         wake_wall_s = 0.0
         while not self._requests.ended:
-            wait_s = wake_wall_s - wall_s()
+            wait_s = wake_wall_s - read_wall_s()
             for key, mask in self._selector.select(wait_s if wait_s > 0.0 else 0.0):
                 key.data(mask)
-            due = wall_s() >= wake_wall_s
+            due = read_wall_s() >= wake_wall_s
             if due:
                 self._board.tick()
                 self._limit_log()
@@ -111,8 +111,8 @@ class Agent:
 
     def _limit_log(self) -> None:
         """Rename the log if it is full; a check takes two microseconds."""
-        if wall_s() >= self._log_wall_s:
-            self._log_wall_s = wall_s() + LOG_S
+        if read_wall_s() >= self._log_wall_s:
+            self._log_wall_s = read_wall_s() + LOG_S
             rotate_log(self._folder / AGENT_LOG)
 
     def _save(self) -> None:
@@ -152,7 +152,7 @@ class Agent:
             journal_state.print.print_id if journal_state.print is not None else None,
             context and (context.phase, context.extruded, context.filament, context.heaters_off),
         )
-        now_s = wall_s()
+        now_s = read_wall_s()
         if self._server is not None:
             self._server.end_stalled()
         if key == self._pushed and now_s < self._push_wall_s:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from drivers.clock import wall_s
+from drivers.clock import read_wall_s
 from drivers.messages import AGENT_SOCKET, FromAgent, Reply, Request, Snapshot, request_adapter
 
 log = logging.getLogger(__name__)
@@ -86,7 +86,7 @@ class Server:
 
     def end_stalled(self) -> None:
         """Drop clients whose request is incomplete for 10 s, and accept again; call it every few seconds."""
-        now_s = wall_s()
+        now_s = read_wall_s()
         for client in tuple(self._clients):
             if now_s - client.partial_since_s > _REQUEST_S:
                 self._drop(client)
@@ -108,7 +108,7 @@ class Server:
         self._listening = accepting
 
     def _accept(self, _: int) -> None:
-        now_s = wall_s()
+        now_s = read_wall_s()
         try:
             connection, _address = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
@@ -145,7 +145,7 @@ class Server:
         if not data or len(client.incoming) > _REQUEST_BYTES:
             self._drop(client)
             return
-        now_s = wall_s()
+        now_s = read_wall_s()
         if lines or not client.incoming:
             client.partial_since_s = math.inf
         if client.incoming:

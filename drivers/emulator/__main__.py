@@ -22,7 +22,7 @@ from drivers.emulator.faults import DUE, Faults, parse_faults
 from drivers.emulator.firmware import person
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.wire import Wire
-from drivers.emulator.launch import ALIVE_LOCK, CONTROL, LOG, TTY, Command, short_path
+from drivers.emulator.launch import ALIVE_LOCK, CONTROL, LOG, TTY, Command, shorten_path
 from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
 from drivers.errors import PortError
@@ -208,7 +208,7 @@ class Emulator:
 def _listen(folder: Path) -> socket.socket:
     (folder / CONTROL).unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX)
-    with short_path(folder) as short:
+    with shorten_path(folder) as short:
         listener.bind(f"{short}/{CONTROL}")
     (folder / CONTROL).chmod(0o600)
     listener.listen()

@@ -115,7 +115,7 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
     try:
         with socket.socket(socket.AF_UNIX) as link:
             link.settimeout(CONTROL_TIMEOUT_S)
-            with short_path(folder) as short:
+            with shorten_path(folder) as short:
                 link.connect(f"{short}/{CONTROL}")
             link.sendall(json.dumps({"do": str(command), **values}).encode() + b"\n")
             with link.makefile("rb") as answers:
@@ -139,7 +139,7 @@ def _wait_for_end(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def short_path(folder: Path) -> Iterator[str]:
+def shorten_path(folder: Path) -> Iterator[str]:
     """Provide a path to the folder that fits a Unix socket's 108 bytes, however deep the folder is."""
     descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
     try:

@@ -33,7 +33,7 @@ def checksum(line: bytes) -> int:
     return (n ^ n >> 8) & 0xFF
 
 
-def running_checksums(text: bytes) -> bytes:
+def compute_running_checksums(text: bytes) -> bytes:
     """Compute the checksum up to and including each byte, by folding one long number onto itself."""
     n = int.from_bytes(text, "big")
     bits = 8
@@ -50,14 +50,14 @@ def add_frame(number: int, command: bytes) -> bytes:
     them differ, if there is room for it.
     """
     line = b"N%d %b*" % (number, command)
-    totals = running_checksums(line)
+    totals = compute_running_checksums(line)
     dot = line.find(b".")
     while dot >= 0:
         end = line.find(b" ", dot)  # of the last word -1, at the star
         if _CHECKSUMS.get(line[dot + 1 : end]) == totals[dot - 1] and len(line) < _MAX_BYTES:
             word = line.rindex(b" ", 0, dot)
             line = line[:word] + b" " + line[word:]
-            totals = running_checksums(line)
+            totals = compute_running_checksums(line)
             dot += 1
         dot = line.find(b".", dot + 1)
     return b"%b%d\n" % (line, totals[-2])
@@ -70,7 +70,7 @@ def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
     """
     lines = [b"N%d %b*" % numbered for numbered in enumerate(commands, number)]
     text = b"".join(lines)
-    totals = running_checksums(text)
+    totals = compute_running_checksums(text)
     candidates = _SMALL_DECIMALS.finditer(text)
     decimals = next(candidates, None)
     frames: list[bytes] = []

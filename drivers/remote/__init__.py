@@ -8,13 +8,13 @@ from drivers.remote.client import AgentClient
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
     RETRY_S,
-    agent_pid,
     agents_are_units,
+    find_agent_pid,
     is_alive,
     kill_agent,
     spawn_agent,
 )
-from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask, ssh_command, stop_over_ssh
+from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask, build_ssh_command, stop_over_ssh
 
 __all__ = [
     "AGENT_LOG",
@@ -24,12 +24,12 @@ __all__ = [
     "BridgeRequest",
     "BridgeTask",
     "Heartbeat",
-    "agent_pid",
     "agents_are_units",
+    "build_ssh_command",
+    "find_agent_pid",
     "is_alive",
     "kill_agent",
     "sample_process",
     "spawn_agent",
-    "ssh_command",
     "stop_over_ssh",
 ]

@@ -25,7 +25,7 @@ from drivers.records import AGENT_LOG
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
     RETRY_S,
-    agent_pid,
+    find_agent_pid,
     is_alive,
     kill_agent,
     spawn_agent,
@@ -80,7 +80,7 @@ def serve(request: BridgeRequest, folder: Path) -> None:
                 if not data:
                     return
                 agent.sendall(data)
-            pid = agent_pid(folder)
+            pid = find_agent_pid(folder)
             if pid is not None and heartbeat.is_hung(time.monotonic(), partial(sample_process, pid)):
                 kill_agent(folder)
                 raise AgentError(f"{start.printer}: its agent was hung, and is replaced")

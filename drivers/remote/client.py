@@ -19,7 +19,7 @@ from drivers.messages import (
     Reply,
     Request,
     Snapshot,
-    for_protocol,
+    encode_for_protocol,
     from_agent_adapter,
 )
 from drivers.records import AGENT_LOG
@@ -40,8 +40,8 @@ class AgentClient:
     folder
         The agent's folder; for an agent on another host it only contains the log of ssh.
     route
-        Connection to another host: the arguments of a command that copies bytes (`ssh_command`), and its
-        first line (`BridgeRequest.line`).
+        Connection to another host: the arguments of a command that copies bytes (`build_ssh_command`), and
+        its first line (`BridgeRequest.line`).
     on_message
         Called for every line of the agent, even an unreadable one: the agent is alive.
     """
@@ -150,7 +150,7 @@ class AgentClient:
         if self._writer is None or not self.connected:
             raise AgentError(f"{self._folder}: no agent is connected")
         number = next(self._ids)
-        line = for_protocol(request.model_copy(update={"id": number}), self._protocol)
+        line = encode_for_protocol(request.model_copy(update={"id": number}), self._protocol)
         if line is None:
             raise AgentTooOld(f"{self._folder}: an agent of an older version does not know {request.do}")
         reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()

@@ -90,6 +90,6 @@ def kill_agent(folder: Path) -> bool:
     return kill_holder(folder / AGENT_LOCK)
 
 
-def agent_pid(folder: Path) -> int | None:
+def find_agent_pid(folder: Path) -> int | None:
     """Return the process id of the agent of this folder; None if none is alive."""
     return find_holder(folder / AGENT_LOCK)

@@ -63,7 +63,7 @@ class BridgeRequest:
             ) from error
 
 
-def ssh_command(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
+def build_ssh_command(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
     """Return the arguments that run a command on a host; FARM_SSH replaces ssh and its options."""
     return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
 
@@ -85,7 +85,7 @@ def stop_over_ssh(
     request, stderr = BridgeRequest(BridgeTask.STOP, farm, start), ""
     try:
         process = subprocess.run(
-            ssh_command(host, command),
+            build_ssh_command(host, command),
             input=request.line(),
             capture_output=True,
             timeout=timeout_s,

@@ -131,7 +131,7 @@ def suspect(context: SessionContext, text: str) -> None:
         context.suspicion = Suspicion(text.lstrip(" :"), context.now_s)
 
 
-def power_off_due_s(context: SessionContext) -> float:
+def compute_power_off_due_s(context: SessionContext) -> float:
     """Return the time of the request to cut the mains, unless the suspected heater is seen to cool before."""
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf

@@ -10,7 +10,7 @@ from drivers.messages import Filament
 from drivers.session.commands import TRIES, arm_dead_man, connect, send
 from drivers.session.context import Answer, PrintEnded, Script, SessionContext
 from drivers.session.heat import confirm_off, extrudes
-from drivers.session.park import LIFT_MM, lift_mm, measure_retracted_mm, park
+from drivers.session.park import LIFT_MM, compute_lift_mm, measure_retracted_mm, park
 
 STOP_S = 30.0  # the stop waits for the current move
 BARRIERS = 3  # a garbled answer may fake one of them, but not three
@@ -56,7 +56,7 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
                 context, measure_retracted_mm(context.program, done_lines, context.position), can_extrude
             )
         z_mm = math.nan if context.position is None else context.position[2]
-        up_mm = LIFT_MM if math.isnan(z_mm) else lift_mm(context, z_mm, done_lines)
+        up_mm = LIFT_MM if math.isnan(z_mm) else compute_lift_mm(context, z_mm, done_lines)
         park_commands = (b"G91", b"G1 F1200 Z%.3f" % up_mm, b"G90", b"G28 X0 Y0", firmware.motors_off)
         if not (yield from send(context, *park_commands, *(firmware.wait_moves,) * BARRIERS)):
             return False

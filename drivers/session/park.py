@@ -54,13 +54,13 @@ def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | 
         return math.nan
 
 
-def lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
+def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
     """Compute how far to lower the bed before the head leaves its part: finished parts may be higher."""
     highest_mm = 0.0 if context.program is None else context.program.highest_mm(done_lines)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
-def pausable(context: SessionContext) -> bool:
+def can_pause(context: SessionContext) -> bool:
     """Return True if the head can leave the part here and return."""
     return (
         context.program is not None
@@ -88,7 +88,7 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
         for exact, reported in zip(moves.at, context.position, strict=True)
     ]
     yield from park(context, moves.retracted_mm, can_extrude=True)
-    lift = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done_lines))
+    lift = b"G1 F1200 Z%.3f" % (at[2] + compute_lift_mm(context, at[2], done_lines))
     yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
     context.nozzle_paused = True
     yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)

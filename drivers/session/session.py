@@ -20,7 +20,7 @@ from drivers.link import Connected, Event, Events, LinkFault, OtherLine, Report
 from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
-from drivers.session.heat import power_off_due_s, suspect, watch_heaters
+from drivers.session.heat import compute_power_off_due_s, suspect, watch_heaters
 from drivers.session.identify import identify
 from drivers.session.leave import make_safe
 from drivers.session.stream import print_program
@@ -51,7 +51,7 @@ class Session:
         """Time of the next call of `advance` without events."""
         if self.context.ended:
             return math.inf
-        return min(self._wait.deadline_s, self._find_last_moment_s(), power_off_due_s(self.context))
+        return min(self._wait.deadline_s, self._find_last_moment_s(), compute_power_off_due_s(self.context))
 
     def advance(self, events: Events, now_s: float) -> None:
         """Process the events of the link, and run the script as far as possible."""
@@ -64,7 +64,7 @@ class Session:
             ended = ended or PrintEnded(Fault.HOURS_ENDED, UNATTENDED)
         if ended is not None:
             self._leave(ended)
-        if now_s >= power_off_due_s(context):
+        if now_s >= compute_power_off_due_s(context):
             context.ask_power_off()
         while not context.ended:
             if self._wait.until():

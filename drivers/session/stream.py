@@ -12,7 +12,7 @@ from drivers.session.context import PrintEnded, Script, SessionContext, Wait
 from drivers.session.heat import confirm_off, extrudes, heat, verify_targets
 from drivers.session.identify import check_height
 from drivers.session.leave import BARRIERS
-from drivers.session.park import measure_retracted_mm, park, pausable, pause, unpark
+from drivers.session.park import can_pause, measure_retracted_mm, park, pause, unpark
 
 
 def print_program(context: SessionContext, program: Program) -> Script:
@@ -75,7 +75,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         return []
 
     def sent_or_paused() -> bool:
-        heat_command = context.pause_wanted and pausable(context)
+        heat_command = context.pause_wanted and can_pause(context)
         return link.drained or context.unreadable is not None or heat_command
 
     while start < stop:
@@ -92,7 +92,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         link.halt()
         yield Wait(lambda: link.drained)
         start = link.streamed
-        if pausable(context):  # the line in flight may have switched the heat off
+        if can_pause(context):  # the line in flight may have switched the heat off
             yield from pause(context, program, start)
 
 

@@ -21,8 +21,8 @@ from drivers.remote import (
     RETRY_S,
     AgentClient,
     Heartbeat,
-    agent_pid,
     agents_are_units,
+    find_agent_pid,
     is_alive,
     kill_agent,
     sample_process,
@@ -161,7 +161,7 @@ class AgentConnection:
 
     def _kill_if_hung(self) -> None:
         """Kill an agent that hangs; the next check starts another, which resets the board."""
-        pid = agent_pid(self._folder)
+        pid = find_agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             self._log.error("its agent (pid %d) hangs: replacing it", pid)
             self._spawn_task(self._kill())

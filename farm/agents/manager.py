@@ -12,7 +12,7 @@ from drivers.clock import Clock
 from drivers.errors import DriverError
 from drivers.remote import NO_AGENT, AgentClient, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
-from farm.agents.protocol_adapter import request_for
+from farm.agents.protocol_adapter import make_agent_request
 from farm.agents.remote import Route, delete_route, load_route, without_start
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
@@ -92,7 +92,7 @@ class AgentManager:
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
         """Send an instruction to its agent; a lost one is repeated after the agent's next snapshot."""
-        request = request_for(instruction, books, files)
+        request = make_agent_request(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:
             connection.send(request)

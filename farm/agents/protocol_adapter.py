@@ -41,7 +41,7 @@ def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     return clock.ahead_s + (offset_s if differs else 0.0)
 
 
-def request_for(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:
+def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:
     """Return the request that carries an instruction to an agent; None if it is not for an agent.
 
     Parameters

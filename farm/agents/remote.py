@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.errors import AgentError
 from drivers.records import StartFile
-from drivers.remote import BridgeRequest, BridgeTask, ssh_command
+from drivers.remote import BridgeRequest, BridgeTask, build_ssh_command
 from farm.config import PrinterSection
 
 ROUTE_FILE = "way.json"  # in the folder of an agent on another host
@@ -26,7 +26,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
         section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
     )
     request = BridgeRequest(BridgeTask.SERVE, farm, start)
-    return ssh_command(section.host, section.host_command), request.line()
+    return build_ssh_command(section.host, section.host_command), request.line()
 
 
 def without_start(route: Route | None) -> Route | None:

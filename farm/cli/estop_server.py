@@ -129,7 +129,7 @@ class EstopServer:
         connection.close()
 
 
-def peer_uid(connection: socket.socket) -> int:
+def read_peer_uid(connection: socket.socket) -> int:
     """Return the user id of the peer of a Unix socket (SO_PEERCRED)."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     uid: int = _CREDENTIALS.unpack(credentials)[1]
@@ -150,7 +150,7 @@ def _begin(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]
 def main() -> None:
     """Serve until killed."""
     with socket.socket(fileno=0) as listening:
-        server = EstopServer(listening, _begin, peer_uid)
+        server = EstopServer(listening, _begin, read_peer_uid)
         while True:
             server.serve_once(time.monotonic(), _WAIT_S)
 

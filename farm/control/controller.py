@@ -53,9 +53,9 @@ from farm.scheduling import (
 )
 from farm.state import (
     apply_reels,
+    compute_outage_window_s,
     import_agent_journal,
     make_refused_print_end,
-    outage_window_s,
     validate_books,
 )
 from farm.state import events as ev
@@ -93,7 +93,7 @@ class Controller:
         self.planning = JobPlanning()
         self.stopping = False
         self.rules = StartRules.from_config(fleet.fleet)
-        self.books = replace(store.load(), outage_window_s=outage_window_s(clock.scale))
+        self.books = replace(store.load(), outage_window_s=compute_outage_window_s(clock.scale))
         self.fleet = apply_reels(fleet, self.books.printers)
         self._configured_fleet = fleet
         self._store, self._situations = store, SituationBuilder(build_volumes)

@@ -8,7 +8,7 @@ from typing import Protocol
 from drivers.clock import Clock
 from farm.agents import AgentManager
 from farm.config import Fleet
-from farm.model import assembly_ratio
+from farm.model import compute_assembly_ratio
 from farm.paths import StateFolder
 from farm.planning import JobPlanner, PlanRequest, list_job_files
 from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
@@ -67,7 +67,7 @@ class FarmEffects:
             rounds=order.rounds,
             time_factors={name: books.printer(name).time_factor for name in order.printers},
             within_s=None if limit_s is None else max(0.0, limit_s - begins_s),
-            assembly_ratio=assembly_ratio(books.jobs.values()),
+            assembly_ratio=compute_assembly_ratio(books.jobs.values()),
             quick=order.quick,
         )
         self._planner.start(request)

@@ -11,7 +11,7 @@ from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Print, PrintState, Reel, Verdict
 from farm.planning.inspection import complete_section
-from farm.state import PlateState, apply_reel, failed_print_on, list_reprinting_printers, part_name
+from farm.state import PlateState, apply_reel, find_failed_print, list_reprinting_printers, name_part
 from farm.state import events as ev
 from farm.text import parse_part_number
 
@@ -88,7 +88,7 @@ class PrinterCommands:
         books = self._controller.books
         if good_print is not None:
             return api.Cleared(
-                good=part_name(books, good_print), printed_on=list_reprinting_printers(books, good_print)
+                good=name_part(books, good_print), printed_on=list_reprinting_printers(books, good_print)
             )
         plate = None if judged is None else books.plates[judged.plate]
         is_reprinted = plate is not None and books.plate_state(plate) in (
@@ -100,13 +100,13 @@ class PrinterCommands:
     def _find_failed_print(self, printer: str, part: str) -> Print | None:
         """Return the failed print of a part on a bed; None if its print is recorded as done."""
         books = self._controller.books
-        judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)
+        judged, failed = books.print_to_judge(printer), find_failed_print(books, printer)
         attempt = judged or failed
         if attempt is None:
             raise Refused(
                 f"no part is recorded on {printer}: `farm history --printer {printer}` lists its prints"
             )
-        name = part_name(books, attempt)
+        name = name_part(books, attempt)
         job = part.rpartition("/")[0]
         if parse_part_number(part) != parse_part_number(name) or job not in ("", str(attempt.job)):
             raise Refused(f"the part on {printer} is {name}, not {part}")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from farm.model import AgentSnapshot, Link, Print, Temperatures
-from farm.scheduling import Situation, availability, may_start_now
+from farm.scheduling import Situation, may_start_now, summarise_availability
 from farm.state import (
     Books,
     detect_alarm,
@@ -55,7 +55,9 @@ class Telemetry:
         previous = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
         failed = self._failures.pop(snapshot.printer, None) is not None
-        return failed or previous is None or availability(previous) != availability(snapshot)
+        return (
+            failed or previous is None or summarise_availability(previous) != summarise_availability(snapshot)
+        )
 
     def reject(self, snapshot: AgentSnapshot, previous: AgentSnapshot | None, reason: str) -> None:
         """Undo the change of a snapshot that could not be handled, so that it is handled when repeated."""

@@ -159,7 +159,7 @@ def is_operator(request: Request) -> bool:
     return identify_caller(request).is_operator(_find_operators(request))
 
 
-def operator_name(request: Request) -> str:
+def find_operator_name(request: Request) -> str:
     """Return the name of a caller who is an operator. Raises Refused for others."""
     name = identify_caller(request).name
     if is_operator(request):
@@ -229,5 +229,5 @@ def _find_gid(group: str) -> int | None:
 
 CallerName = Annotated[str, Depends(find_caller_name)]
 """Parameter of a route open to every user: the name of the caller."""
-OperatorName = Annotated[str, Depends(operator_name)]
+OperatorName = Annotated[str, Depends(find_operator_name)]
 """Parameter of a route for operators only (`fleet.operators`): the name of the caller."""

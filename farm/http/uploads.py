@@ -21,7 +21,7 @@ from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions
 from farm.paths import StateFolder
-from farm.planning import InspectedSubmission, step_file
+from farm.planning import InspectedSubmission, name_step_file
 from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
@@ -179,7 +179,7 @@ class Uploads:
             if upload.request_id == request_id:
                 step = "sending" if upload.missing_bytes else self._describe_wait()
                 with suppress(OSError):  # inspection has not started, or has ended
-                    step = step_file(path).read_text() or step
+                    step = name_step_file(path).read_text() or step
                 return api.UploadView(
                     step=step, received=upload.size - upload.missing_bytes, size=upload.size
                 )
@@ -277,4 +277,4 @@ class Uploads:
 def _delete(path: Path) -> None:
     """Delete the file of an upload, and the one with the step of its inspection."""
     path.unlink(missing_ok=True)
-    step_file(path).unlink(missing_ok=True)
+    name_step_file(path).unlink(missing_ok=True)

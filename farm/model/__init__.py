@@ -17,7 +17,7 @@ from farm.model.job import (
     PlanProgress,
     PlanStep,
     Reopening,
-    assembly_ratio,
+    compute_assembly_ratio,
 )
 from farm.model.key import Key, KeyKind, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
@@ -62,5 +62,5 @@ __all__ = [
     "Still",
     "Temperatures",
     "Verdict",
-    "assembly_ratio",
+    "compute_assembly_ratio",
 ]

@@ -149,7 +149,7 @@ class Job(Entity):
         Parameters
         ----------
         ratio
-            Ratio of reported to expected times of assembly (`assembly_ratio`).
+            Ratio of reported to expected times of assembly (`compute_assembly_ratio`).
         """
         if self.done_by_s is not None or self.assembled_by_s is None:
             return self.done_by_s
@@ -194,7 +194,7 @@ _PRIOR_S = 3600.0  # of assembly as expected, which counts beside what was repor
 _SLOWEST, _FASTEST = 4.0, 0.25  # bounds of a report: one wrong one does not mislead for long
 
 
-def assembly_ratio(jobs: Iterable[Job]) -> float:
+def compute_assembly_ratio(jobs: Iterable[Job]) -> float:
     """Compute the ratio of reported to expected times of assembly, 1 where nothing was reported."""
     known = [
         (

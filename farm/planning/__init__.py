@@ -16,7 +16,7 @@ again; `local` is `farm decompose` and `farm slice`, without a daemon.
 
 from farm.planning.booking import list_job_files
 from farm.planning.job_planner import JobPlanner
-from farm.planning.plan import InspectedSubmission, Plan, PlanRequest, TooFewPrinters, step_file
+from farm.planning.plan import InspectedSubmission, Plan, PlanRequest, TooFewPrinters, name_step_file
 from farm.planning.planned_event import build_planned_event
 from farm.planning.printer_settings import list_bed_boxes
 
@@ -29,5 +29,5 @@ __all__ = [
     "build_planned_event",
     "list_bed_boxes",
     "list_job_files",
-    "step_file",
+    "name_step_file",
 ]

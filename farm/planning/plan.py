@@ -30,7 +30,7 @@ class TooFewPrinters(FarmError):
         return TooFewPrinters, (str(self), self.needed)
 
 
-def step_file(upload: Path) -> Path:
+def name_step_file(upload: Path) -> Path:
     """Return the path of the file beside an upload that holds the current step of its inspection."""
     return upload.with_name(f"{upload.name}.step")
 

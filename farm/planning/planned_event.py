@@ -7,9 +7,9 @@ import json
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from farm.model import Job, Part, Plate, assembly_ratio
+from farm.model import Job, Part, Plate, compute_assembly_ratio
 from farm.planning.plan import Plan
-from farm.scheduling import FleetPrinter, Situation, StartRules, as_idle, describe_plates, forecast_prints
+from farm.scheduling import FleetPrinter, Situation, StartRules, describe_plates, forecast_prints, make_idle
 from farm.state import Books
 from farm.state import events as ev
 
@@ -20,7 +20,7 @@ def build_planned_event(
     """Build the event of a plan, with its time: rounds, hours and the heating limit may extend it."""
     used = {plate.printer for plate in plan.plates}
     printers = list(printers)
-    fleet = [as_idle(view) for view in printers if view.name in used]
+    fleet = [make_idle(view) for view in printers if view.name in used]
     parts = {part.id: part for part in plan.parts}
     books = replace(books, plates={plate.id: plate for plate in plan.plates}, parts=parts)
     waiting = list(describe_plates(plan.plates, books))
@@ -38,7 +38,7 @@ def build_planned_event(
         ends_s = forecast_prints(
             situation.with_printers(tuple(printers))
         ).ends_s  # in the present state of the printers: beds may not be clear
-        glue_s = (plan.assembly_s or 0.0) * assembly_ratio(books.jobs.values())
+        glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
     is_parallel = len({slot.printer for slot in expected.slots}) == len(plan.plates)
     at_once = expected.left or (is_parallel and rules.max_heating is None)

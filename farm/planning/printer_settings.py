@@ -58,7 +58,7 @@ def build_settings_request(section: PrinterSection, quality: str) -> SettingsReq
     )
 
 
-def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> EngineSettings:
+def resolve_printer_settings(section: PrinterSection, quality: str, resources: Resources) -> EngineSettings:
     """Resolve the slicer's settings for a printer. Raises FarmError with code `settings`."""
     with translate_errors():
         return resolve_settings(build_settings_request(section, quality), resources)
@@ -76,7 +76,7 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     with translate_errors():
         resources = find_resources()
     for section in list_matching_printers(printers, options):
-        printer_settings(section, options.quality, resources)
+        resolve_printer_settings(section, options.quality, resources)
 
 
 def build_slicing_printer(profile: Profile) -> PrinterModel:

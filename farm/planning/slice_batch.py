@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
-from farm.planning.printer_settings import build_settings_request, find_printer_room, printer_settings
+from farm.planning.printer_settings import build_settings_request, find_printer_room, resolve_printer_settings
 from slicing.settings import find_engine, find_resources
 
 
@@ -73,7 +73,7 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
     tasks = []
     for part in batch.parts:
         section = batch.printer_of(part)
-        settings = printer_settings(section, batch.quality, resources)
+        settings = resolve_printer_settings(section, batch.quality, resources)
         tasks.append(
             SliceTask(
                 part=part.id,

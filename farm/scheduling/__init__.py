@@ -16,7 +16,7 @@ from farm.scheduling.admission import (
     list_reservations,
 )
 from farm.scheduling.assignment import Assignment, assign_plates, find_holds
-from farm.scheduling.forecast import ForecastCache, Slot, as_idle, forecast_prints, seconds_on
+from farm.scheduling.forecast import ForecastCache, Slot, compute_seconds_on, forecast_prints, make_idle
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.matching import Capabilities, Demand, FleetPrinter, Requirements, WaitingPlate
@@ -25,14 +25,14 @@ from farm.scheduling.situation_builder import (
     BuildVolumes,
     PrintLimits,
     SituationBuilder,
-    availability,
     count_spares,
+    derive_job_requirements,
+    derive_plate_requirements,
     describe_capabilities,
     describe_plates,
     find_print_limits,
-    job_requirements,
     may_start_now,
-    plate_requirements,
+    summarise_availability,
 )
 from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
@@ -58,10 +58,11 @@ __all__ = [
     "StartPlanning",
     "StartRules",
     "WaitingPlate",
-    "as_idle",
     "assign_plates",
-    "availability",
+    "compute_seconds_on",
     "count_spares",
+    "derive_job_requirements",
+    "derive_plate_requirements",
     "describe_capabilities",
     "describe_plates",
     "find_filament_shortage",
@@ -70,15 +71,14 @@ __all__ = [
     "find_plate_holds",
     "find_print_limits",
     "forecast_prints",
-    "job_requirements",
     "join_names",
     "limit_availability",
     "list_coming",
     "list_promised_printers",
     "list_reservations",
+    "make_idle",
     "may_start_now",
     "parse_moment_s",
-    "plate_requirements",
-    "seconds_on",
+    "summarise_availability",
     "takes_spare",
 ]

@@ -14,7 +14,7 @@ from farm.scheduling.assignment import Assignment, assign_plates
 from farm.scheduling.holds import join_names
 from farm.scheduling.matching import FleetPrinter, Requirements
 from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import job_requirements
+from farm.scheduling.situation_builder import derive_job_requirements
 from farm.state import Books
 
 MAX_LONG_JOBS = 2
@@ -272,7 +272,7 @@ class JobAdmission:
             if job.state is JobState.PLANNING:
                 long_jobs += [] if quick else [job.id]
                 continue
-            decision: Begin | Hold | None = find_mismatch(job_requirements(job), situation.printers)
+            decision: Begin | Hold | None = find_mismatch(derive_job_requirements(job), situation.printers)
             if decision is None and not quick and len(long_jobs) >= MAX_LONG_JOBS:
                 first = join_names(f"job {number}" for number in long_jobs)
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
@@ -289,7 +289,7 @@ class JobAdmission:
 
     def _request(self, job: Job, now_s: float) -> JobRequest:
         return JobRequest(
-            requirements=job_requirements(job),
+            requirements=derive_job_requirements(job),
             printers=job.options.printers if job.own_gcode is None else None,  # planning chooses one
             min_parts=self._min_parts.get(job.id, 0),
             spares=job.options.spares,

@@ -101,7 +101,7 @@ class _Simulation:
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with running ones
-        self._fleet = {printer.name: as_idle(printer) for printer in coming}
+        self._fleet = {printer.name: make_idle(printer) for printer in coming}
         self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned = Counter(plate.planned for plate in situation.waiting)
         self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
@@ -215,7 +215,7 @@ class _Simulation:
 
     def _start(self, plate: WaitingPlate, name: str) -> None:
         printer = self._fleet[name]
-        end_s = self._now_s + seconds_on(plate, printer)
+        end_s = self._now_s + compute_seconds_on(plate, printer)
         self.slots.append(Slot(plate.id, name, self._now_s, end_s))
         self._idle.discard(name)
         if printer.grams is not None:
@@ -235,7 +235,7 @@ class _Simulation:
             del self.queue[plate.turn]
 
 
-def as_idle(printer: FleetPrinter) -> FleetPrinter:
+def make_idle(printer: FleetPrinter) -> FleetPrinter:
     """Return the printer as it is when idle and clear: for the duration of a plan."""
     return replace(
         printer,
@@ -249,7 +249,7 @@ def as_idle(printer: FleetPrinter) -> FleetPrinter:
     )
 
 
-def seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
+def compute_seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
     """Return the seconds that a plate takes on a printer, by the learned time factors of both printers."""
     layers_s = plate.expected_s - plate.heating_s
     return plate.heating_s + layers_s * printer.time_factor / plate.time_factor
@@ -299,12 +299,12 @@ def _lower_bound_s(
         if not can[plate.id]:
             continue
         starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in can[plate.id]]
-        ends = [at_s + seconds_on(plate, p) for p, at_s in starts if at_s is not None]
+        ends = [at_s + compute_seconds_on(plate, p) for p, at_s in starts if at_s is not None]
         if not ends:
             continue
         bound_s = max(bound_s, min(ends))
         names = frozenset(p.name for p in can[plate.id])
-        work_s[names] = work_s.get(names, 0.0) + min(seconds_on(plate, p) for p in can[plate.id])
+        work_s[names] = work_s.get(names, 0.0) + min(compute_seconds_on(plate, p) for p in can[plate.id])
     for names in work_s:
         total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
         bound_s = max(bound_s, _compute_filled_s(total_s, sorted(ready_s[name] for name in names)))

@@ -131,7 +131,7 @@ class SituationBuilder:
 
     def _describe(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
-        available = None if report is None else availability(report)
+        available = None if report is None else summarise_availability(report)
         named = section.name in self._find_named(books)
         cached_inputs, described = self._printers.get(section.name, ((), None))
         if (
@@ -190,7 +190,7 @@ class _JobPlates:
     may_hold_back: bool
 
 
-def availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
+def summarise_availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
     """Return the fields of a snapshot that the scheduler reads."""
     reason = snapshot.reason if snapshot.link is Link.FAULT else None
     return snapshot.link, reason, snapshot.reset_verified
@@ -204,7 +204,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
         yield WaitingPlate(
             id=plate.id,
             job=plate.job,
-            requirements=plate_requirements(plate, job.options),
+            requirements=derive_plate_requirements(plate, job.options),
             planned=plate.printer,
             expected_s=plate.expected_s,
             priority=job.priority,
@@ -227,7 +227,7 @@ def _find_glue_ranks(plate: Plate, books: Books) -> list[int]:
     return [part.glue_rank for part in parts if part is not None and part.glue_rank is not None]
 
 
-def plate_requirements(plate: Plate, options: JobOptions | None = None) -> Requirements:
+def derive_plate_requirements(plate: Plate, options: JobOptions | None = None) -> Requirements:
     """Return the requirements of a plate, with the colour and the printers that its job asks for."""
     return Requirements(
         material=plate.material,
@@ -285,7 +285,7 @@ def find_print_limits(attempt: Print, books: Books, situation: Situation) -> Pri
     return PrintLimits(None if math.isinf(latest_s) else latest_s, rules.ends_by_s(printer, now_s))
 
 
-def job_requirements(job: Job) -> Requirements:
+def derive_job_requirements(job: Job) -> Requirements:
     """Return the requirements of a job that is not planned yet."""
     own_gcode = job.own_gcode
     return Requirements(

@@ -6,7 +6,7 @@ the books on disk.
 
 from farm.state.books import Books, put, replace_fields
 from farm.state.faults import BY_PEOPLE, LOSSES, OwnFault
-from farm.state.outage import outage_window_s
+from farm.state.outage import compute_outage_window_s
 from farm.state.plate_state import PlateState, find_stopped_print
 from farm.state.reconciliation import (
     detect_alarm,
@@ -19,10 +19,10 @@ from farm.state.reconciliation import (
 )
 from farm.state.reels import apply_reel, apply_reels
 from farm.state.salvaged_parts import (
-    failed_print_on,
+    find_failed_print,
     find_possibly_complete_print,
     list_reprinting_printers,
-    part_name,
+    name_part,
 )
 from farm.state.validation import validate_books
 
@@ -34,8 +34,9 @@ __all__ = [
     "PlateState",
     "apply_reel",
     "apply_reels",
+    "compute_outage_window_s",
     "detect_alarm",
-    "failed_print_on",
+    "find_failed_print",
     "find_possibly_complete_print",
     "find_stopped_print",
     "handle_unknown_print",
@@ -43,9 +44,8 @@ __all__ = [
     "list_pending_instructions",
     "list_reprinting_printers",
     "make_refused_print_end",
+    "name_part",
     "observe_idle_printer",
-    "outage_window_s",
-    "part_name",
     "put",
     "reconcile_print",
     "replace_fields",

@@ -11,7 +11,7 @@ WINDOW_S = 10.0
 _MIN_WALL_S = 1.0
 
 
-def outage_window_s(scale: float) -> float:
+def compute_outage_window_s(scale: float) -> float:
     """Return the window in farm seconds, for a clock of `scale` farm seconds per wall second.
 
     It is at least the time that the host takes to report several losses one after another.

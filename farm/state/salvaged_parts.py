@@ -14,12 +14,12 @@ _MIN_TIME_SHARE = 0.8  # least share of the expected time in which a plate can b
 _UNPRINTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
-def part_name(books: Books, attempt: Print) -> str:
+def name_part(books: Books, attempt: Print) -> str:
     """Return the name of the part that a print produces."""
     return books.plates[attempt.plate].parts[0]
 
 
-def failed_print_on(books: Books, printer: str) -> Print | None:
+def find_failed_print(books: Books, printer: str) -> Print | None:
     """Return the failed or cancelled print whose part is on a bed; None if there is none."""
     last = books.last_print_on(printer)
     if last is None or books.open_print_on(printer) is not None or books.printer(printer).bed is Bed.CLEAR:
@@ -33,7 +33,7 @@ def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     It ran long enough. The progress at the death of an agent is unknown, but the time at which the next agent
     switched the heaters off is known.
     """
-    attempt = failed_print_on(books, printer)
+    attempt = find_failed_print(books, printer)
     if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_reason is not None:
         return None
     if attempt.started_s is None or attempt.ended_s is None:
@@ -83,6 +83,6 @@ def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> R
     )
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     not_begun = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
-    stopped = [request_cancel(p, f"{part_name(books, attempt)} was confirmed good") for p in not_begun]
+    stopped = [request_cancel(p, f"{name_part(books, attempt)} was confirmed good") for p in not_begun]
     books = put(books, usable_part, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

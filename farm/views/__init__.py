@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from farm.views.accounting import duration_s
+from farm.views.accounting import compute_duration_s
 from farm.views.context import ViewContext
 from farm.views.events import describe_event
 from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
@@ -19,12 +19,12 @@ from farm.views.timeline import describe_timeline
 __all__ = [
     "Notice",
     "ViewContext",
+    "compute_duration_s",
     "describe_event",
     "describe_job",
     "describe_night",
     "describe_printer",
     "describe_timeline",
-    "duration_s",
     "list_due_notices",
     "list_history",
     "list_jobs",

@@ -41,7 +41,7 @@ class NightSummary:
         return self.printed + self.failed + self.printing + self.waiting
 
 
-def duration_s(attempt: Print) -> float:
+def compute_duration_s(attempt: Print) -> float:
     """Return the seconds for which an ended print occupied its printer; 0 if it never started."""
     if attempt.started_s is None or attempt.ended_s is None:
         return 0.0
@@ -59,7 +59,9 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
     numbers = [books.parts[plate.parts[0]].copy_number for plate in books.plates_of(job)]
     unfinished = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED}
     waste = [
-        (duration_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if is_wasted(attempt)
+        (compute_duration_s(attempt), attempt.grams)
+        for attempt in books.prints_of_job(job)
+        if is_wasted(attempt)
     ]
     return JobSummary(
         printed=sum(map(states.count, _PRINTED)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from farm import api
 from farm.model import Job, JobState, Print, PrintState
 from farm.state import Books
-from farm.views.accounting import duration_s, is_wasted, summarise_job, summarise_night
+from farm.views.accounting import compute_duration_s, is_wasted, summarise_job, summarise_night
 from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
@@ -117,7 +117,7 @@ def describe_ended_print(context: ViewContext, attempt: Print) -> api.HistoryRow
         name=job.name,
         note=job.options.note,
         submitted_by=job.submitted_by,
-        took_s=duration_s(attempt),
+        took_s=compute_duration_s(attempt),
         expected_s=plate.expected_s,
         grams=attempt.grams,
         wasted=is_wasted(attempt),

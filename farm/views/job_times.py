@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from farm.model import Job, JobState, Plate, Print, PrintState
 from farm.state import Books, PlateState
-from farm.views.accounting import duration_s, is_wasted
+from farm.views.accounting import compute_duration_s, is_wasted
 from farm.views.context import ViewContext
 
 _UNFINISHED = (PlateState.WAITING, PlateState.PRINTING)
@@ -85,7 +85,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
                 elapsed_s + _estimate_growth_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
             )
         end_s = None if remaining_s is None else context.now_s + remaining_s
-    reached_s = sum(map(duration_s, prints))
+    reached_s = sum(map(compute_duration_s, prints))
     return JobTimes(
         runs=runs,
         elapsed_s=elapsed_s,
@@ -124,7 +124,7 @@ def _compute_utilisation(
     """Return the printing time of a job's plates over that of the printers used in each run."""
     unfinished = [p for p in plates if books.plate_state(p) in _UNFINISHED]
     successes = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
-    busy_s = sum(map(duration_s, successes)) + sum(plate.expected_s for plate in unfinished)
+    busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished)
     ended = [run for run in runs if not run.open]
     available_s = sum(len(run.printers) * run.length_s for run in ended)
     if not job.state.ended:
@@ -189,7 +189,7 @@ def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> Assembl
     printed_s
         Time at which its last part was or will be printed; None if unknown.
     ratio
-        Ratio of reported to expected times (`assembly_ratio`).
+        Ratio of reported to expected times (`compute_assembly_ratio`).
     """
     if job.gluing is not None:
         return AssemblyTimes(job.gluing_s, job.assembled_s)

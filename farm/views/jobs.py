@@ -15,7 +15,7 @@ from farm.model import (
     PrintState,
     Still,
     Verdict,
-    assembly_ratio,
+    compute_assembly_ratio,
 )
 from farm.state import Books
 from farm.views.accounting import summarise_job
@@ -39,7 +39,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
     files = None if job.pruned_s is not None else str(context.state.files)
     summary = summarise_job(books, job)
     times = measure_times(context, job)
-    glue = measure_assembly(job, times.end_s, assembly_ratio(books.jobs.values()))
+    glue = measure_assembly(job, times.end_s, compute_assembly_ratio(books.jobs.values()))
     return api.JobView(
         id=job.id,
         name=job.name,

@@ -6,7 +6,7 @@ from drivers.messages import PrintReadings
 from farm import api
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Hold, Link, Print, Printer, PrintState
-from farm.views.accounting import duration_s
+from farm.views.accounting import compute_duration_s
 from farm.views.context import ViewContext
 
 
@@ -55,7 +55,7 @@ def _describe_last_print(context: ViewContext, printer: str) -> api.LastPrint | 
         return None
     deviation = None
     if attempt.state is PrintState.DONE and not attempt.paused:
-        deviation = duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
+        deviation = compute_duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
     return api.LastPrint(
         id=attempt.id,
         plate=attempt.plate,

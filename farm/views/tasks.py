@@ -21,7 +21,7 @@ from farm.model import (
     Print,
     PrintState,
 )
-from farm.state import Books, find_possibly_complete_print, find_stopped_print, part_name
+from farm.state import Books, find_possibly_complete_print, find_stopped_print, name_part
 from farm.text import format_count, format_mass, format_moment, format_recent
 from farm.views.context import ViewContext
 
@@ -150,7 +150,7 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 def _find_whole_part(context: ViewContext, printer: str) -> str | None:
     """Return the part of a failed print on a bed that may be good; None if it cannot be."""
     attempt = find_possibly_complete_print(context.books, printer)
-    return None if attempt is None else part_name(context.books, attempt)
+    return None if attempt is None else name_part(context.books, attempt)
 
 
 def _sort_by_use(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:

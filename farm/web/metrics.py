@@ -16,7 +16,7 @@ from prometheus_client.registry import Collector
 from farm import api
 from farm.model import Bed, JobState, Link, PrintState
 from farm.state import Books, PlateState
-from farm.views import ViewContext, duration_s
+from farm.views import ViewContext, compute_duration_s
 
 CONTENT_TYPE = CONTENT_TYPE_LATEST
 _PRINTER_STATES = (
@@ -160,7 +160,7 @@ def _collect_prints(books: Books) -> Iterator[Metric]:
         if attempt.state.ended:
             key = attempt.printer, str(attempt.state)
             numbers[key] += 1
-            seconds[key] = seconds.get(key, 0.0) + duration_s(attempt)
+            seconds[key] = seconds.get(key, 0.0) + compute_duration_s(attempt)
             grams[key] = grams.get(key, 0.0) + attempt.grams
     labels = ("printer", "outcome")
     families: tuple[tuple[str, str, Mapping[tuple[str, str], float]], ...] = (

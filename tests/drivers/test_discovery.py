@@ -18,7 +18,7 @@ from drivers.errors import DriverError, PortError
 from drivers.firmware import MARLIN2, ULTIMAKER2
 from drivers.ports import Device
 from drivers.records import Journal
-from drivers.remote import agent_pid, spawn_agent
+from drivers.remote import find_agent_pid, spawn_agent
 
 MODEL = "ultimaker2_extended_plus"
 FARM = Path(sys.executable).with_name("farm")
@@ -124,7 +124,7 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
         fleet = tmp_path / "fleet.yaml"
         fleet.write_text(f"printers:\n  - {{name: b, model: {MODEL}, port: {printer}}}\n")
         until_s = time.monotonic() + 30.0
-        while agent_pid(folder) is None and time.monotonic() < until_s:
+        while find_agent_pid(folder) is None and time.monotonic() < until_s:
             select.select([], [], [], 0.02)
         command = [FARM, "discover", "--commission", "b", "--yes"]
         command += ["--state", tmp_path / "state", "--fleet", fleet]

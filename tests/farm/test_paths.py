@@ -127,13 +127,13 @@ def test_clock_anchor_is_written_atomically(tmp_path):
 
 def test_state_folder_keeps_its_clock(tmp_path):
     from farm.config import Fleet
-    from farm.daemon import farm_clock
+    from farm.daemon import open_farm_clock
 
     def fleet(scale):
         printer = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}
         return Fleet.model_validate({"fleet": {"time_scale": scale}, "printers": [printer]})
 
-    first = farm_clock(fleet(60), StateFolder(tmp_path))
-    assert farm_clock(fleet(60), StateFolder(tmp_path)) == first
+    first = open_farm_clock(fleet(60), StateFolder(tmp_path))
+    assert open_farm_clock(fleet(60), StateFolder(tmp_path)) == first
     with pytest.raises(Refused, match="time_scale 60, not 1"):
-        farm_clock(fleet(1), StateFolder(tmp_path))
+        open_farm_clock(fleet(1), StateFolder(tmp_path))

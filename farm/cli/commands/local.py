@@ -86,7 +86,7 @@ def decompose(
 ) -> None:
     """Cut a model into parts of about equal printing time, and write them to a folder."""
     from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
-    from farm.planning.local.slice_file import default_cache
+    from farm.planning.local.slice_file import find_default_cache
 
     request = DecomposeRequest(
         volume_mm=_parse_volume(volume),
@@ -112,7 +112,7 @@ def decompose(
     )
     if slice_:
         signal.signal(signal.SIGTERM, _exit)
-    cache = default_cache() if slice_ else None
+    cache = find_default_cache() if slice_ else None
     if scheduler is None:
         report = decompose_to_folder(model, out, request, cache)
     else:
@@ -215,7 +215,7 @@ def slice_model(
     json: Json = False,
 ) -> None:
     """Slice a model as one plate for printing over USB, with all checks."""
-    from farm.planning.local.slice_file import SliceOptions, default_cache, slice_to_file
+    from farm.planning.local.slice_file import SliceOptions, find_default_cache, slice_to_file
 
     overrides = {}
     for pair in set_ or []:
@@ -226,7 +226,7 @@ def slice_model(
     signal.signal(signal.SIGTERM, _exit)
     with _show_step() as show_step:
         options = SliceOptions(printer_model, quality, material, nozzle, overrides, scale, longest_side)
-        slices = None if no_cache else cache or default_cache()
+        slices = None if no_cache else cache or find_default_cache()
         if scheduler is None:
             report = slice_to_file(model, out, options, slices, show_step)
         else:

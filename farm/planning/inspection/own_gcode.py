@@ -19,7 +19,7 @@ from farm.model import JobOptions, OwnGcode, Part, PartGeometry, Plate
 from farm.planning.error_translation import translate_errors
 from farm.planning.plan import DecomposeTask, InspectedSubmission, Plan
 from farm.planning.plate_times import compute_plate_seconds
-from farm.planning.printer_settings import list_bed_boxes, list_matching_printers, printer_settings
+from farm.planning.printer_settings import list_bed_boxes, list_matching_printers, resolve_printer_settings
 from farm.state.storage import compute_sha256, store_file
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept_gcode, quote_text
@@ -183,7 +183,7 @@ def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name:
 def _resolve_material(section: PrinterSection) -> EngineSettings:
     """Resolve the settings of a printer's material: temperatures, density and filament section."""
     with translate_errors():
-        return printer_settings(section, JobOptions().quality, find_resources())
+        return resolve_printer_settings(section, JobOptions().quality, find_resources())
 
 
 def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:

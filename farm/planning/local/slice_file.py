@@ -17,7 +17,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.materials import choose_material
 from farm.planning.part_records import SliceTask
-from farm.planning.parts.slice_part import settings_of, slice_part
+from farm.planning.parts.slice_part import resolve_slice_settings, slice_part
 from farm.planning.plate_times import compute_plate_seconds
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.cache import trim_cache
@@ -29,7 +29,7 @@ OnStep = Callable[[str], None]
 _MARGIN = 0.99  # share of the largest size, as the suggested figures are rounded
 
 
-def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
+def find_default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
     """Return the slice cache in the XDG cache folder; None if that cannot be written."""
     folder = Path(env.get("XDG_CACHE_HOME") or Path(env.get("HOME", "/")) / ".cache") / "farm" / "slices"
     try:
@@ -160,7 +160,7 @@ def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnSte
     on_step(f"slicing {task.part}")
     result = slice_part(task, lambda share: on_step(f"slicing {task.part}, {share:.0%}"))
     with translate_errors():
-        settings = settings_of(task, _compute_printed_size_mm(model, task.settings)[2])
+        settings = resolve_slice_settings(task, _compute_printed_size_mm(model, task.settings)[2])
     return _build_report(model, result, settings, profile)
 
 

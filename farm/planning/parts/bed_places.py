@@ -12,7 +12,7 @@ from decompose.printers import BedPlace
 from decompose.results import Part
 from drivers.printers import PROFILES, RoomBox, place
 from farm.config import PrinterSection
-from farm.planning.printer_settings import find_printer_room, printer_settings
+from farm.planning.printer_settings import find_printer_room, resolve_printer_settings
 from slicing.settings import EngineSettings, Resources
 
 
@@ -38,7 +38,7 @@ def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resou
     """Find the beds of printers by their names."""
     beds = {}
     for section in printers:
-        settings = printer_settings(section, quality, resources)
+        settings = resolve_printer_settings(section, quality, resources)
         room = find_printer_room(section, settings.brim_width_mm)
         beds[section.name] = Bed(PROFILES[section.model].bed_mm, room, settings)
     return beds

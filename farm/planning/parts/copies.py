@@ -12,7 +12,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import Part, Plate
 from farm.planning.plan import DecomposeTask, Plan
 from farm.planning.printer_settings import list_bed_boxes
-from farm.scheduling import describe_capabilities, plate_requirements
+from farm.scheduling import derive_plate_requirements, describe_capabilities
 
 T = TypeVar("T")
 MAX_PLATES = 2000
@@ -114,7 +114,7 @@ def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:
 
 
 def _can_print(section: PrinterSection, plate: Plate) -> bool:
-    return plate_requirements(plate).matches(describe_capabilities(section, list_bed_boxes))
+    return derive_plate_requirements(plate).matches(describe_capabilities(section, list_bed_boxes))
 
 
 def _move_plate(plate: Plate, section: PrinterSection, time_factor: float) -> Plate:

@@ -10,7 +10,7 @@ from decompose.printers import PrinterRoom
 from farm.config import PrinterSection
 from farm.model import JobOptions
 from farm.planning.plate_times import compute_prelude_seconds
-from farm.planning.printer_settings import find_printer_room, list_model_sizes, printer_settings
+from farm.planning.printer_settings import find_printer_room, list_model_sizes, resolve_printer_settings
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
 
 
@@ -32,10 +32,10 @@ def price_rooms(
     rounds
         Number of times that each printer is listed.
     """
-    settings = {section.name: printer_settings(section, quality, resources) for section in printers}
+    settings = {section.name: resolve_printer_settings(section, quality, resources) for section in printers}
     costs = [build_printer_cost(section, settings[section.name]) for section in printers]
     times = {
-        section.name: time_factors.get(section.name, 1.0) * time_ratio(cost, costs[0])
+        section.name: time_factors.get(section.name, 1.0) * compute_time_ratio(cost, costs[0])
         for section, cost in zip(printers, costs, strict=True)
     }
     # A coarser nozzle is faster, but was not requested: it must not move its printer to the front.
@@ -123,7 +123,7 @@ def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> Cos
     return CostModel.from_recipe(build_recipe(settings, compute_prelude_seconds(section, settings)))
 
 
-def time_ratio(cost: CostModel, reference: CostModel) -> float:
+def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
     """Return the ratio of the estimated times of a 50 mm cube at two printers' settings."""
     sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
     return cost.price_s(sums, size) / reference.price_s(sums, size)

@@ -12,9 +12,9 @@ from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.bed_places import find_beds, place_on
 from farm.planning.parts.cut_record import read_cut_record
 from farm.planning.parts.decompose_job import write_decomposed
-from farm.planning.parts.pricing import build_printer_cost, time_ratio
+from farm.planning.parts.pricing import build_printer_cost, compute_time_ratio
 from farm.planning.plan import DecomposedJob, SlicedJob
-from farm.planning.printer_settings import printer_settings
+from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 
@@ -45,11 +45,15 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
     with translate_errors():
         resources = find_resources()
     costs = {
-        section.name: build_printer_cost(section, printer_settings(section, task.options.quality, resources))
+        section.name: build_printer_cost(
+            section, resolve_printer_settings(section, task.options.quality, resources)
+        )
         for section in task.printers
     }
     cost = costs[task.printers[0].name]  # parts are priced with it, as in `price_rooms`
-    part_times_s = [part.expected_s() / time_ratio(costs[part.printer.name], cost) for part in sliced.parts]
+    part_times_s = [
+        part.expected_s() / compute_time_ratio(costs[part.printer.name], cost) for part in sliced.parts
+    ]
     model = read_inspected(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
         relevelled = relevel_planes(model, decomposition, part_times_s, cost, threads)

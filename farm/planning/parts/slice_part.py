@@ -47,14 +47,14 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         for r in (box.rect.grown(task.settings.brim_width_mm),)
     )
     with translate_errors():
-        settings = settings_of(task, extents[2])
+        settings = resolve_slice_settings(task, extents[2])
         request = PlateRequest(
             stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
         )
         return slice_plate(request, progress)
 
 
-def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
+def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
     """Resolve the settings of a part with this printed height. Raises the errors of `resolve_settings`."""
     part_settings = PartSettings(
         height_mm=height_mm,

@@ -198,8 +198,8 @@ class ReplanCoordinator:
         new = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
         unchanged_plates = tuple(other for other in situation.waiting if other.id != plate.id)
         replanned = situation.with_waiting((*unchanged_plates, *new))
-        ends_s = policy.end_in_one_piece_s if cut else policy.expected_end_s
-        after_s = max(policy.expected_end_s(piece_plate, replanned) for piece_plate in new)
+        ends_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
+        after_s = max(policy.compute_expected_end_s(piece_plate, replanned) for piece_plate in new)
         after_s += policy.JOIN_S * len(new) if cut else 0.0
         return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
 

@@ -18,9 +18,9 @@ from farm.scheduling import (
     Situation,
     WaitingPlate,
     assign_plates,
+    compute_seconds_on,
     find_filament_shortage,
     forecast_prints,
-    seconds_on,
 )
 
 MARGIN = 0.2
@@ -94,15 +94,15 @@ class ExpectedEnds:
         return {slot.plate: slot.ends_s for slot in forecast_prints(situation, bounded=False).slots}
 
 
-def expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
+def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the time at which a waiting plate ends, in the queue with all others; infinity if unknown."""
     return ExpectedEnds(situation).find(plate)
 
 
-def end_in_one_piece_s(plate: WaitingPlate, situation: Situation) -> float:
+def compute_one_piece_end_s(plate: WaitingPlate, situation: Situation) -> float:
     """Return the time at which a waiting plate's part ends in one piece, resliced if that is sooner."""
     other = _find_best_printer(plate, situation.free, situation)
-    as_planned_s = expected_end_s(plate, situation)
+    as_planned_s = compute_expected_end_s(plate, situation)
     return (
         as_planned_s
         if other is None
@@ -168,13 +168,15 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         return None
     free.sort(key=lambda p: (p.name in plate.failed_on, p.time_factor, -p.capabilities.height_mm, p.name))
 
-    def recut_end_s(count: int) -> float:
+    def compute_recut_end_s(count: int) -> float:
         slowest = max(p.time_factor for p in free[:count]) / plate.time_factor
         begins_s = situation.now_s + CUTTING_S * situation.time_scale
         return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * slowest / count + JOIN_S * count
 
-    count = min(range(2, max_pieces + 1), key=recut_end_s)
-    if not saves_enough(end_in_one_piece_s(plate, situation), recut_end_s(count), situation.now_s):
+    count = min(range(2, max_pieces + 1), key=compute_recut_end_s)
+    if not saves_enough(
+        compute_one_piece_end_s(plate, situation), compute_recut_end_s(count), situation.now_s
+    ):
         return None
     return Recut(plate.id, tuple(p.name for p in free[:count]))
 
@@ -234,4 +236,4 @@ def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
     if plate.requirements.nozzle_mm is not None:
         finer = max(1.0, (plate.requirements.nozzle_mm / printer.capabilities.nozzle_mm) ** 2)
     prelude_s = plate.heating_s
-    return prelude_s + (seconds_on(plate, printer) - prelude_s) * finer
+    return prelude_s + (compute_seconds_on(plate, printer) - prelude_s) * finer

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 from farm.errors import FarmError
-from farm.model import Hold, HoldCode, Job, JobState, assembly_ratio
+from farm.model import Hold, HoldCode, Job, JobState, compute_assembly_ratio
 from farm.planning.plan import Plan
 from farm.planning.planned_event import build_planned_event
 from farm.planning.replanning.policy import CUTTING_S
@@ -26,8 +26,8 @@ from farm.scheduling import (
     StartPlanning,
     WaitingPlate,
     assign_plates,
+    derive_job_requirements,
     describe_plates,
-    job_requirements,
     join_names,
     limit_availability,
     list_coming,
@@ -108,7 +108,7 @@ class PlanRevisions:
         waiting = _find_unstarted(books, situation, changeable) if changeable else {}
         if not waiting:
             return
-        reservations, ratio = find_reservations(), assembly_ratio(books.jobs.values())
+        reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
         plate_by_printer = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
         starting = {books.plates[plate].job for plate in plate_by_printer.values()}
         for number, plates in waiting.items():
@@ -214,7 +214,7 @@ def _list_candidates(
     job: Job, situation: Situation, reserved: Collection[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """List the printers that a job could use now, and all that it could use without a repair."""
-    request = JobRequest(job_requirements(job), job.options.printers, spares=job.options.spares)
+    request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
     matching = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
     coming = list_coming(matching, limit_availability(Availability(situation.printers), situation, job))
     idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
@@ -231,7 +231,7 @@ def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, 
         number=job.id,
         plates=plates,
         planned_for=job.planned_for,
-        requirements=job_requirements(job),
+        requirements=derive_job_requirements(job),
         planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
         done_by_s=job.printed_by_s(ratio),
     )

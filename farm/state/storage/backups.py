@@ -106,7 +106,7 @@ class NightlyBackup:
                 self._tidy(backup)  # the disk may be full: older files can be deleted
         finally:
             min_s = self._clock.now() + _MIN_S * self._clock.scale
-            self._at(max(next_backup_s(now_s, self._zone), min_s), "copy the books", self.run)
+            self._at(max(compute_next_backup_s(now_s, self._zone), min_s), "copy the books", self.run)
 
 
 def list_backups(state: StateFolder) -> list[Path]:
@@ -119,7 +119,7 @@ def parse_backup_time_s(copy: Path) -> float:
     return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
 
 
-def next_backup_s(now_s: float, zone: tzinfo) -> float:
+def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
     """Return the farm time at which the next backup is due."""
     now = datetime.fromtimestamp(now_s, zone)
     due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, tzinfo
 
 from farm.model import Plate, Print, PrintState, Verdict
-from farm.views.accounting import duration_s, is_wasted
+from farm.views.accounting import compute_duration_s, is_wasted
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +78,12 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
         good=len(ended) - len(wasted),
         failed=bad + sum(attempt.state is PrintState.FAILED for attempt in ended),
         cancelled=sum(attempt.state is PrintState.CANCELLED for attempt in ended),
-        used_s=sum(map(duration_s, ended)),
-        wasted_s=sum(map(duration_s, wasted)),
+        used_s=sum(map(compute_duration_s, ended)),
+        wasted_s=sum(map(compute_duration_s, wasted)),
         grams=sum(attempt.grams for attempt in ended),
         wasted_grams=sum(attempt.grams for attempt in wasted),
         expected_s=sum(plates[attempt.plate].expected_s for attempt in compared),
-        reached_s=sum(map(duration_s, compared)),
+        reached_s=sum(map(compute_duration_s, compared)),
     )
 
 

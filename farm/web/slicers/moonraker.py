@@ -15,7 +15,7 @@ from farm.control import JobCommands
 from farm.http import CallerName, Services
 from farm.web.slicers.address import Addressed
 from farm.web.slicers.form_upload import submit_form
-from farm.web.slicers.octoprint_views import file_path
+from farm.web.slicers.octoprint_views import format_file_path
 from farm.web.slicers.paths import MOONRAKER_UPLOAD
 from farm.web.slicers.text_errors import TextErrorRoute
 
@@ -48,7 +48,7 @@ def moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
     ) -> dict[str, Any]:
         submitted = await submit_form(request, services.uploads, jobs, address.options, by)
         job = controller.books.job(submitted.job)
-        path = file_path(job)
+        path = format_file_path(job)
         response.headers["location"] = f"{address.root}/server/files/{_ROOT}/{quote(path)}"
         printed = submitted.print_requested and not job.options.hold
         item = {"path": path, "root": _ROOT}

@@ -53,7 +53,7 @@ def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection
         submitted = await submit_form(request, services.uploads, jobs, address.options, by)
         sent = controller.books.job(submitted.job)
         response.headers["location"] = location = _locate(address, sent)
-        file = {"name": sent.name, "path": views.file_path(sent), "origin": "local"}
+        file = {"name": sent.name, "path": views.format_file_path(sent), "origin": "local"}
         return {
             "files": {"local": {**file, "refs": {"resource": location}}},
             "done": True,
@@ -125,4 +125,4 @@ def _describe_printer(services: Services, name: str) -> api.PrinterView:
 
 def _locate(address: Address, job: Job) -> str:
     """Return the address of a job's file."""
-    return f"{address.root}{FILES}/{quote(views.file_path(job))}"
+    return f"{address.root}{FILES}/{quote(views.format_file_path(job))}"

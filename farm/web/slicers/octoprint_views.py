@@ -135,13 +135,13 @@ def describe_file(job: Job, resource: str) -> dict[str, Any]:
     }
 
 
-def file_path(job: Job) -> str:
+def format_file_path(job: Job) -> str:
     """Return the path of a job's file: the job's number is its folder, so that no two are the same."""
     return f"{job.id}/{job.name}"
 
 
 def _name_file(job: Job) -> dict[str, Any]:
-    return {"name": job.name, "display": job.name, "path": file_path(job), "origin": "local"}
+    return {"name": job.name, "display": job.name, "path": format_file_path(job), "origin": "local"}
 
 
 def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:

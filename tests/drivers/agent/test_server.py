@@ -23,7 +23,7 @@ class ServerBench:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 1000.0
-        monkeypatch.setattr(module, "wall_s", lambda: self.now_s)
+        monkeypatch.setattr(module, "read_wall_s", lambda: self.now_s)
         self.selector = selectors.DefaultSelector()
         snapshot = m.Snapshot.model_construct()
         self.server = Server(folder, self.selector, lambda request: m.Reply(id=request.id), lambda: snapshot)

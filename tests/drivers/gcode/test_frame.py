@@ -14,7 +14,7 @@ from drivers.emulator.firmware.listener import Phase
 from drivers.emulator.firmware.machine import value
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame, add_frames, checksum, remove_frame
-from drivers.gcode.frame import LINE_BYTES, running_checksums
+from drivers.gcode.frame import LINE_BYTES, compute_running_checksums
 from drivers.gcode.line import is_plain_move
 from drivers.printers import PROFILES
 
@@ -136,7 +136,7 @@ def test_line_without_room_for_a_blank_keeps_its_length():
 
 @given(st.binary(min_size=1, max_size=128))
 def test_running_checksums_match_each_prefix(line):
-    assert list(running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
+    assert list(compute_running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
 
 
 @given(st.integers(0, 9_999_000), st.lists(numbered().map(lambda line: line[1]), max_size=30))

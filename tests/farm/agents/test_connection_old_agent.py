@@ -203,11 +203,11 @@ def test_new_request_is_not_sent_to_an_older_agent():
     class ReplacementSteps(m.Hello):
         since: ClassVar[int] = m.PROTOCOL + 1
 
-    assert m.for_protocol(ReplacementSteps(id=1), m.PROTOCOL) is None
-    assert m.for_protocol(ReplacementSteps(id=1), m.PROTOCOL + 1) is not None
+    assert m.encode_for_protocol(ReplacementSteps(id=1), m.PROTOCOL) is None
+    assert m.encode_for_protocol(ReplacementSteps(id=1), m.PROTOCOL + 1) is not None
 
 
 @pytest.mark.parametrize("request_", [start(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
 def test_agent_of_this_version_gets_every_request(request_: m.Request):
-    line = m.for_protocol(request_, m.PROTOCOL)
+    line = m.encode_for_protocol(request_, m.PROTOCOL)
     assert line is not None and m.request_adapter.validate_json(line) == request_

@@ -13,7 +13,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch
 from drivers.emulator.launch import is_running as emulator_is_running
-from drivers.remote import agent_pid, heartbeat, is_alive, kill_agent
+from drivers.remote import find_agent_pid, heartbeat, is_alive, kill_agent
 from farm.agents import connection
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
@@ -80,7 +80,7 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             first = await wait_until_ready(links, listener)
             os.kill(first, signal.SIGSTOP)
             second = await wait_until_ready(links, listener, first)
-            assert agent_pid(state.agent("a")) == second
+            assert find_agent_pid(state.agent("a")) == second
             await links.shut_down_agents()
             assert not is_alive(state.agent("a"))
         finally:
@@ -89,7 +89,7 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     try:
         asyncio.run(scenario())
     finally:
-        number = agent_pid(state.agent("a"))
+        number = find_agent_pid(state.agent("a"))
         if number is not None:
             os.kill(number, signal.SIGKILL)
         if emulator_is_running(state.agent("a") / "emulator"):
@@ -354,7 +354,7 @@ def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
         try:
             first = await wait_until_ready(links, listener)
             await links.replace("a")
-            assert await wait_until_ready(links, listener, first) == agent_pid(state.agent("a"))
+            assert await wait_until_ready(links, listener, first) == find_agent_pid(state.agent("a"))
             assert emulator_is_running(state.agent("a") / "emulator")
         finally:
             await links.shut_down_agents()

@@ -22,7 +22,7 @@ from drivers.emulator.launch import control, launch, read_status
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError
 from drivers.records import StartFile
-from drivers.remote import BridgeRequest, BridgeTask, agent_pid, client, is_alive
+from drivers.remote import BridgeRequest, BridgeTask, client, find_agent_pid, is_alive
 from drivers.remote.bridge import find_folder
 from drivers.remote.ssh import SSH
 from farm.agents import connection, remote
@@ -174,7 +174,7 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
     finally:
         created.close()
         agent = tmp_path / "there" / "farm-agents" / "test" / "a"
-        number = agent_pid(agent)
+        number = find_agent_pid(agent)
         if number is not None:
             os.kill(number, signal.SIGKILL)
         if emulator_is_running(agent / "emulator"):
@@ -230,7 +230,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 )
             )
             await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
-            first = agent_pid(there)
+            first = find_agent_pid(there)
             started_s = clock.now()
             way.cut()
             await until(lambda s: s.link is Link.STARTING)
@@ -241,7 +241,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
             way.mend()
             ended = await until(lambda s: s.print is not None and s.print.state.ended)
             assert ended.print is not None and ended.print.state is PrintState.DONE, ended
-            assert agent_pid(there) == first
+            assert find_agent_pid(there) == first
             if isinstance(way, SilentNetwork):
                 async with asyncio.timeout(DEADLINE_S):
                     while way.ended() < len(way.there) - 1:

@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from farm.cli import estop_server
-from farm.cli.estop_server import MAX_PER_USER, MAX_TOTAL, REQUEST_S, EstopServer, peer_uid
+from farm.cli.estop_server import MAX_PER_USER, MAX_TOTAL, REQUEST_S, EstopServer, read_peer_uid
 
 CROWD = 80
 REQUEST = b'{"printers":[]}\n'
@@ -132,4 +132,4 @@ def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch)
 def test_peer_is_identified_by_the_kernel():
     here, there = socket.socketpair()
     with here, there:
-        assert peer_uid(here) == estop_server.struct.unpack("=iII", there.getsockopt(1, 17, 12))[1]
+        assert read_peer_uid(here) == estop_server.struct.unpack("=iII", there.getsockopt(1, 17, 12))[1]

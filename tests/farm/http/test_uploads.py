@@ -19,7 +19,7 @@ from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.http.uploads import Upload, Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
-from farm.planning import step_file
+from farm.planning import name_step_file
 from recording_controller import fleet
 
 QUOTA = UploadsSection(model_gb=2.0, at_once=2, free_gb=1.0, open_jobs=3)
@@ -79,7 +79,7 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         workers.starting = None
         assert uploads.describe("a").step == "waiting for a worker"
         assert list(inspections.values()) == ["a.stl"]
-        step_file(next(state.work.glob("upload-*"))).write_text("repairing")
+        name_step_file(next(state.work.glob("upload-*"))).write_text("repairing")
         assert uploads.describe("a") == UploadView(step="repairing", received=5, size=5)
         with pytest.raises(NoSuchThing):
             uploads.describe("b")

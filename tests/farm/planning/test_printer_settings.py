@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from decompose_tasks import fleet
-from farm.planning.printer_settings import build_settings_request, printer_settings
+from farm.planning.printer_settings import build_settings_request, resolve_printer_settings
 from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
 
@@ -13,7 +13,7 @@ from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 def test_parts_get_their_supports_in_every_quality(quality):
     """Poses are chosen for supports; Cura's own qualities have none by default."""
     section = fleet(1).printers[0]
-    settings = printer_settings(section, quality, find_resources())
+    settings = resolve_printer_settings(section, quality, find_resources())
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0
     alone = replace(build_settings_request(section, quality), supported=False)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, Link
-from farm.scheduling.forecast import CLEARING_S, forecast_prints, seconds_on
+from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_prints
 from farm.scheduling.matching import Requirements
 from scheduling_examples import LOW, TALL, box, plate, printer, rules, situation
 
@@ -78,7 +78,7 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, rand
         what, where = by_id[slot.plate], by_name[slot.printer]
         assert what.requirements.matches(where.capabilities)
         assert slot.starts_s >= now_s
-        assert slot.ends_s - slot.starts_s == pytest.approx(seconds_on(what, where))
+        assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(what, where))
         assert start_rules.find_start(what, where, slot.starts_s).at_s == slot.starts_s
         heats = [s for s in observed.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
         assert start_rules.max_heating is None or len(heats) <= start_rules.max_heating
@@ -124,8 +124,8 @@ def test_absent_printer_is_not_used():
 
 def test_time_of_a_plate_scales_with_the_time_factor():
     view = plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
-    assert seconds_on(view, printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
-    assert seconds_on(view, printer("b", time_factor=1.25)) == pytest.approx(1100.0)
+    assert compute_seconds_on(view, printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
+    assert compute_seconds_on(view, printer("b", time_factor=1.25)) == pytest.approx(1100.0)
 
 
 def test_bound_includes_plates_for_some_printers_only():

@@ -8,7 +8,7 @@ from farm.config import Fleet, PrinterSection
 from farm.model import AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
 from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.holds import find_plate_holds
-from farm.scheduling.situation_builder import SituationBuilder, job_requirements
+from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements
 from farm.state import events as ev
 from make_books import PRINTERS, ended, job, plan, printing, run
 from recording_controller import fleet
@@ -106,4 +106,4 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
     ):
         books, _ = run(books, *events)
         assert [one.capabilities.named for one in builder.printers(FLEET, books, READY)] == names
-    assert job_requirements(asking).only == ("b",)
+    assert derive_job_requirements(asking).only == ("b",)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
-from farm.state.outage import WINDOW_S, find_common_losses, outage_window_s
+from farm.state.outage import WINDOW_S, compute_outage_window_s, find_common_losses
 from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import ended, printing, run
 
@@ -41,11 +41,11 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
-    assert [outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
+    assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second = lose_printer("b", 250.0)  # half a wall second after the other
     real, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0), second)
     assert real.outage is None
-    fast = replace(printing(), outage_window_s=outage_window_s(300.0))
+    fast = replace(printing(), outage_window_s=compute_outage_window_s(300.0))
     fast, _ = run(fast, *assigned(*TWO), lose_printer("a", 100.0), second)
     assert fast.outage.printers == ("a", "b")
 

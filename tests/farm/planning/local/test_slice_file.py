@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from farm.errors import ErrorCode, ExitCode, FarmError
-from farm.planning.local.slice_file import SliceOptions, default_cache, slice_to_file
+from farm.planning.local.slice_file import SliceOptions, find_default_cache, slice_to_file
 
 SIDES = st.floats(20.0, 400.0)
 
@@ -120,10 +120,10 @@ def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_sc
 
 def test_unwritable_cache_is_not_used(tmp_path):
     (tmp_path / "file").touch()
-    assert default_cache({"XDG_CACHE_HOME": str(tmp_path / "file")}) is None
-    assert default_cache({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "farm" / "slices"
-    assert default_cache({"HOME": "/proc"}) is None
-    assert default_cache({"HOME": str(tmp_path)}) == Path(tmp_path) / ".cache" / "farm" / "slices"
+    assert find_default_cache({"XDG_CACHE_HOME": str(tmp_path / "file")}) is None
+    assert find_default_cache({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "farm" / "slices"
+    assert find_default_cache({"HOME": "/proc"}) is None
+    assert find_default_cache({"HOME": str(tmp_path)}) == Path(tmp_path) / ".cache" / "farm" / "slices"
 
 
 OWN = """<fdmmaterial xmlns="http://www.ultimaker.com/material" version="1.3">

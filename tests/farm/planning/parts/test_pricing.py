@@ -29,7 +29,7 @@ UPRIGHT = POSE_ROTATIONS[4:5]
 
 
 @pytest.fixture(scope="module")
-def settings_of():
+def resolve_slice_settings():
     try:
         resources = find_resources()
     except EngineMissing as missing:
@@ -43,7 +43,7 @@ def settings_of():
 
 
 def test_changed_setting_reaches_the_cost(settings_of):
-    before = build_recipe(settings_of("glue"), prelude_s=0.0)
+    before = build_recipe(resolve_slice_settings("glue"), prelude_s=0.0)
     assert before.infill_connected
     for key, value, field in (
         ("infill_sparse_density", 20, "infill_line_distance_mm"),
@@ -54,12 +54,12 @@ def test_changed_setting_reaches_the_cost(settings_of):
         ("adhesion_type", "skirt", "brim_mm"),
         ("wall_line_width_0", 0.4, "outer_line_width_mm"),
     ):
-        after = build_recipe(settings_of("glue", **{key: value}), prelude_s=0.0)
+        after = build_recipe(resolve_slice_settings("glue", **{key: value}), prelude_s=0.0)
         assert getattr(after, field) != getattr(before, field), key
 
 
 def test_prelude_is_counted_once_in_a_price(settings_of):
-    settings = settings_of("glue")
+    settings = resolve_slice_settings("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
     prelude_s = compute_prelude_seconds(section, settings)
     with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
@@ -110,7 +110,7 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
         engine = find_engine()
     except EngineMissing as missing:
         pytest.skip(str(missing))
-    settings = settings_of(**how)
+    settings = resolve_slice_settings(**how)
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     errors = []
     for make in (block, cup, bridge, needle, cone):

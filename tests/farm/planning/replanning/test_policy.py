@@ -115,7 +115,7 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
 def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
     fleet = [printer_of(name, PLAIN) for name in "bc"]
     short, long = part(hours=1.0), part(hours=10.0)
-    assert policy.expected_end_s(short, situation([short], fleet, NIGHT, NOW_S)) == float("inf")
+    assert policy.compute_expected_end_s(short, situation([short], fleet, NIGHT, NOW_S)) == float("inf")
     assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
     assert policy.choose_reslice(short, situation([short], fleet, NIGHT, NOW_S), fleet) == policy.Reslice(
         "1/01", "b"
@@ -160,7 +160,7 @@ parts = st.builds(
 def test_recut_requests_matching_free_printers_if_useful(view, fleet):
     by_name = {p.name: p for p in fleet}
     free = [p for p in fleet if p.obstacle() is None]
-    whole_s = policy.expected_end_s(view, situation([view], fleet, NIGHT, NOW_S))
+    whole_s = policy.compute_expected_end_s(view, situation([view], fleet, NIGHT, NOW_S))
     sliced = policy.choose_reslice(view, situation([view], fleet, NIGHT, NOW_S), free)
     if sliced is not None:
         other = by_name[sliced.printer]

@@ -19,9 +19,9 @@ from farm.state.storage import backups
 from farm.state.storage.backups import (
     KEPT,
     back_up,
+    compute_next_backup_s,
     is_due,
     list_backups,
-    next_backup_s,
     open_books,
     parse_backup_time_s,
 )
@@ -178,9 +178,9 @@ def test_next_backup_is_at_four_after_any_clock_change():
     def at(text):
         return datetime.fromisoformat(text).replace(tzinfo=zone).timestamp()
 
-    assert next_backup_s(at("2026-03-28 05:00"), zone) == at("2026-03-29 04:00")
-    assert next_backup_s(at("2026-10-24 23:00"), zone) == at("2026-10-25 04:00")
-    assert next_backup_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
+    assert compute_next_backup_s(at("2026-03-28 05:00"), zone) == at("2026-03-29 04:00")
+    assert compute_next_backup_s(at("2026-10-24 23:00"), zone) == at("2026-10-25 04:00")
+    assert compute_next_backup_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
 
 
 def test_restored_database_starts_nothing_before_an_inspection(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.model import Gluing, Job, JobOptions, JobState, assembly_ratio
+from farm.model import Gluing, Job, JobOptions, JobState, compute_assembly_ratio
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.lifecycles import InvalidTransition
@@ -31,13 +31,18 @@ def test_expected_time_follows_what_was_reported_within_bounds():
             update={"assembly_s": expected_s, "gluing": Gluing(minutes=minutes, at_s=0.0, by="ann")}
         )
 
-    assert assembly_ratio([]) == assembly_ratio([job()]) == assembly_ratio([glued(99.0, None)]) == 1.0
-    assert assembly_ratio([glued(60.0)]) == pytest.approx(1.0)
-    assert assembly_ratio([glued(90.0)]) == pytest.approx(1.25)  # half of what one report says
-    assert assembly_ratio([glued(90.0)] * 9) == pytest.approx(1.45)
-    assert assembly_ratio([glued(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
-    assert assembly_ratio([glued(0.1)] * 99) == pytest.approx(0.2575)
-    assert assembly_ratio([glued(9_000.0), *[glued(60.0)] * 9]) < 1.3  # a wrong report is outvoted
+    assert (
+        compute_assembly_ratio([])
+        == compute_assembly_ratio([job()])
+        == compute_assembly_ratio([glued(99.0, None)])
+        == 1.0
+    )
+    assert compute_assembly_ratio([glued(60.0)]) == pytest.approx(1.0)
+    assert compute_assembly_ratio([glued(90.0)]) == pytest.approx(1.25)  # half of what one report says
+    assert compute_assembly_ratio([glued(90.0)] * 9) == pytest.approx(1.45)
+    assert compute_assembly_ratio([glued(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
+    assert compute_assembly_ratio([glued(0.1)] * 99) == pytest.approx(0.2575)
+    assert compute_assembly_ratio([glued(9_000.0), *[glued(60.0)] * 9]) < 1.3  # a wrong report is outvoted
 
 
 def test_printing_has_to_end_before_the_gluing():
