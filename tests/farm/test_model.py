@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from farm.model import Part, PartGeometry, PartPrintOptions
-from make_books import plan
+from make_books import make_plan_event
 
 FLAT = {
     "id": "1/p01",
@@ -25,7 +25,7 @@ FLAT = {
 def test_part_of_farm_0_1_is_read_into_nested_records():
     part = Part.model_validate(FLAT)
     assert part.print_options == PartPrintOptions(brim_width_mm=3.0, layer_0_expansion_mm=-0.2, stands=False)
-    assert (part.geometry, part.cut_from) == (plan().parts[0].geometry, "1/p00")
+    assert (part.geometry, part.cut_from) == (make_plan_event().parts[0].geometry, "1/p00")
     assert Part.model_validate_json(part.model_dump_json()) == part
     assert "brim_width_mm" in FLAT  # what was read is left as it was
 
@@ -44,7 +44,7 @@ def test_damaged_part_is_refused(damage):
 
 
 def test_plate_of_farm_0_1_is_read_by_its_former_names():
-    plate = plan().plates[0]
+    plate = make_plan_event().plates[0]
     former = plate.model_dump()
     former |= {"print_time_s": former.pop("sliced_s"), "estimated_s": former.pop("expected_s")}
     assert type(plate).model_validate(former) == plate

@@ -9,7 +9,7 @@ from farm.scheduling import Situation, describe_plates
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views import ViewContext
-from make_books import ended, job, plan, run
+from make_books import apply_events, make_end_event, make_job, make_plan_event
 from scheduling_examples import printer, rules
 
 DAY_S = 86400.0
@@ -24,22 +24,22 @@ def make_fleet(names="abc", **options):
 
 def submit(books, number, plates=2, at_s=START_S, held=False, **changes):
     """Return the books with another planned job, which waits for an approval if it is held."""
-    submitted = job(number).model_copy(update={"submitted_s": at_s, **changes})
-    return run(
+    submitted = make_job(number).model_copy(update={"submitted_s": at_s, **changes})
+    return apply_events(
         books,
         ev.JobSubmitted(at_s=at_s, job=submitted),
         ev.PlanningStarted(at_s=at_s, job=number),
-        plan(number, plates, at_s).model_copy(update={"held": held}),
+        make_plan_event(number, plates, at_s).model_copy(update={"held": held}),
     )[0]
 
 
 def print_plate(books, plate, printer_name, begin_s, took_s, **changes):
     """Return the books with an ended print of a plate, whose bed is cleared."""
     name = f"{plate}-{begin_s}"
-    books, _ = run(
+    books, _ = apply_events(
         books,
         ev.PlateAssigned(at_s=begin_s, plate=plate, printer=printer_name, print_id=name),
-        ended(name, at_s=begin_s + took_s, started_s=begin_s, **changes),
+        make_end_event(name, at_s=begin_s + took_s, started_s=begin_s, **changes),
     )
     return books
 
@@ -49,12 +49,12 @@ def judge(books, printer_name, at_s, verdict=Verdict.GOOD, why=None):
     cleared = ev.BedCleared(
         at_s=at_s, printer=printer_name, by="ann", filament=None, verdict=verdict, why=why
     )
-    return run(books, cleared)[0]
+    return apply_events(books, cleared)[0]
 
 
 def empty_books(names="abc"):
     """Return books with idle printers."""
-    return run(Books(), *(ev.PrinterAdded(at_s=START_S, printer=n, bed="clear") for n in names))[0]
+    return apply_events(Books(), *(ev.PrinterAdded(at_s=START_S, printer=n, bed="clear") for n in names))[0]
 
 
 def make_context(books, now_s, fleet=None, **changes):

@@ -16,7 +16,7 @@ from farm.views import (
     list_tasks,
     select_shown_jobs,
 )
-from make_books import ended, job, plan, run
+from make_books import apply_events, make_end_event, make_job, make_plan_event
 
 PRINTERS = [f"um2-{i:02d}" for i in range(1, 6)]
 FLEET = Fleet.model_validate(
@@ -27,18 +27,18 @@ HOLD = Hold(code=HoldCode.BED_NOT_CLEAR, text="its bed is not clear")
 
 
 def night_books():
-    books, _ = run(
+    books, _ = apply_events(
         Books(),
         *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS),
-        ev.JobSubmitted(at_s=0.0, job=job()),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=0.0, job=1),
-        plan(1, 5),
+        make_plan_event(1, 5),
         *(
             ev.PlateAssigned(at_s=2.0, plate=f"1/0{i}", printer=name, print_id=f"{name} {i}")
             for i, name in enumerate(PRINTERS, 1)
         ),
-        *(ended(f"{name} {i}", at_s=104.0) for i, name in enumerate(PRINTERS[:3], 1)),
-        ended(
+        *(make_end_event(f"{name} {i}", at_s=104.0) for i, name in enumerate(PRINTERS[:3], 1)),
+        make_end_event(
             "um2-04 4",
             PrintState.FAILED,
             47.0,

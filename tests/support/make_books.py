@@ -11,7 +11,7 @@ from farm.state.validation import validate_books
 PRINTERS = ("a", "b", "c")
 
 
-def job(number=1):
+def make_job(number=1):
     return Job(
         id=number,
         request_id=f"request-{number}",
@@ -22,12 +22,12 @@ def job(number=1):
     )
 
 
-def key(name="slicer", role=Role.PRINT, **fields):
+def make_key(name="slicer", role=Role.PRINT, **fields):
     values = {"id": "abcd2345", "digest": "0" * 64, "created_s": 0.0, "by": "ann"}
     return Key(name=name, role=role, **{**values, **fields})
 
 
-def plan(number=1, plates=2, at_s=1.0):
+def make_plan_event(number=1, plates=2, at_s=1.0):
     names = [f"{number}/{i:02d}" for i in range(1, plates + 1)]
     return ev.JobPlanned(
         at_s=at_s,
@@ -72,7 +72,7 @@ def plan(number=1, plates=2, at_s=1.0):
     )
 
 
-def run(books, *events):
+def apply_events(books, *events):
     instructions = []
     for event in events:
         before = books
@@ -83,22 +83,22 @@ def run(books, *events):
     return books, instructions
 
 
-def fleet(bed=Bed.CLEAR):
+def make_fleet_events(bed=Bed.CLEAR):
     return [ev.PrinterAdded(at_s=0.0, printer=name, bed=bed) for name in PRINTERS]
 
 
-def printing(plates=2):
+def make_printing_books(plates=2):
     """Books with one planned job."""
     events = (
-        *fleet(),
-        ev.JobSubmitted(at_s=0.0, job=job()),
+        *make_fleet_events(),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=0.0, job=1),
-        plan(plates=plates),
+        make_plan_event(plates=plates),
     )
-    return run(Books(), *events)[0]
+    return apply_events(Books(), *events)[0]
 
 
-def ended(print_id, state=PrintState.DONE, at_s=200.0, extruded=True, **changes):
+def make_end_event(print_id, state=PrintState.DONE, at_s=200.0, extruded=True, **changes):
     facts = {"fault": None, "reason": None, "started_s": 2.0, "filament": FilamentState.PARKED}
     return ev.PrintEnded(
         at_s=at_s, print_id=print_id, state=state, ended_s=at_s, extruded=extruded, **{**facts, **changes}

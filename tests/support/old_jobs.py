@@ -5,7 +5,7 @@ import os
 from farm.model import JobState, Print, PrintState, Verdict
 from farm.state.books import Books, put, replace_fields
 from farm.state.retention import list_named_files
-from make_books import fleet, job, plan, run
+from make_books import apply_events, make_fleet_events, make_job, make_plan_event
 
 DAY_S = 86400.0
 NOW_S = 1000 * DAY_S
@@ -13,11 +13,11 @@ NOW_S = 1000 * DAY_S
 
 def books_of(*states_and_ages, shared=()):
     """Books with a job for each (state, days since its end); jobs in `shared` have the same model."""
-    books = run(Books(), *fleet())[0]
+    books = apply_events(Books(), *make_fleet_events())[0]
     for number, (state, age_days) in enumerate(states_and_ages, 1):
         model = "shared.npz" if number in shared else f"model-{number}.npz"
-        planned = plan(number, plates=2)
-        entry = job(number).model_copy(
+        planned = make_plan_event(number, plates=2)
+        entry = make_job(number).model_copy(
             update={
                 "state": state,
                 "model_file": model,

@@ -5,7 +5,7 @@ import hashlib
 from farm.control import JobCommands, PrinterCommands
 from farm.model import JobOptions
 from farm.planning.plan import InspectedSubmission, Plan
-from make_books import plan
+from make_books import make_plan_event
 
 MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1.0)
 GCODE = b"G28\n"
@@ -21,7 +21,7 @@ def submit_model(farm, by="ann", **options):
 def plan_job(farm, by="ann", glb=None, **options):
     """Submit a model and plan it, and return the number of its job."""
     number = submit_model(farm, by, **options)
-    event = plan(number)
+    event = make_plan_event(number)
     files = {"picture": "a.png", "decomposition": "d.json", "instructions": "i.html"}
     contents = {"g.gcode": GCODE, "d.json": CURVE.encode(), "i.html": b"<h1>glue</h1>", "a.png": b"png"}
     if glb is not None:

@@ -7,7 +7,7 @@ from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, Lin
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.web.metrics import write_metrics
-from make_books import plan
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 
@@ -32,7 +32,7 @@ class ScrapedFarm:
         farm, number = self._farm, next(self._numbers)
         farm.clear_bed("a")
         farm.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
-        event = plan(number, 1)
+        event = make_plan_event(number, 1)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
         farm.controller.on_plan(number, Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None))
         attempt = farm.controller.books.open_print_on("a")

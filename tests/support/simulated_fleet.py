@@ -21,7 +21,7 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.admission import StartPlanning
 from farm.state import events as ev
 from farm.state.storage.store import Store
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Commands, fleet
 
 STEP_S = 60.0

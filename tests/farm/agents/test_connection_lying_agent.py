@@ -15,7 +15,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.storage.store import Store
 from farm.views import describe_job, describe_night, describe_printer, list_history, list_tasks
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 NOW_S = datetime(2026, 11, 1).timestamp()

@@ -19,7 +19,7 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state import events as ev
 from farm.state.retention import list_deletable_files, list_named_files
 from farm.state.storage.store import Store
-from make_books import ended, job, plan
+from make_books import make_end_event, make_job, make_plan_event
 from recording_controller import PLUS, RecordedEffects
 
 URL = "http://look:pass-w0rd@camera-{printer}/still"
@@ -59,12 +59,14 @@ class Rig:
 
     def print_one(self, state=PrintState.DONE):
         self.controller.handle(
-            ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1), plan(plates=1)
+            ev.JobSubmitted(at_s=0.0, job=make_job()),
+            ev.PlanningStarted(at_s=0.0, job=1),
+            make_plan_event(plates=1),
         )
         self.controller.handle(
             ev.BedCleared(at_s=1.5, printer="a", by="ann"),
             ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-            ended("x", state),
+            make_end_event("x", state),
         )
         return "x"
 

@@ -16,7 +16,7 @@ from farm.cameras.schedule import (
 )
 from farm.model import AgentPrint, AgentSnapshot, Link, Moment, PrintState, Still
 from farm.state import events as ev
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 CAMERAS = frozenset("ab")
 
@@ -44,8 +44,8 @@ def test_dead_camera_is_polled_with_growing_intervals():
 
 
 def open_print():
-    return run(
-        printing(),
+    return apply_events(
+        make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PrintProgressed(print_id="x", at_s=3.0, state=PrintState.PRINTING, started_s=2.0, extruded=True),
     )[0]
@@ -90,7 +90,7 @@ def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
     ],
 )
 def test_still_of_the_end_is_taken_within_a_minute(state, moment):
-    books, _ = run(open_print(), ended("x", state, at_s=200.0))
+    books, _ = apply_events(open_print(), make_end_event("x", state, at_s=200.0))
     due = [DueStill("x", "a", moment)]
     assert find(books, {}, 200.0) == find(books, {}, 200.0 + END_S) == due
     assert find(books, {}, 201.0 + END_S) == find(books, {}, 199.0) == []
@@ -99,12 +99,12 @@ def test_still_of_the_end_is_taken_within_a_minute(state, moment):
 
 def test_still_is_taken_once():
     still = Still(moment=Moment.FIRST_LAYER, at_s=4.0, file="s.jpg")
-    books, _ = run(open_print(), ev.StillKept(at_s=4.0, print_id="x", still=still))
+    books, _ = apply_events(open_print(), ev.StillKept(at_s=4.0, print_id="x", still=still))
     assert find(books, report(2)) == []
-    books, _ = run(books, ended("x"))
+    books, _ = apply_events(books, make_end_event("x"))
     assert find(books, {}, 200.0) == [DueStill("x", "a", Moment.END)]
     later = still.model_copy(update={"file": "t.jpg"})
-    books, _ = run(books, ev.StillKept(at_s=5.0, print_id="x", still=later))
+    books, _ = apply_events(books, ev.StillKept(at_s=5.0, print_id="x", still=later))
     assert books.prints["x"].stills == (later,)  # one for each moment at most
 
 

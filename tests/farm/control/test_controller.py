@@ -24,7 +24,7 @@ from farm.state import events as ev
 from farm.state.books import list_changed_entities
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))

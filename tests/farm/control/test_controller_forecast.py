@@ -14,7 +14,7 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 HOUR = 3600.0

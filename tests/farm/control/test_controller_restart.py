@@ -13,7 +13,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state.storage.store import Store, StoreError
 from farm.views import list_tasks
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 from simulated_fleet import FarmSimulation
 

@@ -24,7 +24,7 @@ from farm.state.books import put
 from farm.state.reconciliation import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views import list_tasks
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 from simulated_fleet import FarmSimulation
 

@@ -9,7 +9,7 @@ from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
 from farm.state import events as ev
 from farm.state.storage import StoreError
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 NIGHT = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()

@@ -22,7 +22,7 @@ from farm.paths import StateFolder
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.plan import DecomposeTask, Plan
 from farm.views import describe_job, list_history
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))

@@ -11,8 +11,8 @@ from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views.tasks import list_requests
-from make_books import job as make_job
-from make_books import plan
+from make_books import make_job as make_job
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 
@@ -90,7 +90,7 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     number = submit(farm, "a", dry_run=True, hold=True)
-    event = plan(number)
+    event = make_plan_event(number)
     farm.controller.on_plan(number, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.controller.handle(ev.JobApproved(at_s=1.0, job=number, by="ann"))
     dry_runs = DryRuns(farm.controller)

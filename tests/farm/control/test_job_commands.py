@@ -18,7 +18,7 @@ from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import compute_sha256
 from farm.views import describe_job, describe_timeline, list_tasks
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 GCODE = InspectedSubmission(

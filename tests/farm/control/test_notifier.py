@@ -12,7 +12,7 @@ from farm.config import Fleet
 from farm.control.notifier import Notifier, delete_record
 from farm.errors import FleetFileError
 from farm.state import events as ev
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 pytest.importorskip("apprise")
 pytestmark = pytest.mark.filterwarnings("ignore:'imghdr' is deprecated:DeprecationWarning")  # apprise's
@@ -43,7 +43,7 @@ def server():
 
 def printed():
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-    return run(printing(plates=1), assigned, ended("x"))[0]
+    return apply_events(make_printing_books(plates=1), assigned, make_end_event("x"))[0]
 
 
 def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
@@ -61,9 +61,9 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     notifier.notify(printed(), 510.0)
     repeated = Notifier(urls, "lab", file, 520.0)
     repeated.notify(printed(), 530.0)
-    failed = ended("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
+    failed = make_end_event("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
     more = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
-    books, _ = run(printing(plates=2), more, failed)
+    books, _ = apply_events(make_printing_books(plates=2), more, failed)
     repeated.notify(books, 700.0)
     assert posts.get(timeout=PATIENCE_S)["message"] == "1/p02 failed on b: it was killed"
     assert posts.empty()

@@ -25,7 +25,7 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.views import describe_job, list_tasks
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))

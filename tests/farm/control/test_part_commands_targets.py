@@ -13,7 +13,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
 from http_caller import DAEMON_USER, called_by
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 

@@ -11,7 +11,7 @@ from farm.planning.plan import Plan
 from farm.state import PlateState, validate_books
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 
 HOUR = 3600.0

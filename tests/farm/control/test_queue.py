@@ -11,7 +11,7 @@ from farm.model import HoldCode, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views.queue import describe_queue
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))

@@ -6,7 +6,7 @@ from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, Job
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views import describe_job, list_history
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 from simulated_fleet import Clock
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from farm.control.telemetry import TEMPERATURES_KEPT_S, Telemetry, TemperatureRecord, read_snapshot
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.state import events as ev
-from make_books import printing, run
+from make_books import apply_events, make_printing_books
 
 CELSIUS = st.none() | st.floats(-20.0, 300.0)
 SECONDS = st.floats(0.0, 1e5)
@@ -17,7 +17,7 @@ def printing_books():
     started = ev.PrintProgressed(
         at_s=3.0, print_id="p", state=PrintState.PRINTING, started_s=3.0, extruded=True
     )
-    return run(printing(), assigned, started)[0]
+    return apply_events(make_printing_books(), assigned, started)[0]
 
 
 BOOKS = printing_books()

@@ -25,12 +25,16 @@ from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.retention import DiskUse
 from farm.state.storage.migrations import SCHEMA_VERSION
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 from slicing.errors import EngineMissing
 from slicing.settings import find_engine
 
 NOW_S = 1_790_000_000.0
-BOOKS = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"), ended("x"))[0]
+BOOKS = apply_events(
+    make_printing_books(),
+    ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+    make_end_event("x"),
+)[0]
 SPOILT = put(BOOKS, replace_fields(BOOKS.printers["a"], bed=Bed.CLEAR))
 FLEET = Fleet.model_validate(
     {

@@ -10,7 +10,7 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.holds import find_plate_holds
 from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements
 from farm.state import events as ev
-from make_books import PRINTERS, ended, job, plan, printing, run
+from make_books import PRINTERS, apply_events, make_end_event, make_job, make_plan_event, make_printing_books
 from recording_controller import fleet
 
 FLEET = fleet(["ultimaker2_plus"] * 3)
@@ -29,9 +29,9 @@ def events_of(step, books, number):
         return [ev.PlateAssigned(at_s=5.0, plate=waiting[0].id, printer=clear[0], print_id=print_id)]
     if step in ("fail", "lose") and opened:
         fault = Fault.KILL if step == "fail" else Fault.PORT_LOST
-        return [ended(opened[0].id, PrintState.FAILED, fault=fault, reason="so")]
+        return [make_end_event(opened[0].id, PrintState.FAILED, fault=fault, reason="so")]
     if step == "done" and opened:
-        return [ended(opened[0].id)]
+        return [make_end_event(opened[0].id)]
     if step == "clear" and free:
         return [ev.BedCleared(at_s=300.0, printer=free[0], by="ann", filament=FilamentState.PARKED)]
     if step in ("pause", "go on"):
@@ -42,10 +42,10 @@ def events_of(step, books, number):
 @settings(max_examples=50)
 @given(st.lists(STEPS, max_size=12), st.booleans())
 def test_cached_description_equals_a_new_one(steps, away):
-    books, builder = printing(plates=5), SituationBuilder(list_bed_boxes)
+    books, builder = make_printing_books(plates=5), SituationBuilder(list_bed_boxes)
     for number, step in enumerate(steps):
         happened = [] if books.jobs[1].state.ended else events_of(step, books, number)
-        books, _ = run(books, *happened)
+        books, _ = apply_events(books, *happened)
         snapshots = {**READY, "b": READY["b"].model_copy(update={"link": Link.ABSENT})} if away else READY
         fresh = SituationBuilder(list_bed_boxes)
         assert builder.waiting(books) == fresh.waiting(books)
@@ -61,7 +61,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
     simulated = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
-    books, builder = printing(plates=1), SituationBuilder(list_bed_boxes)
+    books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
     fleets = [Fleet(printers=(item,)) for item in (real, simulated, plus)]
     results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.unattended for item in results] == [False, True, True]
@@ -70,7 +70,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
 
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
-    books, builder = printing(plates=1), SituationBuilder(list_bed_boxes)
+    books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
     everybody = builder.printers(FLEET, books, READY)
     assert [builder.printer(FLEET, name, books, READY) for name in PRINTERS] == list(everybody)
     assert builder.printer(FLEET, "z", books, READY) is None
@@ -81,14 +81,18 @@ def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
 
 
 def test_only_changed_entities_are_described_again():
-    first = plan(1, plates=2)
-    second = ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=3)
-    books, _ = run(printing(plates=2), *second)
+    first = make_plan_event(1, plates=2)
+    second = (
+        ev.JobSubmitted(at_s=0.0, job=make_job(2)),
+        ev.PlanningStarted(at_s=0.0, job=2),
+        make_plan_event(2, plates=3),
+    )
+    books, _ = apply_events(make_printing_books(plates=2), *second)
     builder = SituationBuilder(list_bed_boxes)
     before, printers = builder.waiting(books), builder.printers(FLEET, books, READY)
     assert [view.id for view in before] == [plate.id for plate in (*first.plates, *second[2].plates)]
     started = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
-    books, _ = run(books, started)
+    books, _ = apply_events(books, started)
     hot = {**READY, "c": READY["c"].model_copy(update={"nozzle_c": 210.0})}
     after, then = builder.waiting(books), builder.printers(FLEET, books, hot)
     assert [view.id for view in after] == ["1/02", "2/01", "2/02", "2/03"]
@@ -97,13 +101,13 @@ def test_only_changed_entities_are_described_again():
 
 
 def test_capabilities_have_a_name_only_if_a_job_requests_it():
-    books, builder = printing(plates=1), SituationBuilder(list_bed_boxes)
-    asking = job(2).model_copy(update={"options": JobOptions(only=("b",))})
+    books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
+    asking = make_job(2).model_copy(update={"options": JobOptions(only=("b",))})
     for events, names in (
         ([], [None, None, None]),
         ([ev.JobSubmitted(at_s=2.0, job=asking)], [None, "b", None]),
         ([ev.JobCancelled(at_s=3.0, job=2, by="ann")], [None, None, None]),
     ):
-        books, _ = run(books, *events)
+        books, _ = apply_events(books, *events)
         assert [one.capabilities.named for one in builder.printers(FLEET, books, READY)] == names
     assert derive_job_requirements(asking).only == ("b",)

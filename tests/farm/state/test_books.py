@@ -20,54 +20,64 @@ from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState, list_charged_failures
 from farm.state.transitions import apply
-from make_books import PRINTERS, ended, fleet, job, plan, printing, run
+from make_books import (
+    PRINTERS,
+    apply_events,
+    make_end_event,
+    make_fleet_events,
+    make_job,
+    make_plan_event,
+    make_printing_books,
+)
 
 
 def test_job_is_printed_with_its_last_part():
-    books, instructions = run(
-        printing(),
+    books, instructions = apply_events(
+        make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
-        ended("x", at_s=150.0),
+        make_end_event("x", at_s=150.0),
     )
     assert instructions[:2] == [
         ev.SendStart(print_id="x", printer="a"),
         ev.SendStart(print_id="y", printer="b"),
     ]
     assert books.jobs[1].state is JobState.PRINTING
-    books, _ = run(books, ended("y", at_s=160.0))
+    books, _ = apply_events(books, make_end_event("y", at_s=160.0))
     assert books.jobs[1].state is JobState.PRINTED
     assert books.jobs[1].ended_s == 160.0
     assert {p.bed for n, p in books.printers.items() if n in "ab"} == {Bed.NOT_CLEAR}
 
 
 def test_no_plate_goes_to_a_printer_that_is_booked_or_not_clear():
-    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    books, _ = apply_events(
+        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    )
     with pytest.raises(InvalidTransition, match="printer a is printing"):
         apply(ev.PlateAssigned(at_s=2.0, plate="1/02", printer="a", print_id="y"), books)
-    books, _ = run(books, ended("x"))
+    books, _ = apply_events(books, make_end_event("x"))
     with pytest.raises(InvalidTransition, match="printer a is not_clear"):
         apply(ev.PlateAssigned(at_s=2.0, plate="1/02", printer="a", print_id="y"), books)
 
 
 def test_only_a_person_makes_a_bed_clear():
-    books, _ = run(
-        printing(),
+    books, _ = apply_events(
+        make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x"),
+        make_end_event("x"),
         ev.BedReported(at_s=201.0, printer="a", bed=Bed.CLEAR, filament=FilamentState.PARKED),
     )
     assert books.printers["a"].bed is Bed.NOT_CLEAR
-    books, instructions = run(books, ev.BedCleared(at_s=300.0, printer="a", by="ann"))
+    books, instructions = apply_events(books, ev.BedCleared(at_s=300.0, printer="a", by="ann"))
     assert books.printers["a"].bed is Bed.CLEAR
     assert instructions == [ev.SendCleared(printer="a", filament=None)]
 
 
 def test_failed_print_needs_clearing_and_inspection_and_is_retried():
-    books, _ = run(
-        printing(plates=1),
+    books, _ = apply_events(
+        make_printing_books(plates=1),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x", PrintState.FAILED, fault="reboot", reason="the board was reset", extruded=False),
+        make_end_event("x", PrintState.FAILED, fault="reboot", reason="the board was reset", extruded=False),
     )
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert books.printers["a"].attention_reason == "the board was reset"
@@ -75,14 +85,14 @@ def test_failed_print_needs_clearing_and_inspection_and_is_retried():
 
 
 def test_plate_that_fails_too_often_fails_its_job():
-    books = printing(plates=1)
+    books = make_printing_books(plates=1)
     for attempt in range(ATTEMPTS):
         assert books.jobs[1].state is JobState.PRINTING
-        books, _ = run(
+        books, _ = apply_events(
             books,
             ev.BedCleared(at_s=3.0, printer="a", by="ann"),
             ev.PlateAssigned(at_s=3.0, plate="1/01", printer="a", print_id=f"x{attempt}"),
-            ended(f"x{attempt}", PrintState.FAILED, reason="no heat"),
+            make_end_event(f"x{attempt}", PrintState.FAILED, reason="no heat"),
         )
     assert books.jobs[1].state is JobState.FAILED
     assert books.jobs[1].error is ErrorCode.ATTEMPTS
@@ -90,23 +100,23 @@ def test_plate_that_fails_too_often_fails_its_job():
 
 
 def test_cancelled_job_ends_its_prints_without_retries():
-    books, instructions = run(
-        printing(),
+    books, instructions = apply_events(
+        make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.JobCancelled(at_s=50.0, job=1),
     )
     assert instructions[-1] == ev.SendCancel(print_id="x", printer="a", reason="cancelled by a person")
-    books, _ = run(books, ended("x", PrintState.CANCELLED, reason="cancelled by a person"))
+    books, _ = apply_events(books, make_end_event("x", PrintState.CANCELLED, reason="cancelled by a person"))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].attention_reason is None
     assert not list(books.waiting_plates())
 
 
 def test_bad_part_of_a_cancelled_job_is_not_printed_with_a_reprint():
-    books, _ = run(
-        printing(),
+    books, _ = apply_events(
+        make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x"),
+        make_end_event("x"),
         ev.JobCancelled(at_s=300.0, job=1),
         ev.BedCleared(at_s=301.0, printer="a", by="ann", verdict=Verdict.BAD),
         ev.ReprintRequested(at_s=302.0, plate="1/02", why="", by="ann"),
@@ -127,20 +137,20 @@ class RandomNight(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.books, _ = run(Books(), *fleet())
+        self.books, _ = apply_events(Books(), *make_fleet_events())
         self.ids = itertools.count()
         self.now = 10.0
 
     def happen(self, event):
         self.now += 1.0
-        self.books, _ = run(self.books, event)
+        self.books, _ = apply_events(self.books, event)
 
     @rule(plates=st.integers(1, 3))
     def submit_and_plan(self, plates):
         number = len(self.books.jobs) + 1
-        self.happen(ev.JobSubmitted(at_s=self.now, job=job(number)))
+        self.happen(ev.JobSubmitted(at_s=self.now, job=make_job(number)))
         self.happen(ev.PlanningStarted(at_s=self.now, job=number))
-        self.happen(plan(number, plates, self.now))
+        self.happen(make_plan_event(number, plates, self.now))
 
     @rule(data=st.data())
     def assign(self, data):
@@ -164,7 +174,7 @@ class RandomNight(RuleBasedStateMachine):
     )
     def end(self, data, state, fault):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
-        self.happen(ended(name, state, self.now, reason="because", fault=fault))
+        self.happen(make_end_event(name, state, self.now, reason="because", fault=fault))
 
     @precondition(lambda self: any(p.state.ended for p in self.books.prints.values()))
     @rule(data=st.data(), state=st.sampled_from(PrintState))
@@ -173,7 +183,7 @@ class RandomNight(RuleBasedStateMachine):
         progress = ev.PrintProgressed(
             at_s=self.now, print_id=name, state=state, started_s=None, extruded=True
         )
-        for late in (ended(name, state, self.now), progress):
+        for late in (make_end_event(name, state, self.now), progress):
             with pytest.raises(InvalidTransition):
                 apply(late, self.books)
 

@@ -11,7 +11,7 @@ from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
 from farm.state.outage import WINDOW_S, compute_outage_window_s, find_common_losses
 from farm.state.plate_state import ATTEMPTS, PlateState
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 
 def assigned(*pairs):
@@ -21,60 +21,60 @@ def assigned(*pairs):
 
 
 def lose_printer(printer, at_s, fault="port_lost"):
-    return ended(printer, PrintState.FAILED, at_s, fault=fault, reason="the port is not there")
+    return make_end_event(printer, PrintState.FAILED, at_s, fault=fault, reason="the port is not there")
 
 
 TWO = (("1/01", "a"), ("1/02", "b"))
 
 
 def test_losses_within_the_window_are_one_outage_without_attempts():
-    books, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0))
+    books, _ = apply_events(make_printing_books(), *assigned(*TWO), lose_printer("a", 100.0))
     assert (books.outage, books.prints["a"].charged) == (None, True)
-    books, _ = run(books, lose_printer("b", 100.0 + WINDOW_S, fault="agent_died"))
+    books, _ = apply_events(books, lose_printer("b", 100.0 + WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
     assert [books.prints[name].charged for name in "ab"] == [False, False]
     assert {books.plate_state(plate) for plate in books.plates.values()} == {PlateState.WAITING}
-    books, _ = run(books, ev.PrinterLost(at_s=112.0, printer="c"))
+    books, _ = apply_events(books, ev.PrinterLost(at_s=112.0, printer="c"))
     assert [outage.printers for outage in books.outages.values()] == [("a", "b", "c")]
-    books, _ = run(books, ev.OutageConfirmed(at_s=500.0, by="ann"))
+    books, _ = apply_events(books, ev.OutageConfirmed(at_s=500.0, by="ann"))
     assert books.outage is None
 
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second = lose_printer("b", 250.0)  # half a wall second after the other
-    real, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0), second)
+    real, _ = apply_events(make_printing_books(), *assigned(*TWO), lose_printer("a", 100.0), second)
     assert real.outage is None
-    fast = replace(printing(), outage_window_s=compute_outage_window_s(300.0))
-    fast, _ = run(fast, *assigned(*TWO), lose_printer("a", 100.0), second)
+    fast = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
+    fast, _ = apply_events(fast, *assigned(*TWO), lose_printer("a", 100.0), second)
     assert fast.outage.printers == ("a", "b")
 
 
 @pytest.mark.parametrize("second", [lose_printer("b", 111.0), lose_printer("b", 101.0, fault="maxtemp")])
 def test_failure_counts_as_an_attempt(second):
-    books, _ = run(printing(), *assigned(*TWO), lose_printer("a", 100.0), second)
+    books, _ = apply_events(make_printing_books(), *assigned(*TWO), lose_printer("a", 100.0), second)
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
 
 
 def test_job_continues_after_failures_by_an_outage():
-    books = printing(plates=1)
+    books = make_printing_books(plates=1)
     for attempt in range(ATTEMPTS - 1):
         name = f"x{attempt}"
-        books, _ = run(
+        books, _ = apply_events(
             books,
             ev.BedCleared(at_s=3.0, printer="a", by="ann"),
             ev.PlateAssigned(at_s=3.0, plate="1/01", printer="a", print_id=name),
-            ended(name, PrintState.FAILED, 10.0 + attempt, fault="maxtemp"),
+            make_end_event(name, PrintState.FAILED, 10.0 + attempt, fault="maxtemp"),
         )
-    books, _ = run(
+    books, _ = apply_events(
         books,
         ev.BedCleared(at_s=3.0, printer="a", by="ann"),
         *assigned(("1/01", "a")),
         lose_printer("a", 100.0),
     )
     assert books.jobs[1].state is JobState.FAILED
-    books, _ = run(books, ev.PrinterLost(at_s=105.0, printer="b"))
+    books, _ = apply_events(books, ev.PrinterLost(at_s=105.0, printer="b"))
     assert books.jobs[1].state is JobState.PRINTING
 
 
@@ -94,12 +94,14 @@ def test_failure_before_an_outage_stays_charged():
     """A failure before the outage still counts, so that the job stays failed."""
     own = (
         *assigned(("1/01", "a")),
-        ended("a", PrintState.FAILED, 50.0, fault="maxtemp"),
+        make_end_event("a", PrintState.FAILED, 50.0, fault="maxtemp"),
         ev.BedCleared(at_s=60.0, printer="a", by="ann"),
         ev.PlateAssigned(at_s=61.0, plate="1/01", printer="a", print_id="again"),
         *assigned(("1/02", "b")),
     )
-    books, _ = run(printing(), *own, lose_printer("again", 100.0), lose_printer("b", 101.0))
+    books, _ = apply_events(
+        make_printing_books(), *own, lose_printer("again", 100.0), lose_printer("b", 101.0)
+    )
     assert books.outage.printers == ("a", "b")
     assert {name: attempt.charged for name, attempt in books.prints.items()} == {
         "a": True,

@@ -7,7 +7,7 @@ from farm.model import Bed, JobState, PrintState, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.plate_state import ATTEMPTS, PlateState
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 CANCELLED = {"reason": "because", "state": PrintState.CANCELLED}
 
@@ -21,20 +21,20 @@ def cleared(printer, verdict=Verdict.GOOD):
 
 
 def printed(plates=1):
-    books = printing(plates=plates)
+    books = make_printing_books(plates=plates)
     for number, printer in zip(range(1, plates + 1), "abc", strict=False):
-        books, _ = run(books, assigned(f"1/{number:02d}", printer, printer), ended(printer))
+        books, _ = apply_events(books, assigned(f"1/{number:02d}", printer, printer), make_end_event(printer))
     return books
 
 
 def failed(books, times, printer="a", plate="1/01", start=0):
     for number in range(start, start + times):
         name = f"{printer}{number}"
-        books, _ = run(
+        books, _ = apply_events(
             books,
             cleared(printer),
             assigned(plate, printer, name),
-            ended(name, PrintState.FAILED, reason="no heat"),
+            make_end_event(name, PrintState.FAILED, reason="no heat"),
         )
     return books
 
@@ -46,32 +46,36 @@ def find_state(books, plate="1/01"):
 def test_job_is_done_when_a_person_has_found_every_part_good():
     books = printed(2)
     assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.PRINTED)
-    books, _ = run(books, cleared("a"))
+    books, _ = apply_events(books, cleared("a"))
     assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.GOOD)
-    books, _ = run(books, cleared("b"))
+    books, _ = apply_events(books, cleared("b"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 200.0)
 
 
 def test_bad_part_is_printed_again_without_an_attempt():
-    books, _ = run(printed(1), cleared("a", Verdict.BAD))
+    books, _ = apply_events(printed(1), cleared("a", Verdict.BAD))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.PRINTING, None)
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
     books = failed(books, ATTEMPTS - 1)
     assert find_state(books) is PlateState.WAITING
-    books, _ = run(books, cleared("a"), assigned("1/01", "a", "x"), ended("x", at_s=900.0), cleared("a"))
+    books, _ = apply_events(
+        books, cleared("a"), assigned("1/01", "a", "x"), make_end_event("x", at_s=900.0), cleared("a")
+    )
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 900.0)
 
 
 def test_clearing_a_bed_judges_the_last_print_only():
-    books, _ = run(printed(1), cleared("a"), cleared("a", Verdict.BAD))
+    books, _ = apply_events(printed(1), cleared("a"), cleared("a", Verdict.BAD))
     assert books.prints["a"].verdict is Verdict.GOOD
 
 
 @pytest.mark.parametrize("end", [PrintState.CANCELLED, PrintState.DONE])
 def test_print_failed_by_a_person_is_repeated(end):
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
-    books, reported = run(printing(plates=1), assigned("1/01", "a", "x"), requested, ended("x", end))
+    books, reported = apply_events(
+        make_printing_books(plates=1), assigned("1/01", "a", "x"), requested, make_end_event("x", end)
+    )
     assert reported[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
     assert find_state(books) is PlateState.WAITING
     assert books.printers["a"].bed is Bed.NOT_CLEAR
@@ -84,19 +88,19 @@ def test_print_failed_by_a_person_is_repeated(end):
 
 def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
-    hot = ended("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
-    books, _ = run(printing(plates=1), assigned("1/01", "a", "x"), requested, hot)
+    hot = make_end_event("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
+    books, _ = apply_events(make_printing_books(plates=1), assigned("1/01", "a", "x"), requested, hot)
     assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
     assert books.printers["a"].attention_reason == "it does not cool"
 
 
 def test_plate_without_attempts_does_not_block_others():
-    books, _ = run(printing(plates=2), assigned("1/02", "b", "y"))
+    books, _ = apply_events(make_printing_books(plates=2), assigned("1/02", "b", "y"))
     books = failed(books, ATTEMPTS)
     assert find_state(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
     assert books.prints["y"].cancel_reason is None
-    books, _ = run(books, ended("y", at_s=500.0))
+    books, _ = apply_events(books, make_end_event("y", at_s=500.0))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.FAILED, ErrorCode.ATTEMPTS)
     assert "1/01 failed 3 times, last on a: no heat" in books.jobs[1].reason
 
@@ -104,13 +108,13 @@ def test_plate_without_attempts_does_not_block_others():
 def test_reprint_of_failed_cancelled_and_good_parts():
     repeated = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
-        failed(printing(plates=1), ATTEMPTS),
-        run(printing(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
-        run(printed(1), cleared("a"))[0],
+        failed(make_printing_books(plates=1), ATTEMPTS),
+        apply_events(make_printing_books(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
+        apply_events(printed(1), cleared("a"))[0],
         printed(1),
     ):
         assert books.jobs[1].state.ended
-        books, _ = run(books, repeated)
+        books, _ = apply_events(books, repeated)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
         assert find_state(books) is PlateState.WAITING
@@ -120,27 +124,29 @@ def test_reprint_of_failed_cancelled_and_good_parts():
 
 def test_cancelled_part_is_not_repeated_while_others_continue():
     cancelled = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
-    books, reported = run(
-        printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled
+    books, reported = apply_events(
+        make_printing_books(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled
     )
     assert [t for t in reported if isinstance(t, ev.SendCancel)] == [
         ev.SendCancel(print_id="x", printer="a", reason="cancelled by ann")
     ]
-    books, _ = run(books, ended("x", PrintState.FAILED, reason="no heat"), cleared("a"))
+    books, _ = apply_events(books, make_end_event("x", PrintState.FAILED, reason="no heat"), cleared("a"))
     assert not list(books.waiting_plates())
-    books, _ = run(books, ended("y"), cleared("b"))
+    books, _ = apply_events(books, make_end_event("y"), cleared("b"))
     assert books.jobs[1].state is JobState.DONE
-    both, _ = run(printing(plates=2), cancelled, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann"))
+    both, _ = apply_events(
+        make_printing_books(plates=2), cancelled, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
+    )
     assert both.jobs[1].state is JobState.CANCELLED
 
 
 def test_paused_job_pauses_all_its_prints():
-    books, reported = run(
-        printing(plates=2), assigned("1/01", "a", "x"), ev.JobPaused(at_s=9.0, job=1, wanted=True)
+    books, reported = apply_events(
+        make_printing_books(plates=2), assigned("1/01", "a", "x"), ev.JobPaused(at_s=9.0, job=1, wanted=True)
     )
     assert books.jobs[1].paused
     assert reported[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
-    books, reported = run(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
+    books, reported = apply_events(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
     assert (books.jobs[1].paused, reported) == (
         False,
         [ev.SendPause(print_id="x", printer="a", wanted=False)],
@@ -148,22 +154,28 @@ def test_paused_job_pauses_all_its_prints():
 
 
 def test_maintenance_lasts_until_ended_by_a_person():
-    books, _ = run(
+    books, _ = apply_events(
         Books(),
         ev.PrinterAdded(at_s=0.0, printer="a", bed=Bed.CLEAR),
         ev.MaintenanceStarted(at_s=1.0, printer="a", why="a new nozzle", by="ann"),
     )
     assert books.printers["a"].maintenance == "a new nozzle"
-    books, _ = run(books, ev.MaintenanceEnded(at_s=2.0, printer="a", by="ann"))
+    books, _ = apply_events(books, ev.MaintenanceEnded(at_s=2.0, printer="a", by="ann"))
     assert books.printers["a"].maintenance is None
 
 
 def test_unconfirmed_print_cancelled_elsewhere_has_failed():
     """Its agent was cancelled before it reported the start: a person has to check the bed."""
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-    books, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, started_s=10.0))
+    books, _ = apply_events(
+        make_printing_books(1), assigned, make_end_event("x", PrintState.CANCELLED, 50.0, started_s=10.0)
+    )
     assert books.prints["x"].state is PrintState.FAILED
     assert (books.printer("a").attention_reason is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
-    never, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, False, started_s=None))
+    never, _ = apply_events(
+        make_printing_books(1),
+        assigned,
+        make_end_event("x", PrintState.CANCELLED, 50.0, False, started_s=None),
+    )
     assert never.prints["x"].state is PrintState.CANCELLED
     assert (never.printer("a").attention_reason, never.printer("a").bed) == (None, Bed.CLEAR)

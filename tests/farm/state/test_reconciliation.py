@@ -14,7 +14,7 @@ from farm.state.reconciliation import (
     observe_idle_printer,
     reconcile_print,
 )
-from make_books import fleet, printing, run
+from make_books import apply_events, make_fleet_events, make_printing_books
 
 
 def test_manual_use_makes_bed_and_filament_unknown():
@@ -25,7 +25,9 @@ def test_manual_use_makes_bed_and_filament_unknown():
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="its board was reset, but not by the farm",
     )
-    books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], message, 5.0))
+    books, _ = apply_events(
+        make_printing_books(), *observe_idle_printer(make_printing_books().printers["a"], message, 5.0)
+    )
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
@@ -45,29 +47,29 @@ def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
         bed_unknown_reason="it was not watched before its agent was started",
     )
     expected = message.model_copy(update={"filament": FilamentState.PARKED})
-    books = printing()
+    books = make_printing_books()
     for at_s, snapshot in enumerate((message, expected, expected, expected)):
-        books, _ = run(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
+        books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
     assert "not watched" in printer.attention_reason
     assert list(observe_idle_printer(printer, expected, 9.0)) == []
-    cleared, _ = run(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
+    cleared, _ = apply_events(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
     printer = cleared.printers["a"]  # nobody had to say where the filament is
     assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
 
 
 def test_bed_of_an_emulator_is_used_only_if_unknown():
     message = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    books, _ = run(books, *observe_idle_printer(books.printers["a"], message, 5.0))
+    books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
+    books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], message, 5.0))
     assert books.printers["a"].bed is Bed.CLEAR
     assert list(observe_idle_printer(books.printers["a"], message, 6.0)) == []
 
 
 def test_real_printer_does_not_report_its_bed():
     message = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
-    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
+    books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
     assert list(observe_idle_printer(books.printers["a"], message, 5.0)) == []
 
 
@@ -86,18 +88,20 @@ def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
 
 
 def assigned():
-    return run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))[0]
+    return apply_events(
+        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    )[0]
 
 
 def test_reconciliation_yields_events_for_changes_only():
     books = assigned()
-    books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], word(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
     assert books.prints["x"].started_s == 2.0
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert list(reconcile_print(books.prints["x"], word(), 4.0)) == []
     last = word(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = run(books, *reconcile_print(books.prints["x"], last, 100.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], last, 100.0))
     assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
 
 
@@ -107,9 +111,9 @@ def test_start_is_repeated_and_a_forgotten_print_is_lost():
     assert list(list_pending_instructions(books.prints["x"], empty())) == [
         ev.SendStart(print_id="x", printer="a")
     ]
-    books, _ = run(books, *reconcile_print(books.prints["x"], word(), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], word(), 3.0))
     assert list(list_pending_instructions(books.prints["x"], empty())) == []
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(), 9.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
     assert books.prints["x"].fault == OwnFault.PRINT_LOST
 
@@ -121,14 +125,14 @@ def empty(link=Link.READY, pid=9, **changes):
 
 def test_cancelled_print_ends_when_its_agent_confirms():
     """Until then the start may be in transit together with an older snapshot of the agent."""
-    books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    books, _ = apply_events(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
     assert list(list_pending_instructions(books.prints["x"], empty())) == [stop]
     # nobody would hear it
     assert list(list_pending_instructions(books.prints["x"], empty(Link.STARTING))) == []
     assert list(reconcile_print(books.prints["x"], empty(acknowledged_cancel="another"), 4.0)) == []
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(acknowledged_cancel="x"), 4.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(acknowledged_cancel="x"), 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
 
@@ -137,22 +141,24 @@ def test_cancelled_print_ends_when_its_agent_confirms():
 def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     books = assigned()
     stale = empty(link, reason="unplugged")
-    books, sent = run(books, *reconcile_print(books.prints["x"], stale, 3.0))
+    books, sent = apply_events(books, *reconcile_print(books.prints["x"], stale, 3.0))
     assert sent == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
     assert list(reconcile_print(books.prints["x"], stale, 4.0)) == []
     # It began all the same, and is ended: its plate is free then, and nobody is to blame.
-    began, _ = run(
+    began, _ = apply_events(
         books, *reconcile_print(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0)
     )
     assert [
         type(item) for item in list_pending_instructions(began.prints["x"], word(state=PrintState.HEATING))
     ] == [ev.SendCancel]
     last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
-    began, _ = run(began, *reconcile_print(began.prints["x"], last, 9.0))
+    began, _ = apply_events(began, *reconcile_print(began.prints["x"], last, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
     # Or it never did.
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(link, acknowledged_cancel="x"), 5.0))
+    books, _ = apply_events(
+        books, *reconcile_print(books.prints["x"], empty(link, acknowledged_cancel="x"), 5.0)
+    )
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
     for entry in (books, began):
@@ -161,20 +167,20 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
 
 def test_print_without_an_agent_cannot_start():
     books = assigned()
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     assert books.prints["x"].state is PrintState.CANCELLED
 
 
 def restored(*states):
     """Restore books in which plates were in these states on a, b, ..."""
-    books = printing()
+    books = make_printing_books()
     for name, state in zip("ab", states, strict=False):
         plate = {"a": "1/01", "b": "1/02"}[name]
-        books, _ = run(books, ev.PlateAssigned(at_s=2.0, plate=plate, printer=name, print_id=name))
+        books, _ = apply_events(books, ev.PlateAssigned(at_s=2.0, plate=plate, printer=name, print_id=name))
         if state is not PrintState.ASSIGNED:
             event = ev.PrintProgressed(at_s=3.0, print_id=name, state=state, started_s=2.0, extruded=True)
-            books, _ = run(books, event)
-    return run(books, ev.BooksRestored(at_s=50.0, copied_s=10.0))[0]
+            books, _ = apply_events(books, event)
+    return apply_events(books, ev.BooksRestored(at_s=50.0, copied_s=10.0))[0]
 
 
 @pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
@@ -182,15 +188,15 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restored(state)
     assert list(list_pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
     message = word("a")
-    books, sent = run(books, *reconcile_print(books.prints["a"], message, 51.0))
+    books, sent = apply_events(books, *reconcile_print(books.prints["a"], message, 51.0))
     assert (sent, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
     assert list(reconcile_print(books.prints["a"], message, 52.0)) == []
     last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = run(books, *reconcile_print(books.prints["a"], last, 100.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["a"], last, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
-    books, _ = run(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
+    books, _ = apply_events(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
 
 
@@ -198,31 +204,31 @@ def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
     books = restored(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
         message = empty().model_copy(update={"printer": name})
-        books, _ = run(books, *reconcile_print(books.prints[name], message, 51.0))
+        books, _ = apply_events(books, *reconcile_print(books.prints[name], message, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
     assert "check what became of it" in books.printers["a"].attention_reason
     fresh = restored(PrintState.ASSIGNED)
-    fresh, _ = run(fresh, *reconcile_print(fresh.prints["a"], empty(), 51.0))
+    fresh, _ = apply_events(fresh, *reconcile_print(fresh.prints["a"], empty(), 51.0))
     assert fresh.prints["a"].state is PrintState.CANCELLED
 
 
 def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     books = assigned()
-    books, _ = run(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     heating = word(state=PrintState.HEATING, extruded=False)
     reported = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(item) for item in reported] == [ev.SendCancel]
     for message in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
         doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], message, 4.0)
-        assert run(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
+        assert apply_events(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
 
 
 def test_unknown_print_continues_and_makes_the_bed_unknown():
-    books, _ = run(Books(), *fleet())
+    books, _ = apply_events(Books(), *make_fleet_events())
     reported = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
     assert [type(item) for item in reported] == [ev.BedBecameUnknown]
-    books, _ = run(books, *reported)
+    books, _ = apply_events(books, *reported)
     assert books.printers["a"].bed is Bed.UNKNOWN
     last = word("stranger", state=PrintState.DONE, ended_s=9.0)
     assert list(handle_unknown_print(books.printers["a"], None, last, 9.0)) == [
@@ -242,7 +248,7 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
     ],
 )
 def test_unconfirmed_pause_is_repeated(expected, state, reported):
-    books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected))
+    books, sent = apply_events(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected))
     assert sent == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
     repeated = list(list_pending_instructions(books.prints["x"], word(state=state)))
     assert repeated == (
@@ -251,10 +257,10 @@ def test_unconfirmed_pause_is_repeated(expected, state, reported):
 
 
 def test_cancelled_print_is_not_paused():
-    books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    books, _ = apply_events(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
-        run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
-    books, sent = run(
+        apply_events(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
+    books, sent = apply_events(
         assigned(),
         ev.PlateCancelled(at_s=3.0, plate="1/01", by="ann"),
         ev.JobPaused(at_s=4.0, job=1, wanted=True),
@@ -270,7 +276,7 @@ def test_emulator_provides_the_unknown_bed_or_filament(known):
     unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
     (observed,) = observe_idle_printer(printer, message, 5.0)
-    books, _ = run(Books.from_entities([printer]), observed)
+    books, _ = apply_events(Books.from_entities([printer]), observed)
     took = books.printers["a"]
     bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR
     filament = FilamentState.AT_NOZZLE if known == "filament" else FilamentState.PARKED

@@ -9,7 +9,7 @@ from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.state import events as ev
 from farm.state.reels import apply_reels, compute_used_grams
 from farm.views.tasks import list_requests
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 from scheduling_examples import printer
 
 WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
@@ -17,7 +17,9 @@ WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
 def with_a_reel(**changes):
     loaded = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE.model_copy(update=changes), by="ann")
-    books, _ = run(printing(), loaded, ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    books, _ = apply_events(
+        make_printing_books(), loaded, ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    )
     return books
 
 
@@ -32,19 +34,19 @@ def with_a_reel(**changes):
     ],
 )
 def test_print_subtracts_its_grams_from_the_reel(changes, left):
-    books, _ = run(with_a_reel(), ended("x", **changes))
+    books, _ = apply_events(with_a_reel(), make_end_event("x", **changes))
     assert books.printer("a").reel.grams == pytest.approx(left)
     assert books.prints["x"].grams == pytest.approx(100.0 - left), "the history says the same as the reel"
 
 
 def test_unweighed_reel_stays_unknown():
-    books, _ = run(with_a_reel(grams=None), ended("x"))
+    books, _ = apply_events(with_a_reel(grams=None), make_end_event("x"))
     assert books.printer("a").reel.grams is None
 
 
 @given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
 def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, share):
-    plate = printing().plates["1/01"]
+    plate = make_printing_books().plates["1/01"]
     assert 0.0 <= compute_used_grams(plate, state, extruded, share) <= plate.grams
 
 
@@ -59,10 +61,10 @@ def test_fleet_shows_the_loaded_reels():
 
 def test_restored_reels_must_be_weighed_before_printing():
     load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
-    books, _ = run(printing(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
+    books, _ = apply_events(make_printing_books(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
     assert [one.reel and one.reel.uncertain for one in books.printers.values()] == [True, None, None]
     (item,) = [item for item in list_requests(books, {}) if item.code == "reel"]
     assert item.printers == ["a"]
-    books, _ = run(books, load)
+    books, _ = apply_events(books, load)
     assert not [item for item in list_requests(books, {}) if item.code == "reel"]
     assert printer("a", reel_uncertain=True).obstacle().code is HoldCode.REEL_UNCERTAIN

@@ -11,7 +11,7 @@ from farm.state import events as ev
 from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.state.salvaged_parts import find_possibly_complete_print, list_reprinting_printers
 from farm.views import ViewContext, list_tasks
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 DIED = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
 
@@ -22,8 +22,8 @@ def given(plate, printer, print_id, at_s=2.0):
 
 def died(plates=1, at_s=110.0, **facts):
     """A plate of 90 s on `a`, whose agent was found dead after so long."""
-    start = (given("1/01", "a", "x"), ended("x", PrintState.FAILED, at_s, **{**DIED, **facts}))
-    return run(printing(plates), *start)[0]
+    start = (given("1/01", "a", "x"), make_end_event("x", PrintState.FAILED, at_s, **{**DIED, **facts}))
+    return apply_events(make_printing_books(plates), *start)[0]
 
 
 def whole(print_id="x", printer="a"):
@@ -41,7 +41,7 @@ def list_asked(books):
 def test_complete_part_is_good_and_not_reprinted():
     books = died()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
-    books, reported = run(books, whole())
+    books, reported = apply_events(books, whole())
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
@@ -54,35 +54,37 @@ def test_complete_part_is_good_and_not_reprinted():
 
 
 def test_failed_job_is_done_if_its_last_part_is_complete():
-    books = printing(plates=1)
+    books = make_printing_books(plates=1)
     for attempt in range(ATTEMPTS):
         name = f"x{attempt}"
         cleared = ev.BedCleared(at_s=1.0, printer="a", by="ann")
-        failed = ended(name, PrintState.FAILED, 110.0, **DIED)
-        books, _ = run(books, cleared, given("1/01", "a", name), failed)
+        failed = make_end_event(name, PrintState.FAILED, 110.0, **DIED)
+        books, _ = apply_events(books, cleared, given("1/01", "a", name), failed)
     assert books.jobs[1].state is JobState.FAILED
-    books, _ = run(books, whole(f"x{ATTEMPTS - 1}"))
+    books, _ = apply_events(books, whole(f"x{ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
 
 
 def test_salvaged_part_uses_its_full_filament():
     reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
-    books, _ = run(printing(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
-    failed = ended("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
-    books, _ = run(books, given("1/01", "a", "x"), failed)
+    books, _ = apply_events(make_printing_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
+    failed = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
+    books, _ = apply_events(books, given("1/01", "a", "x"), failed)
     assert books.printer("a").reel.grams == pytest.approx(98.5)
-    books, _ = run(books, whole())
+    books, _ = apply_events(books, whole())
     assert books.printer("a").reel.grams == pytest.approx(97.0)
     assert books.prints["x"].grams == pytest.approx(3.0)
 
 
 def test_reprint_that_has_not_started_is_cancelled():
-    books, _ = run(died(), given("1/01", "b", "y", 120.0))
-    books, reported = run(books, whole())
+    books, _ = apply_events(died(), given("1/01", "b", "y", 120.0))
+    books, reported = apply_events(books, whole())
     assert [type(one) for one in reported] == [ev.SendCancel, ev.SendCleared]
     assert (reported[0].print_id, reported[0].printer) == ("y", "b")
     assert list_reprinting_printers(books, books.prints["x"]) == []
-    books, _ = run(books, ended("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False))
+    books, _ = apply_events(
+        books, make_end_event("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False)
+    )
     assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
 
 
@@ -90,16 +92,16 @@ def test_started_reprint_continues_until_a_person_ends_it():
     started = ev.PrintProgressed(
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
-    books, _ = run(died(), given("1/01", "b", "y", 120.0), started)
-    books, reported = run(books, whole())
+    books, _ = apply_events(died(), given("1/01", "b", "y", 120.0), started)
+    books, reported = apply_events(books, whole())
     assert [type(one) for one in reported] == [ev.SendCleared]
     assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
-    stopped, reported = run(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
+    stopped, reported = apply_events(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
     assert [(type(one), one.print_id) for one in reported] == [(ev.SendCancel, "y")]
     assert list_reprinting_printers(stopped, stopped.prints["x"]) == []
     assert not stopped.plates["1/01"].cancelled
     for state in (PrintState.DONE, PrintState.FAILED):
-        after, _ = run(books, ended("y", state, 600.0))
+        after, _ = apply_events(books, make_end_event("y", state, 600.0))
         assert after.jobs[1].state is JobState.DONE
         assert after.plate_state(after.plates["1/01"]) is PlateState.GOOD
 
@@ -110,9 +112,9 @@ def test_part_recut_before_is_complete_with_all_pieces():
     parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]
     plates = [old.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
     replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
-    books, _ = run(books, replaced, given("1/01a", "b", "y", 120.0))
+    books, _ = apply_events(books, replaced, given("1/01a", "b", "y", 120.0))
     assert find_possibly_complete_print(books, "a").id == "x"
-    books, reported = run(books, whole())
+    books, reported = apply_events(books, whole())
     assert books.jobs[1].state is JobState.DONE
     assert reported[0].print_id == "y"
 
@@ -127,8 +129,8 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 
 def test_task_asks_for_the_verdict_after_an_outage():
     start = (given("1/01", "a", "x"), given("1/02", "b", "y"))
-    lost = (ended(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
-    (item,) = list_asked(run(printing(2), *start, *lost)[0])
+    lost = (make_end_event(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
+    (item,) = list_asked(apply_events(make_printing_books(2), *start, *lost)[0])
     assert item.code == "outage"
     assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
 
@@ -142,18 +144,18 @@ def test_task_asks_for_the_verdict_after_an_outage():
         {"then": (whole(),)},
         {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
         {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
-        {"then": (given("1/01", "b", "y"), ended("y", at_s=300.0))},  # printed meanwhile
+        {"then": (given("1/01", "b", "y"), make_end_event("y", at_s=300.0))},  # printed meanwhile
     ],
 )
 def test_no_verdict_is_requested_for_an_incomplete_part(facts):
     then = facts.pop("then", ())
-    books, _ = run(died(**facts), *then)
+    books, _ = apply_events(died(**facts), *then)
     assert find_possibly_complete_print(books, "a") is None
 
 
 def test_print_ended_by_a_person_is_not_salvageable():
     fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
-    removed = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
-    books, _ = run(printing(1), given("1/01", "a", "x"), fail, removed)
+    removed = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
+    books, _ = apply_events(make_printing_books(1), given("1/01", "a", "x"), fail, removed)
     assert books.prints["x"].state is PrintState.FAILED
     assert find_possibly_complete_print(books, "a") is None

@@ -7,14 +7,14 @@ from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.storage.store import Store
 from farm.state.validation import validate_books
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 from recorded_state import unpack_state
 
 BEGUN = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 
 
 def done():
-    return run(printing(), BEGUN, ended("x"))[0]
+    return apply_events(make_printing_books(), BEGUN, make_end_event("x"))[0]
 
 
 def with_entries(books, *entries):
@@ -112,7 +112,7 @@ def test_contradiction_is_named(spoil, problem):
 def test_consistent_books_have_no_contradiction():
     books = done()
     assert validate_books(books) == []
-    books, _ = run(
+    books, _ = apply_events(
         books, ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobCancelled(at_s=301.0, job=1)
     )
     assert validate_books(books) == []

@@ -19,7 +19,7 @@ from farm.views.context import ViewContext
 from farm.views.dashboard import HistoryFilter, describe_history, write_csv
 from farm.views.job_times import measure_assembly
 from farm.views.report import list_figures
-from make_books import PRINTERS, ended, job, printing, run
+from make_books import PRINTERS, apply_events, make_end_event, make_job, make_printing_books
 
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in PRINTERS]}
@@ -29,7 +29,7 @@ FLEET = Fleet.model_validate(
 @pytest.fixture
 def books():
     """Three parts, glued in the order 3, 1, 2; their prints have not begun."""
-    books = printing(plates=3)
+    books = make_printing_books(plates=3)
     ranks = {"1/p01": 2, "1/p02": 3, "1/p03": 1}
     parts = (replace_fields(books.parts[name], glue_rank=rank) for name, rank in ranks.items())
     return put(books, *parts, replace_fields(books.jobs[1], assembly_s=3600.0))
@@ -43,7 +43,7 @@ def describe(books, now_s=10.0):
 def printed(books):
     for number, name in enumerate(PRINTERS, 1):
         assigned = ev.PlateAssigned(at_s=2.0, plate=f"1/{number:02d}", printer=name, print_id=name)
-        books, _ = run(books, assigned, ended(name, at_s=200.0 + number))
+        books, _ = apply_events(books, assigned, make_end_event(name, at_s=200.0 + number))
     return books
 
 
@@ -70,7 +70,7 @@ def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
     assert (view.assembly_s, view.glued) == (3600.0, False)
     assert view.submitted_to_assembled_s == pytest.approx(203.0 + 3600.0)
     assert ("assembly, expected", "1h00") in list_figures(view)
-    books, _ = run(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
+    books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
     view = describe_job(describe(books, 6000.0), books.jobs[1])
     assert (view.assembly_s, view.glued, view.submitted_to_assembled_s) == (3000.0, True, 5000.0)
     assert ("assembly", "50 min") in list_figures(view)
@@ -82,7 +82,7 @@ def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
     assert [row.assembled for row in (*list_jobs(context, None, 9), *list_history(context))] == [None] * 4
     [outcome] = describe_history(context, HistoryFilter()).jobs
     assert (outcome.assembled, outcome.assembly_s, outcome.assembly_expected_s) == (None, None, 3600.0)
-    books, _ = run(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
+    books, _ = apply_events(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=50.0, by="ann"))
     context = describe(books, 6000.0)
     rows = [
         *list_jobs(context, None, 9),
@@ -95,10 +95,12 @@ def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
 
 
 def test_reported_times_correct_those_expected_of_a_later_job(books):
-    later = job(2).model_copy(update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0})
+    later = make_job(2).model_copy(update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0})
     books = put(printed(books), later)
     assert describe_job(describe(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
-    books, _ = run(books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann"))  # expected: an hour
+    books, _ = apply_events(
+        books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann")
+    )  # expected: an hour
     assert describe_job(describe(books), books.jobs[2]).assembly_s == pytest.approx(1250.0)
 
 
@@ -110,13 +112,13 @@ def test_page_of_a_job_names_its_instructions(books):
 
 
 def test_other_jobs_take_as_long_as_people_reported():
-    other = job().model_copy(update={"assembly_s": 1000.0})
+    other = make_job().model_copy(update={"assembly_s": 1000.0})
     assert measure_assembly(other, 50.0, 1.2).end_s == pytest.approx(1250.0)
     failed = other.model_copy(update={"state": JobState.FAILED})
     assert measure_assembly(failed, 50.0, 1.2).end_s is None
     glued = other.model_copy(update={"gluing": Gluing(minutes=10.0, at_s=70.0, by="ann")})
     assert (measure_assembly(glued, 50.0, 9.0).work_s, measure_assembly(glued, 50.0, 9.0).end_s) == (600, 70)
-    assert measure_assembly(job(), 50.0, 1.0).work_s is None
+    assert measure_assembly(make_job(), 50.0, 1.0).work_s is None
 
 
 def test_of_plates_that_take_as_long_the_one_glued_first_is_served_first(books):

@@ -13,7 +13,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.views import ViewContext
 from farm.views.job_times import list_runs, measure_times
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}
@@ -30,7 +30,7 @@ def attempt(name, plate, printer, from_s, to_s):
     """Events of a print that is done, and of its bed, which is cleared in the same moment."""
     return (
         ev.PlateAssigned(at_s=from_s, plate=plate, printer=printer, print_id=name),
-        ended(name, at_s=to_s, started_s=from_s),
+        make_end_event(name, at_s=to_s, started_s=from_s),
         ev.BedCleared(at_s=to_s, printer=printer, by="ann"),
     )
 
@@ -38,14 +38,16 @@ def attempt(name, plate, printer, from_s, to_s):
 @pytest.fixture
 def done():
     """Books of a job of two plates of 100 s, printed side by side."""
-    return run(printing(), *attempt("x", "1/01", "a", 0.0, 100.0), *attempt("y", "1/02", "b", 0.0, 100.0))[0]
+    return apply_events(
+        make_printing_books(), *attempt("x", "1/01", "a", 0.0, 100.0), *attempt("y", "1/02", "b", 0.0, 100.0)
+    )[0]
 
 
 def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done):
     first = times(done, DAY_S)
     assert (first.elapsed_s, first.speedup, first.utilisation) == (100.0, 5.0, 1.0)
     repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    books, _ = run(done, repeated, *attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0))
+    books, _ = apply_events(done, repeated, *attempt("z", "1/01", "c", DAY_S + 50.0, DAY_S + 150.0))
     second = times(books, 3 * DAY_S)
     assert [(item.started_s, item.ended_s) for item in second.runs] == [
         (0.0, 100.0),
@@ -58,14 +60,16 @@ def test_time_between_the_end_of_a_job_and_a_reprint_is_not_counted(done):
 
 def test_reprint_that_waits_for_a_printer_is_expected_to_take_its_own_time(done):
     repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    waiting = times(run(done, repeated)[0], DAY_S + 5000.0)
+    waiting = times(apply_events(done, repeated)[0], DAY_S + 5000.0)
     assert (waiting.elapsed_s, waiting.makespan_s) == (100.0, 200.0)
     assert waiting.end_s == DAY_S + 5100.0
 
 
 def test_wait_for_a_printer_within_a_run_is_counted():
-    books, _ = run(
-        printing(), *attempt("x", "1/01", "a", 0.0, 100.0), *attempt("y", "1/02", "a", 400.0, 500.0)
+    books, _ = apply_events(
+        make_printing_books(),
+        *attempt("x", "1/01", "a", 0.0, 100.0),
+        *attempt("y", "1/02", "a", 400.0, 500.0),
     )
     observed = times(books, DAY_S)
     assert (len(observed.runs), observed.elapsed_s, observed.utilisation) == (1, 500.0, pytest.approx(0.4))
@@ -74,15 +78,15 @@ def test_wait_for_a_printer_within_a_run_is_counted():
 def test_cancelled_reprint_does_not_change_the_figures(done):
     before = times(done, DAY_S)
     repeated = ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann")
-    cancelled, _ = run(done, repeated, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann"))
+    cancelled, _ = apply_events(done, repeated, ev.PlateCancelled(at_s=DAY_S + 9.0, plate="1/01", by="ann"))
     after = times(cancelled, 2 * DAY_S)
     assert (after.elapsed_s, after.speedup) == (before.elapsed_s, before.speedup)
 
 
 def test_part_judged_bad_later_begins_another_run():
     bad = ev.BedCleared(at_s=9000.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
-    books, _ = run(printing(1), *attempt("x", "1/01", "a", 0.0, 100.0)[:2], bad)
-    books, _ = run(books, *attempt("y", "1/01", "a", 9100.0, 9200.0))
+    books, _ = apply_events(make_printing_books(1), *attempt("x", "1/01", "a", 0.0, 100.0)[:2], bad)
+    books, _ = apply_events(books, *attempt("y", "1/01", "a", 9100.0, 9200.0))
     assert [item.length_s for item in times(books, DAY_S).runs] == [100.0, 100.0]
 
 
@@ -92,13 +96,13 @@ SPANS = st.lists(st.tuples(st.floats(0.0, 1e5), st.floats(1.0, 1e5)), min_size=1
 @given(SPANS)
 def test_runs_are_disjoint_and_each_print_is_in_one(spans):
     """One reprint after another, each a while after the job has ended."""
-    books, at_s = printing(1), 0.0
+    books, at_s = make_printing_books(1), 0.0
     for number, (wait_s, took_s) in enumerate(spans):
         at_s += 1.0 + wait_s
         if number:
             requested = ev.ReprintRequested(at_s=at_s, plate="1/01", why="", by="ann")
-            books, _ = run(books, requested)
-        books, _ = run(books, *attempt(f"x{number}", "1/01", "a", at_s, at_s + took_s))
+            books, _ = apply_events(books, requested)
+        books, _ = apply_events(books, *attempt(f"x{number}", "1/01", "a", at_s, at_s + took_s))
         at_s += took_s
     job = books.job(1)
     runs = list(list_runs(job, books.prints_of_job(job), at_s + DAY_S))
@@ -108,7 +112,7 @@ def test_runs_are_disjoint_and_each_print_is_in_one(spans):
 
 
 def test_job_of_older_books_has_one_run():
-    books, _ = run(printing(1), *attempt("x", "1/01", "a", 0.0, 100.0))
+    books, _ = apply_events(make_printing_books(1), *attempt("x", "1/01", "a", 0.0, 100.0))
     stored = books.job(1).model_dump()
     del stored["reopenings"]
     job = type(books.job(1)).model_validate(stored)

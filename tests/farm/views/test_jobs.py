@@ -14,7 +14,14 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views import ViewContext, describe_job, describe_printer
-from make_books import ended, fleet, job, plan, printing, run
+from make_books import (
+    apply_events,
+    make_end_event,
+    make_fleet_events,
+    make_job,
+    make_plan_event,
+    make_printing_books,
+)
 
 FLEET = Fleet.model_validate(
     {
@@ -26,7 +33,7 @@ FLEET = Fleet.model_validate(
 
 def priced(*prices):
     """A planned job whose plates cost so much."""
-    books = printing(plates=len(prices))
+    books = make_printing_books(plates=len(prices))
     plates = {
         name: plate.model_copy(update={"price": price})
         for (name, plate), price in zip(books.plates.items(), prices, strict=True)
@@ -47,14 +54,14 @@ def test_price_of_a_job_is_the_sum_of_its_plates():
 
 def test_starved_time_does_not_exceed_the_printing_time():
     """For a part that was printed twice, waiting time does not exceed the total time."""
-    books = printing(plates=1)
+    books = make_printing_books(plates=1)
     assert view(books).starved_share is None
     for name, begun_s in (("p", 2.0), ("q", 202.0)):
         given = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
-        done = ended(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
+        done = make_end_event(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
         cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
         repeated = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
-        books, _ = run(books, given, done, cleared, repeated)
+        books, _ = apply_events(books, given, done, cleared, repeated)
     assert view(books).starved_share == pytest.approx(0.8)
 
 
@@ -63,7 +70,7 @@ def test_job_has_no_price_if_one_reel_has_none():
 
 
 def test_cancelled_parts_are_shown_with_the_job():
-    books = printing(plates=1)
+    books = make_printing_books(plates=1)
     name, plate = next(iter(books.plates.items()))
     thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
     observed = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
@@ -74,10 +81,12 @@ def test_cancelled_parts_are_shown_with_the_job():
 
 
 def test_failed_job_has_no_speedup():
-    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    books, _ = apply_events(
+        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    )
     going = view(books)
     assert going.speedup and going.utilisation
-    cancelled, _ = run(books, ev.JobCancelled(at_s=5.0, job=1))
+    cancelled, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
     observed = view(cancelled)
     assert (observed.speedup, observed.utilisation) == (None, None)
     assert observed.estimated_s == going.estimated_s
@@ -89,10 +98,10 @@ def context(books, now_s, progress=None, **snapshots):
 
 def test_progress_of_a_plan_is_shown():
     far = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
-    queued, _ = run(Books(), *fleet(), ev.JobSubmitted(at_s=0.0, job=job()))
-    planning, _ = run(queued, ev.PlanningStarted(at_s=0.0, job=1))
-    planned, _ = run(planning, plan())
-    cancelled, _ = run(planned, ev.JobCancelled(at_s=1.0, job=1))
+    queued, _ = apply_events(Books(), *make_fleet_events(), ev.JobSubmitted(at_s=0.0, job=make_job()))
+    planning, _ = apply_events(queued, ev.PlanningStarted(at_s=0.0, job=1))
+    planned, _ = apply_events(planning, make_plan_event())
+    cancelled, _ = apply_events(planned, ev.JobCancelled(at_s=1.0, job=1))
     states = (queued, planning, planned, cancelled)
     shown = [describe_job(context(b, 1.0, {1: far}), b.jobs[1]).progress for b in states]
     assert shown == [None, far, far, None]  # a planned job may be planned again before it starts
@@ -100,11 +109,13 @@ def test_progress_of_a_plan_is_shown():
 
 @pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
 def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
-    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    books, _ = apply_events(
+        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    )
     began = ev.PrintProgressed(
         at_s=2.0, print_id="x", state=PrintState.PRINTING, started_s=2.0, extruded=True
     )
-    books, _ = run(books, began)
+    books, _ = apply_events(books, began)
     books.printers["a"] = books.printers["a"].model_copy(update={"time_factor": 1.2})
     message = AgentPrint(
         print_id="x",
@@ -133,7 +144,9 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
 
 def test_print_that_is_resumed_is_not_shown_as_paused():
     """Its nozzle heats for minutes before the printer goes on."""
-    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    books, _ = apply_events(
+        make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    )
     for expected, state, shown in (
         (True, PrintState.PRINTING, "printing"),
         (True, PrintState.PAUSED, "paused"),
@@ -141,7 +154,7 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
         (False, PrintState.PRINTING, "printing"),
     ):
         now = ev.PrintProgressed(at_s=3.0, print_id="x", state=state, started_s=2.0, extruded=True)
-        books, _ = run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected), now)
+        books, _ = apply_events(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected), now)
         printer = describe_printer(context(books, 7.0), FLEET.printer("a"), None)
         (part,) = [part for part in view(books).parts if part.prints]
         assert (printer.state, printer.print.state, part.prints[0].state) == (shown, shown, shown)
@@ -150,6 +163,6 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
 def test_bad_part_takes_its_time_again():
     started = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
-    books, _ = run(printing(1), started, ended("x", at_s=102.0), bad)
+    books, _ = apply_events(make_printing_books(1), started, make_end_event("x", at_s=102.0), bad)
     observed = view(books)
     assert observed.current_s == pytest.approx(observed.elapsed_s + observed.estimated_s)

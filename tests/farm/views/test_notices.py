@@ -6,7 +6,7 @@ from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.outage import WINDOW_S
 from farm.views import list_due_notices
-from make_books import ended, fleet, job, printing, run
+from make_books import apply_events, make_end_event, make_fleet_events, make_job, make_printing_books
 
 LATER_S = 1000.0
 
@@ -21,7 +21,7 @@ def begun(plates=2):
         ev.PlateAssigned(at_s=2.0, plate=f"1/0{i}", printer=printer, print_id=name)
         for name, printer, i in names
     )
-    return run(printing(plates), *assigned)[0]
+    return apply_events(make_printing_books(plates), *assigned)[0]
 
 
 def test_no_notice_without_a_problem():
@@ -29,7 +29,7 @@ def test_no_notice_without_a_problem():
 
 
 def test_printed_job_and_empty_queue_are_notified_once():
-    books, _ = run(begun(), ended("x"), ended("y", at_s=300.0))
+    books, _ = apply_events(begun(), make_end_event("x"), make_end_event("y", at_s=300.0))
     texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "all jobs have ended"]
     assert list_texts(books) == texts
     assert (
@@ -37,27 +37,27 @@ def test_printed_job_and_empty_queue_are_notified_once():
     )
     assert list_texts(books, since_s=301.0) == []
     assert list_texts(books, now_s=300.0 + WINDOW_S / 2) == []
-    judged, _ = run(books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab"))
+    judged, _ = apply_events(books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab"))
     keys = [{notice.key for notice in list_due_notices(some, LATER_S, 0.0, ())} for some in (books, judged)]
     assert keys[0] == keys[1]  # a verdict is no news
-    more, _ = run(books, ev.JobSubmitted(at_s=400.0, job=job(2)))
+    more, _ = apply_events(books, ev.JobSubmitted(at_s=400.0, job=make_job(2)))
     assert list_texts(more) == texts[:1]
 
 
 def test_failure_is_notified_but_not_a_cancel():
-    failed = ended("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
-    books, _ = run(
+    failed = make_end_event("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
+    books, _ = apply_events(
         begun(), failed, ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann")
     )
-    books, _ = run(books, ended("y", PrintState.CANCELLED))
+    books, _ = apply_events(books, make_end_event("y", PrintState.CANCELLED))
     assert list_texts(books) == ["1/p01 failed on a: it does not get warm"]
 
 
 def test_failed_job_is_notified():
-    books, _ = run(
+    books, _ = apply_events(
         Books(),
-        *fleet(),
-        ev.JobSubmitted(at_s=0.0, job=job()),
+        *make_fleet_events(),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=0.0, job=1),
         ev.JobFailed(at_s=9.0, job=1, error=ErrorCode.NO_FIT, reason="too large"),
     )
@@ -65,8 +65,8 @@ def test_failed_job_is_notified():
 
 
 def test_lost_printer_is_notified_with_its_part():
-    lost = ended("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
-    books, _ = run(begun(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
+    lost = make_end_event("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
+    books, _ = apply_events(begun(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
     assert list_texts(books) == [
         "1/p01 failed on a: its port is gone",
         "c is lost: the connection to its board is gone",
@@ -75,22 +75,29 @@ def test_lost_printer_is_notified_with_its_part():
 
 def test_outage_is_notified_once_for_all_printers():
     removed = {"fault": "port_lost", "reason": "its port is gone"}
-    books, _ = run(
-        begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **removed) for i, name in enumerate("xyz"))
+    books, _ = apply_events(
+        begun(3),
+        *(make_end_event(name, PrintState.FAILED, 200.0 + i, **removed) for i, name in enumerate("xyz")),
     )
     assert list_texts(books) == ["a b c were lost at the same time; nothing starts before `farm resume`"]
-    books, _ = run(books, ev.OutageConfirmed(at_s=400.0, by="ann"), ev.PrinterLost(at_s=600.0, printer="a"))
+    books, _ = apply_events(
+        books, ev.OutageConfirmed(at_s=400.0, by="ann"), ev.PrinterLost(at_s=600.0, printer="a")
+    )
     assert list_texts(books)[1:] == ["a is lost: the connection to its board is gone"]
 
 
 def test_ended_dry_run_is_not_notified():
-    attempted = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
-    books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=attempted), ev.JobCancelled(at_s=4.0, job=2))
+    attempted = make_job(2).model_copy(
+        update={"options": make_job().options.model_copy(update={"dry_run": True})}
+    )
+    books, _ = apply_events(
+        make_printing_books(), ev.JobSubmitted(at_s=3.0, job=attempted), ev.JobCancelled(at_s=4.0, job=2)
+    )
     assert list_texts(books) == []
 
 
 def test_restored_database_is_notified_once():
-    books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
+    books, _ = apply_events(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
     (text,) = list_texts(books)
     assert text.startswith("the database was damaged and restored")
     assert (

@@ -20,7 +20,7 @@ from farm.views import describe_job, list_history
 from farm.views.charts import COLOURS, Bar, lay_out_gantt, list_bars
 from farm.views.report import list_figures, render_page
 from farm.views.report.decomposition import parse_report
-from make_books import run
+from make_books import apply_events
 from make_stl import stl_bytes
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -34,7 +34,7 @@ def report_of(books, **changes):
 
 
 def test_bar_of_every_print_has_the_colour_of_its_outcome():
-    books, _ = run(
+    books, _ = apply_events(
         night_books(),
         ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"),
         ev.BedCleared(at_s=300.0, printer="um2-02", by="ann", verdict=Verdict.BAD, why="warped"),
@@ -66,7 +66,7 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     stills = {"end": 300.0, "first_layer": 120.0, "failure": 400.0}
     for moment, at_s in stills.items():
         still = Still(moment=moment, at_s=at_s, file=f"{moment}.jpg")
-        books, _ = run(books, ev.StillKept(at_s=at_s, print_id=attempt.id, still=still))
+        books, _ = apply_events(books, ev.StillKept(at_s=at_s, print_id=attempt.id, still=still))
     view, rows, now = report_of(books)
     paths = {still.moment: still.file for one in view.prints for still in one.stills}
     pictures = {paths["end"]: PNG, paths["first_layer"]: b"\xff\xd8\xff"}

@@ -6,7 +6,7 @@ import pytest
 
 from farm.model import JobOptions, Role
 from farm.planning.plan import Plan
-from make_books import plan
+from make_books import make_plan_event
 from recording_controller import MODEL
 from web_farm import WebFarm, on_network
 
@@ -21,7 +21,7 @@ def farm(tmp_path):
     stored = f"{hashlib.sha256(content).hexdigest()}.stl"
     (farm.state.files / stored).write_bytes(content)
     (farm.state.files / "secret.txt").write_text("secret")
-    event = plan(1, 2)
+    event = make_plan_event(1, 2)
     parts = (event.parts[0].model_copy(update={"file": stored}), *event.parts[1:])
     farm.controller.on_plan(1, Plan(parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     yield farm

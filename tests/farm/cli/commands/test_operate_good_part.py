@@ -16,7 +16,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from http_caller import DAEMON_USER, called_by
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 

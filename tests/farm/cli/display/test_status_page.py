@@ -12,7 +12,7 @@ from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views import list_history, select_shown_jobs
-from make_books import job, plan, run
+from make_books import apply_events, make_job, make_plan_event
 
 
 def shown(view, width=120):
@@ -42,7 +42,7 @@ def test_row_of_a_free_printer_shows_its_reservation():
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
     doubt = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
-    books, _ = run(night_books(), doubt)
+    books, _ = apply_events(night_books(), doubt)
     lines = shown(status_of(books))
     assert lines[1].startswith(
         "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03: used at its LCD (06:30), um2-04:"
@@ -51,20 +51,20 @@ def test_manually_used_printer_needs_an_inspection_with_its_time():
 
 def test_text_of_users_is_not_interpreted():
     started = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
-    books, _ = run(night_books(), started)
+    books, _ = apply_events(night_books(), started)
     assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
 
 
 def test_unstarted_job_shows_known_figures_only():
-    events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
+    events = (ev.JobSubmitted(at_s=0.0, job=make_job()), ev.PlanningStarted(at_s=0.0, job=1))
     printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
-    held = plan(1, 1).model_copy(update={"held": True, "plan": "abc"})
-    books, _ = run(Books(), *printers, *events, held)
+    held = make_plan_event(1, 1).model_copy(update={"held": True, "plan": "abc"})
+    books, _ = apply_events(Books(), *printers, *events, held)
     lines = shown(status_of(books), width=200)
     assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
     assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; held until")
     assert lines[2].endswith("held until `farm approve 1`")
-    books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
+    books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
     assert shown(status_of(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
 
 
@@ -76,7 +76,9 @@ def test_night_with_cancelled_prints_only_is_described():
 
 
 def test_printer_in_maintenance_shows_its_reason():
-    books, _ = run(night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann"))
+    books, _ = apply_events(
+        night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann")
+    )
     (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
 
@@ -91,7 +93,7 @@ def test_absent_printer_is_a_task_but_not_a_connecting_one(link, needs):
 
 def test_verdict_on_a_part_is_shown():
     verdicts = zip(PRINTERS[:3], (Verdict.GOOD, Verdict.BAD, Verdict.GOOD), strict=True)
-    books, _ = run(
+    books, _ = apply_events(
         night_books(),
         *(ev.BedCleared(at_s=300.0, printer=n, by="ann", verdict=v, why="warped") for n, v in verdicts),
     )
@@ -114,7 +116,9 @@ def test_tasks_share_a_line_only_if_they_fit():
         "DO NOW   clear 3 beds: um2-01..03",
         "         inspect: um2-04: it does not get warm (00:00)",
     ]
-    books, _ = run(Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS))
+    books, _ = apply_events(
+        Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
+    )
     assert shown(status_of(books))[1] == "DO NOW   nothing"
 
 
@@ -132,16 +136,18 @@ def test_consecutive_names_are_shown_as_ranges(printers, text):
 
 
 def test_finished_jobs_leave_the_page_once_judged():
-    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=job(i)) for i in range(1, 31)))
-    books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
+    books, _ = apply_events(Books(), *(ev.JobSubmitted(at_s=0.0, job=make_job(i)) for i in range(1, 31)))
+    books, _ = apply_events(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
     assert [item.id for item in select_shown_jobs(books)] == [1, *range(21, 31)]
 
 
 def test_dry_run_is_on_the_page_only_while_planned():
-    attempted = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
-    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=item) for item in (job(1), attempted)))
+    attempted = make_job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
+    books, _ = apply_events(
+        Books(), *(ev.JobSubmitted(at_s=0.0, job=item) for item in (make_job(1), attempted))
+    )
     assert [item.id for item in select_shown_jobs(books)] == [1, 2]
-    books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
+    books, _ = apply_events(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
     assert [item.id for item in select_shown_jobs(books)] == [1]
 
 

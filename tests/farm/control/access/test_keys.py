@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 
 from farm.control.access.keys import digest_key, find_key, make_key_text
 from farm.model import KeyKind
-from make_books import key
+from make_books import make_key
 
 
 def test_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
     name, text = make_key_text()
     assert re.fullmatch(rf"farm_{name}_[\w-]{{43}}", text)
-    kept = key(id=name, digest=digest_key(text), expires_s=100.0)
+    kept = make_key(id=name, digest=digest_key(text), expires_s=100.0)
     keys = {name: kept}
     assert find_key(text, keys, 99.0) is kept
     assert text.split("_", 2)[2] not in kept.model_dump_json()
@@ -28,13 +28,13 @@ def test_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():
 @given(st.text())
 def test_unknown_text_is_not_accepted_as_key(text):
     name, secret = make_key_text()
-    assert find_key(text, {name: key(id=name, digest=digest_key(secret))}, 1.0) is None
+    assert find_key(text, {name: make_key(id=name, digest=digest_key(secret))}, 1.0) is None
 
 
 def test_session_is_not_accepted_as_key_nor_key_as_session():
     for kind, other in permutations(KeyKind):
         name, text = make_key_text(kind)
-        keys = {name: key(id=name, kind=kind, digest=digest_key(text))}
+        keys = {name: make_key(id=name, kind=kind, digest=digest_key(text))}
         assert find_key(text, keys, 1.0, kind) is keys[name]
         assert find_key(text, keys, 1.0, other) is None
         wrong = {name: keys[name].model_copy(update={"kind": other})}

@@ -9,7 +9,7 @@ from farm.control.access.sessions import IDLE_S, LINK_S, MAX_SESSION_S, MAX_SESS
 from farm.errors import NoSuchThing
 from farm.model import KeyKind, Role
 from farm.state import events as ev
-from make_books import key
+from make_books import make_key
 from recording_controller import Farm
 
 HOUR_S = 3600.0
@@ -153,7 +153,7 @@ def test_restarted_daemon_keeps_sessions_and_forgets_links(farm, tmp_path):
 
 
 def test_user_and_key_of_the_same_name_have_sessions_of_their_own(farm):
-    panel = key("ann", id="panel234", expires_s=None)
+    panel = make_key("ann", id="panel234", expires_s=None)
     farm.controller.handle(ev.KeyAdded(at_s=farm.clock.now_s, key=panel))
     text = farm.open_session("ann")
     for _ in range(MAX_SESSIONS + 3):

@@ -18,7 +18,7 @@ from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import MAX_PLATES, choose_evenly, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.plan import DecomposeTask, Plan
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 
 MODEL = "ultimaker2_plus"
 

@@ -8,7 +8,7 @@ from farm.planning.plan import Plan
 from farm.planning.replanning.replan import ReplannedPlate, make_next_plate_id
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
-from make_books import plan as planned
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 
 PLAIN = "ultimaker2"

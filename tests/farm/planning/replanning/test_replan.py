@@ -18,7 +18,7 @@ from farm.planning.replanning.cut_part import cut_part
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
-from make_books import plan
+from make_books import make_plan_event
 from same_process import SameProcess
 
 PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
@@ -43,7 +43,7 @@ def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
     fleet = Fleet.model_validate(
         {"printers": [{"name": n, "model": model, "port": f"sim://{model}"} for n, model in names]}
     )
-    expected = plan(1, 2)
+    expected = make_plan_event(1, 2)
     planned: Part = expected.parts[0]
     part = planned.model_copy(
         update={

@@ -20,7 +20,7 @@ from farm.state.retention import (
     select_jobs,
 )
 from farm.state.transitions import apply
-from make_books import ended, fleet, job, plan, run
+from make_books import apply_events, make_end_event, make_fleet_events, make_job, make_plan_event
 from old_jobs import DAY_S, NOW_S, books_of
 
 
@@ -76,31 +76,31 @@ def test_job_that_is_open_or_not_judged_is_never_pruned(state):
 def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
     """A bad verdict, or a good one on a failed print, changes the job: its files may be needed."""
     cancelled = ev.JobCancelled(at_s=201.0, job=1, by="ann")
-    books, _ = run(
+    books, _ = apply_events(
         Books(),
-        *fleet(),
-        ev.JobSubmitted(at_s=0.0, job=job()),
+        *make_fleet_events(),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=0.0, job=1),
-        plan(plates=2),
+        make_plan_event(plates=2),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x"),
+        make_end_event("x"),
         cancelled,
     )
     assert find_need(books, books.jobs[1]) == "on the bed of a"
     with pytest.raises(InvalidTransition, match="on the bed of a"):
         prune(books, 1)
-    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD))
+    books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD))
     assert books.jobs[1].state is JobState.CANCELLED
     assert find_need(books, books.jobs[1]) is None
 
 
 def test_open_print_keeps_the_files_of_a_cancelled_job():
-    books, _ = run(
+    books, _ = apply_events(
         Books(),
-        *fleet(),
-        ev.JobSubmitted(at_s=0.0, job=job()),
+        *make_fleet_events(),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=0.0, job=1),
-        plan(plates=1),
+        make_plan_event(plates=1),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.JobCancelled(at_s=3.0, job=1, by="ann"),
     )

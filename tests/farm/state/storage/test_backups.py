@@ -28,8 +28,8 @@ from farm.state.storage.backups import (
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.views import list_tasks
-from make_books import fleet, job, run
-from make_books import plan as planned
+from make_books import apply_events, make_fleet_events, make_job
+from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 NIGHT_S = 1_790_000_000.0
@@ -45,7 +45,7 @@ def fill(state):
     """Books with three printers, and their JSON."""
     books = Books()
     with Store(state.books) as store:
-        for event in fleet():
+        for event in make_fleet_events():
             after, _ = apply(event, books)
             store.commit(event, books, after)
             books = after
@@ -54,8 +54,10 @@ def fill(state):
 
 def books_held():
     """Books with a job that waits for its approval."""
-    events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
-    return run(Books(), *fleet(), *events, planned().model_copy(update={"held": True}))[0]
+    events = (ev.JobSubmitted(at_s=0.0, job=make_job()), ev.PlanningStarted(at_s=0.0, job=1))
+    return apply_events(Books(), *make_fleet_events(), *events, planned().model_copy(update={"held": True}))[
+        0
+    ]
 
 
 def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):

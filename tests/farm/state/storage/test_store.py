@@ -12,7 +12,15 @@ from farm.state.books import Books
 from farm.state.storage.migrations import FIRST_VERSIONS, SCHEMA_VERSION, TABLES
 from farm.state.storage.store import Store, StoreError, read_books
 from farm.state.transitions import apply
-from make_books import ended, fleet, job, key, plan, printing, run
+from make_books import (
+    apply_events,
+    make_end_event,
+    make_fleet_events,
+    make_job,
+    make_key,
+    make_plan_event,
+    make_printing_books,
+)
 
 
 def in_form(db, version):
@@ -29,10 +37,10 @@ def test_store_returns_committed_entities(tmp_path):
     books = Books()
     with Store(tmp_path / "farm.db") as store:
         for event in (
-            *fleet(),
-            ev.JobSubmitted(at_s=0.0, job=job()),
+            *make_fleet_events(),
+            ev.JobSubmitted(at_s=0.0, job=make_job()),
             ev.PlanningStarted(at_s=0.0, job=1),
-            plan(),
+            make_plan_event(),
         ):
             after, _ = apply(event, books)
             store.commit(event, books, after)
@@ -50,8 +58,8 @@ def test_books_in_a_public_folder_are_private(tmp_path):
         for _ in range(2):
             with Store(tmp_path / "farm.db") as store:
                 before = Books()
-                after, _ = apply(fleet()[0], before)
-                store.commit(fleet()[0], before, after)
+                after, _ = apply(make_fleet_events()[0], before)
+                store.commit(make_fleet_events()[0], before, after)
                 modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()}
                 assert {"farm.db", "farm.db-wal", "farm.db-shm"} <= set(modes)
                 assert set(modes.values()) == {0o600}, modes
@@ -63,10 +71,10 @@ def test_books_in_a_public_folder_are_private(tmp_path):
 def test_failed_commit_changes_nothing(tmp_path):
     store = Store(tmp_path / "farm.db")
     before = Books()
-    after, _ = apply(fleet()[0], before)
+    after, _ = apply(make_fleet_events()[0], before)
     store.close()
     with pytest.raises(StoreError, match="cannot be written"):
-        store.commit(fleet()[0], before, after)
+        store.commit(make_fleet_events()[0], before, after)
     with Store(tmp_path / "farm.db") as repeated:
         assert repeated.load() == before
 
@@ -81,9 +89,9 @@ def test_database_of_the_first_schema_is_migrated(tmp_path):
     import sqlite3
 
     path = tmp_path / "farm.db"
-    books = printing(plates=1)
+    books = make_printing_books(plates=1)
     with Store(path) as store:
-        store.commit(plan(), Books(), books)
+        store.commit(make_plan_event(), Books(), books)
     with sqlite3.connect(path) as db:  # a verdict was the part's
         db.execute("UPDATE part SET body = json_set(body, '$.verdict', NULL)")
         in_form(db, 1)
@@ -96,7 +104,7 @@ def test_row_that_cannot_be_read_is_named(tmp_path):
     import sqlite3
 
     with Store(tmp_path / "farm.db") as store:
-        event = fleet()[0]
+        event = make_fleet_events()[0]
         store.commit(event, Books(), apply(event, Books())[0])
     with sqlite3.connect(tmp_path / "farm.db") as db:
         body = '{"name": "a", "bed": "soft"}'
@@ -110,21 +118,25 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
     import sqlite3
 
     path = tmp_path / "farm.db"
-    books = printing(plates=2)
-    books, _ = run(
+    books = make_printing_books(plates=2)
+    books, _ = apply_events(
         books,
-        *(ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=1)),
+        *(
+            ev.JobSubmitted(at_s=0.0, job=make_job(2)),
+            ev.PlanningStarted(at_s=0.0, job=2),
+            make_plan_event(2, plates=1),
+        ),
         ev.PlateAssigned(at_s=1.0, plate="2/01", printer="a", print_id="0"),
-        ended("0", at_s=100.0),
+        make_end_event("0", at_s=100.0),
         ev.BedCleared(at_s=150.0, printer="a", by="ann"),
         ev.PlateAssigned(at_s=151.0, plate="1/01", printer="a", print_id="1"),
         ev.PlateAssigned(at_s=151.0, plate="1/02", printer="b", print_id="2"),
-        ended("1", at_s=200.0),
-        ended("2", at_s=201.0),
+        make_end_event("1", at_s=200.0),
+        make_end_event("2", at_s=201.0),
         ev.BedCleared(at_s=202.0, printer="a", by="ann"),
     )
     with Store(path) as store:
-        store.commit(plan(), Books(), books)
+        store.commit(make_plan_event(), Books(), books)
     with sqlite3.connect(path) as db:
         db.execute("UPDATE print SET body = json_remove(body, '$.verdict')")
         db.execute("UPDATE job SET body = json_set(body, '$.state', 'printed')")
@@ -134,7 +146,7 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
         books = store.load()
     assert {p.id: p.verdict for p in books.prints.values()} == {"0": "good", "1": "good", "2": None}
     assert {number: entry.state for number, entry in books.jobs.items()} == {1: "printed", 2: "done"}
-    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="b", by="ann"))
+    books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="b", by="ann"))
     assert books.jobs[1].state == "done"
 
 
@@ -142,13 +154,13 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
 def test_books_from_before_keys_are_read_and_get_their_table(tmp_path, version):
     path = tmp_path / "farm.db"
     with Store(path) as store:
-        books, _ = apply(fleet()[0], Books())
-        store.commit(fleet()[0], Books(), books)
+        books, _ = apply(make_fleet_events()[0], Books())
+        store.commit(make_fleet_events()[0], Books(), books)
         in_form(store._db, version)
     assert read_books(path) == (books, version)
     with Store(path) as store:
         assert store.load() == books
-        event = ev.KeyAdded(at_s=1.0, key=key())
+        event = ev.KeyAdded(at_s=1.0, key=make_key())
         after, _ = apply(event, books)
         store.commit(event, books, after)
     assert read_books(path) == (after, SCHEMA_VERSION)
@@ -157,7 +169,7 @@ def test_books_from_before_keys_are_read_and_get_their_table(tmp_path, version):
 def test_removed_key_is_removed_from_the_disk(tmp_path):
     path = tmp_path / "farm.db"
     old, new = (
-        key(id=name, kind=KeyKind.SESSION, expires_s=float(at)) for at, name in ((5, "s1"), (50, "s2"))
+        make_key(id=name, kind=KeyKind.SESSION, expires_s=float(at)) for at, name in ((5, "s1"), (50, "s2"))
     )
     books = Books()
     with Store(path) as store:
@@ -170,5 +182,5 @@ def test_removed_key_is_removed_from_the_disk(tmp_path):
 
 
 def test_key_of_a_version_without_sessions_is_no_session():
-    body = key().model_dump(mode="json", exclude={"kind"})
+    body = make_key().model_dump(mode="json", exclude={"kind"})
     assert Key.model_validate(body).kind is KeyKind.KEY

@@ -14,22 +14,22 @@ from farm.state.books import Books
 from farm.state.storage.backups import back_up, open_books
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
-from make_books import ended, fleet, job
-from make_books import plan as planned
+from make_books import make_end_event, make_fleet_events, make_job
+from make_books import make_plan_event as planned
 
 BACKED_UP = 5  # events
 EVENTS = (
-    *fleet(),
-    ev.JobSubmitted(at_s=0.0, job=job()),
+    *make_fleet_events(),
+    ev.JobSubmitted(at_s=0.0, job=make_job()),
     ev.PlanningStarted(at_s=0.0, job=1),
     planned(plates=3),
     ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="a"),
     ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="b"),
-    ended("a", at_s=100.0),
+    make_end_event("a", at_s=100.0),
     ev.BedCleared(at_s=150.0, printer="a", by="ann"),
     ev.PlateAssigned(at_s=151.0, plate="1/03", printer="a", print_id="c"),
-    ended("c", at_s=200.0),
-    ended("b", at_s=201.0),
+    make_end_event("c", at_s=200.0),
+    make_end_event("b", at_s=201.0),
 )
 NOW_S = 1000.0
 

@@ -9,26 +9,33 @@ from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
-from make_books import ended, fleet, job, plan, printing, run
+from make_books import (
+    apply_events,
+    make_end_event,
+    make_fleet_events,
+    make_job,
+    make_plan_event,
+    make_printing_books,
+)
 
 ASSIGNED = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 HEATING = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False)
 CANCELLED = ev.JobCancelled(at_s=5.0, job=1)
 UNFIT = {
-    "a print ends twice": ([ASSIGNED, ended("x")], ended("x"), "print x is done"),
-    "a print goes on after its end": ([ASSIGNED, ended("x")], HEATING, "print x is done"),
+    "a print ends twice": ([ASSIGNED, make_end_event("x")], make_end_event("x"), "print x is done"),
+    "a print goes on after its end": ([ASSIGNED, make_end_event("x")], HEATING, "print x is done"),
     "a print that has begun is withdrawn": (
         [ASSIGNED, HEATING],
         ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="so"),
         "print x is heating",
     ),
     "a print is to fail after its end": (
-        [ASSIGNED, ended("x")],
+        [ASSIGNED, make_end_event("x")],
         ev.PrintFailRequested(at_s=9.0, print_id="x", why="a blob", by="ann"),
         "print x is done",
     ),
     "a job is cancelled twice": ([CANCELLED], CANCELLED, "job 1 is cancelled"),
-    "a cancelled job is planned": ([CANCELLED], plan(), "job 1 is cancelled"),
+    "a cancelled job is planned": ([CANCELLED], make_plan_event(), "job 1 is cancelled"),
     "a job is approved that nobody holds": (
         [],
         ev.JobApproved(at_s=5.0, job=1, by="ann"),
@@ -44,7 +51,7 @@ UNFIT = {
         ev.PlatePaused(at_s=4.0, plate="1/01", wanted=True, by="ann"),
         "plate 1/01 is printing",
     ),
-    "a printer is added twice": ([], fleet()[0], "printer a is clear"),
+    "a printer is added twice": ([], make_fleet_events()[0], "printer a is clear"),
     "a bed is cleared under a print": (
         [ASSIGNED],
         ev.BedCleared(at_s=4.0, printer="a", by="ann"),
@@ -53,7 +60,7 @@ UNFIT = {
     "an outage is confirmed that is none": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "in no outage"),
     "an end is no end": (
         [ASSIGNED],
-        ended("x", PrintState.HEATING),
+        make_end_event("x", PrintState.HEATING),
         "print x is assigned, and would be heating",
     ),
 }
@@ -61,7 +68,7 @@ UNFIT = {
 
 @pytest.mark.parametrize(("before", "event", "message"), UNFIT.values(), ids=UNFIT)
 def test_invalid_transition_names_its_cause(before, event, message):
-    books, _ = run(printing(), *before)
+    books, _ = apply_events(make_printing_books(), *before)
     with pytest.raises(InvalidTransition, match=message) as raised:
         apply(event, books)
     assert type(event).__name__ in str(raised.value)
@@ -72,33 +79,33 @@ def test_invalid_transition_names_its_cause(before, event, message):
     [
         ev.JobCancelled(at_s=5.0, job=7),
         ev.PlateCancelled(at_s=5.0, plate="7/01", by="ann"),
-        ended("nobody"),
+        make_end_event("nobody"),
         ev.MaintenanceEnded(at_s=5.0, printer="z", by="ann"),
     ],
     ids=lambda event: type(event).__name__,
 )
 def test_unknown_entity_is_named(event):
     with pytest.raises(NoSuchThing, match="there is no"):
-        apply(event, printing())
+        apply(event, make_printing_books())
 
 
 def test_state_outside_the_transition_table_is_an_error():
-    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    started = job().model_copy(update={"state": "printing"})
+    books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
+    started = make_job().model_copy(update={"state": "printing"})
     with pytest.raises(InvalidTransition, match="would be printing"):
         apply(ev.JobSubmitted(at_s=1.0, job=started), books)
 
 
 def test_error_has_the_history_of_its_entity_only(tmp_path):
     events = [
-        *fleet(),
-        ev.JobSubmitted(at_s=0.0, job=job()),
+        *make_fleet_events(),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=1.0, job=1),
-        plan(),
+        make_plan_event(),
         ASSIGNED,
         ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
         HEATING,
-        ended("x"),
+        make_end_event("x"),
     ]
     with Store(tmp_path / "farm.db") as store:
         books = Books()

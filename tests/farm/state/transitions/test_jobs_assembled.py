@@ -7,12 +7,12 @@ from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
-from make_books import job, printing
+from make_books import make_job, make_printing_books
 
 
 @pytest.mark.parametrize("state", [JobState.PRINTED, JobState.DONE])
 def test_time_of_gluing_is_kept_and_replaced_by_a_later_report(state):
-    books = printing()
+    books = make_printing_books()
     books = put(books, replace_fields(books.jobs[1], state=state))
     for minutes in (45.0, 40.0):
         books, instructions = apply(ev.JobAssembled(at_s=9.0, job=1, minutes=minutes, by="ann"), books)
@@ -22,18 +22,18 @@ def test_time_of_gluing_is_kept_and_replaced_by_a_later_report(state):
 
 def test_parts_that_are_not_printed_are_not_glued():
     with pytest.raises(InvalidTransition):
-        apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), printing())
+        apply(ev.JobAssembled(at_s=9.0, job=1, minutes=45.0), make_printing_books())
 
 
 def test_expected_time_follows_what_was_reported_within_bounds():
     def glued(minutes: float, expected_s: float | None = 3600.0) -> Job:
-        return job().model_copy(
+        return make_job().model_copy(
             update={"assembly_s": expected_s, "gluing": Gluing(minutes=minutes, at_s=0.0, by="ann")}
         )
 
     assert (
         compute_assembly_ratio([])
-        == compute_assembly_ratio([job()])
+        == compute_assembly_ratio([make_job()])
         == compute_assembly_ratio([glued(99.0, None)])
         == 1.0
     )
@@ -47,8 +47,8 @@ def test_expected_time_follows_what_was_reported_within_bounds():
 
 def test_printing_has_to_end_before_the_gluing():
     options = JobOptions(assembled_by="18:00")
-    waiting = job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
+    waiting = make_job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
     assert waiting.printed_by_s(1.5) == 10_000.0
     expected = waiting.model_copy(update={"assembly_s": 3_000.0})
     assert (expected.printed_by_s(1.0), expected.printed_by_s(1.5)) == (7_000.0, 5_500.0)
-    assert job().printed_by_s(1.5) is None
+    assert make_job().printed_by_s(1.5) is None

@@ -7,25 +7,25 @@ from farm.model import KeyKind, Role
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.transitions import apply
-from make_books import fleet, key, run
+from make_books import apply_events, make_fleet_events, make_key
 
 
 def added(**fields):
-    return run(Books(), *fleet(), ev.KeyAdded(at_s=0.0, key=key(**fields)))[0]
+    return apply_events(Books(), *make_fleet_events(), ev.KeyAdded(at_s=0.0, key=make_key(**fields)))[0]
 
 
 def test_key_is_valid_until_it_expires_or_is_revoked():
     books = added(expires_s=100.0)
     assert books.key("abcd2345").is_valid(99.0)
     assert not books.key("abcd2345").is_valid(100.0)
-    books, _ = run(books, ev.KeyRevoked(at_s=50.0, key="abcd2345", by="ann"))
+    books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="abcd2345", by="ann"))
     assert not books.key("abcd2345").is_valid(51.0)
     with pytest.raises(NoSuchThing, match="there is no key zz"):
         apply(ev.KeyRevoked(at_s=50.0, key="zz", by="ann"), books)
 
 
 def test_restored_backup_revokes_all_keys():
-    books, _ = run(added(), ev.BooksRestored(at_s=50.0, copied_s=10.0))
+    books, _ = apply_events(added(), ev.BooksRestored(at_s=50.0, copied_s=10.0))
     assert books.key("abcd2345").revoked_s == 50.0
 
 
@@ -38,24 +38,30 @@ def test_each_role_includes_those_before_it():
 
 
 def session(name, user="ann", at_s=0.0, expires_s=100.0):
-    opened = key(user, id=name, kind=KeyKind.SESSION, created_s=at_s, expires_s=expires_s)
+    opened = make_key(user, id=name, kind=KeyKind.SESSION, created_s=at_s, expires_s=expires_s)
     return ev.SessionOpened(at_s=at_s, session=opened)
 
 
 def test_used_session_is_valid_until_its_later_end():
-    books, _ = run(Books(), session("s1"), ev.SessionExtended(at_s=90.0, session="s1", expires_s=190.0))
+    books, _ = apply_events(
+        Books(), session("s1"), ev.SessionExtended(at_s=90.0, session="s1", expires_s=190.0)
+    )
     assert books.key("s1").is_valid(189.0)
     assert not books.key("s1").is_valid(190.0)
 
 
 def test_ended_sessions_of_a_user_leave_the_books_when_the_user_opens_another():
-    books, _ = run(added(name="ann", expires_s=1.0), session("s1"), session("s2"), session("s3", "bob"))
-    books, _ = run(books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), session("s4", at_s=60.0))
+    books, _ = apply_events(
+        added(name="ann", expires_s=1.0), session("s1"), session("s2"), session("s3", "bob")
+    )
+    books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), session("s4", at_s=60.0))
     assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # never a key, and of this user alone
-    books, _ = run(books, session("s5", at_s=150.0, expires_s=300.0))
+    books, _ = apply_events(books, session("s5", at_s=150.0, expires_s=300.0))
     assert set(books.keys) == {"abcd2345", "s3", "s5"}
 
 
 def test_restored_backup_ends_every_session():
-    books, _ = run(Books(), *fleet(), session("s1"), ev.BooksRestored(at_s=50.0, copied_s=10.0))
+    books, _ = apply_events(
+        Books(), *make_fleet_events(), session("s1"), ev.BooksRestored(at_s=50.0, copied_s=10.0)
+    )
     assert books.key("s1").revoked_s == 50.0

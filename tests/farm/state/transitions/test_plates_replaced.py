@@ -12,7 +12,7 @@ from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.views import describe_job
 from farm.views.accounting import summarise_job
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 
 def replaced(books, plate, names=("a", "b")):
@@ -45,12 +45,16 @@ def clear(printer, verdict=Verdict.GOOD):
 
 
 def failed_once():
-    return run(printing(3), begun("1/02", "b", "x"), ended("x", PrintState.FAILED, fault="mintemp"))[0]
+    return apply_events(
+        make_printing_books(3),
+        begun("1/02", "b", "x"),
+        make_end_event("x", PrintState.FAILED, fault="mintemp"),
+    )[0]
 
 
 def test_pieces_replace_their_part_and_continue_its_attempts():
     books = failed_once()
-    books, reported = run(books, replaced(books, "1/02"))
+    books, reported = apply_events(books, replaced(books, "1/02"))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
@@ -63,21 +67,25 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     assert summarise_job(books, job).wasted_s == 198.0  # of the one print that failed, once
     for attempt in range(1, ATTEMPTS):
         name = f"y{attempt}"
-        events = (clear("b"), begun("1/02a", "b", name), ended(name, PrintState.FAILED, fault="mintemp"))
-        books, _ = run(books, *events)
+        events = (
+            clear("b"),
+            begun("1/02a", "b", name),
+            make_end_event(name, PrintState.FAILED, fault="mintemp"),
+        )
+        books, _ = apply_events(books, *events)
     assert books.plate_state(books.plates["1/02a"]) is PlateState.OUT_OF_ATTEMPTS
     assert books.plate_state(books.plates["1/02b"]) is PlateState.WAITING
 
 
 def test_resliced_part_keeps_its_name_and_prints():
     books = failed_once()
-    books, _ = run(books, replaced(books, "1/02", ()))
+    books, _ = apply_events(books, replaced(books, "1/02", ()))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02-2", "1/03")
     assert (job.parts, books.parts["1/p02"].plate) == (("1/p01", "1/p02", "1/p03"), "1/02-2")
     assert books.plates["1/02-2"].prints == ("x",)
     with pytest.raises(InvalidTransition, match="plate 1/02 is replaced"):
-        run(books, begun("1/02", "c", "z"))
+        apply_events(books, begun("1/02", "c", "z"))
 
 
 @pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
@@ -86,14 +94,14 @@ def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
     event = replaced(books, "1/02")
     other = {
         "printing": [begun("1/02", "a", "z")],
-        "printed": [begun("1/02", "a", "z"), ended("z")],
+        "printed": [begun("1/02", "a", "z"), make_end_event("z")],
         "cancelled": [ev.PlateCancelled(at_s=8.0, plate="1/02", by="ann")],
         "held": [ev.BooksRestored(at_s=8.0, copied_s=7.0)],
         "replaced": [replaced(books, "1/02", ())],
     }[meanwhile]
-    books, _ = run(books, *other)
+    books, _ = apply_events(books, *other)
     with pytest.raises(InvalidTransition):
-        run(books, event)
+        apply_events(books, event)
 
 
 steps = st.lists(
@@ -109,21 +117,21 @@ steps = st.lists(
 @given(steps)
 def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
     """After any reslices and recuts, the current plates are the planned parts, each piece once."""
-    books = printing(3)
+    books = make_printing_books(3)
     for number, (what, which, printer) in enumerate(taken):
         waiting = sorted(plate.id for plate in books.waiting_plates())
         attempt = books.open_print_on(printer)
         if what in ("slice", "cut") and waiting:
             letters = "ab" if what == "cut" else ()
-            books, _ = run(books, replaced(books, waiting[which % len(waiting)], letters))
+            books, _ = apply_events(books, replaced(books, waiting[which % len(waiting)], letters))
         elif what == "begin" and waiting and attempt is None and books.printers[printer].bed is Bed.CLEAR:
-            books, _ = run(books, begun(waiting[which % len(waiting)], printer, f"p{number}"))
+            books, _ = apply_events(books, begun(waiting[which % len(waiting)], printer, f"p{number}"))
         elif what in ("done", "fail") and attempt is not None:
             state = PrintState.DONE if what == "done" else PrintState.FAILED
-            books, _ = run(books, ended(attempt.id, state, 200.0 + number, fault="mintemp"))
+            books, _ = apply_events(books, make_end_event(attempt.id, state, 200.0 + number, fault="mintemp"))
         elif what in ("clear", "bad") and attempt is None:
             bad = what == "bad" and books.print_to_judge(printer) is not None
-            books, _ = run(books, clear(printer, Verdict.BAD if bad else Verdict.GOOD))
+            books, _ = apply_events(books, clear(printer, Verdict.BAD if bad else Verdict.GOOD))
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
     current = [name for plate in books.plates_of(job) for name in plate.parts]
@@ -151,7 +159,7 @@ def _share(books, part, whole):
 
 def test_failures_of_a_cut_part_are_shown_once():
     books = failed_once()
-    books, _ = run(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
+    books, _ = apply_events(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
     view = describe_job(view_context_of(books), books.jobs[1])
     shown = {part.id: [item.part for item in part.prints] for part in view.parts}
     assert shown == {

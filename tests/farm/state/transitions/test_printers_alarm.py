@@ -10,7 +10,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.reconciliation import detect_alarm
 from farm.views import ViewContext, describe_printer, list_due_notices, list_tasks
-from make_books import printing, run
+from make_books import apply_events, make_printing_books
 
 FOUND = "the nozzle went up to 257 C, above 210"
 CUT = f"{FOUND}; power_off_cmd cut its mains"
@@ -35,7 +35,7 @@ def word(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
 def begun():
     given = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     going = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True)
-    return run(printing(), given, going)[0]
+    return apply_events(make_printing_books(), given, going)[0]
 
 
 def context(books, message):
@@ -43,7 +43,7 @@ def context(books, message):
 
 
 def apply_report(books, message, at_s=50.0):
-    return run(books, *detect_alarm(books.printers["a"], message, at_s))[0]
+    return apply_events(books, *detect_alarm(books.printers["a"], message, at_s))[0]
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
@@ -55,17 +55,19 @@ def test_alarm_is_the_first_task_with_state_and_temperatures():
     observed = describe_printer(context(books, word()), FLEET.printers[0], None)
     assert (observed.state, observed.look) == ("look", FOUND)
     idle = word(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
-    assert "(fault, nozzle 271 C" in list_tasks(context(printing(), idle))[0].text
+    assert "(fault, nozzle 271 C" in list_tasks(context(make_printing_books(), idle))[0].text
 
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(hand: str):
     books = apply_report(begun(), word())
     if hand == "maintenance":
-        books, _ = run(books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann"))
+        books, _ = apply_events(
+            books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
+        )
     else:
         lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
-        books, _ = run(books, *lost)
+        books, _ = apply_events(books, *lost)
         assert books.outage is not None
     assert list_tasks(context(books, word()))[0].code == "alarm"
 
@@ -88,9 +90,9 @@ def test_alarm_after_a_cleared_one_is_notified():
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,
         ended_s=60.0, extruded=True, filament="unknown",
     )  # fmt: skip
-    books, _ = run(books, failed)
+    books, _ = apply_events(books, failed)
     assert books.printers["a"].attention_reason == CUT
-    books, _ = run(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
+    books, _ = apply_events(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
     entry = books.printers["a"]
     assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
         books, 70.0, 70.0, ()

@@ -8,21 +8,21 @@ from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
 from farm.views import list_due_notices
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 
 def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
     path = tmp_path / "farm.db"
     earlier = (
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x", at_s=5000.0),
+        make_end_event("x", at_s=5000.0),
         ev.BedCleared(at_s=5001.0, printer="a", by="ann"),
         ev.ClockSet(at_s=1000.0, by_s=-4001.0),
         ev.PlateAssigned(at_s=1100.0, plate="1/02", printer="a", print_id="y"),
-        ended("y", at_s=1500.0, started_s=1100.0),
+        make_end_event("y", at_s=1500.0, started_s=1100.0),
     )
     with Store(path) as store:
-        books = printing()
+        books = make_printing_books()
         store.commit(earlier[0], Books(), books)
         for event in earlier:
             before = books
@@ -32,26 +32,26 @@ def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
         first = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
         store.commit(earlier[0], books, put(books, first))  # written last
         assert store.load().print_to_judge("a").id == "y"
-    books, _ = run(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
+    books, _ = apply_events(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
     assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
 
 
 def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     lost = (
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),
+        make_end_event("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),
     )
-    books, _ = run(printing(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
+    books, _ = apply_events(make_printing_books(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
     assert find_plate_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
     assert find_plate_holds(books, [], 1000.0) == {}
     assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
 def test_clock_step_shifts_open_prints_only():
-    books, _ = run(
-        printing(),
+    books, _ = apply_events(
+        make_printing_books(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x"),
+        make_end_event("x"),
         ev.PlateAssigned(at_s=300.0, plate="1/02", printer="b", print_id="y"),
         ev.PrintProgressed(
             at_s=310.0, print_id="y", state=PrintState.PRINTING, started_s=305.0, extruded=True

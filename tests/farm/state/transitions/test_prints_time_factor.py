@@ -15,7 +15,7 @@ from farm.state.transitions.prints import (
     MIN_TIME_FACTOR,
     update_time_factor,
 )
-from make_books import ended, printing, run
+from make_books import apply_events, make_end_event, make_printing_books
 
 HOUR_S = 3600.0
 FACTORS = st.floats(MIN_TIME_FACTOR, MAX_TIME_FACTOR)
@@ -84,10 +84,10 @@ def long_plate(books, factor):
 
 
 def printed(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
-    return run(
-        long_plate(printing(plates=2), planned),
+    return apply_events(
+        long_plate(make_printing_books(plates=2), planned),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
-        ended("x", state, at_s=2.0 + elapsed_s, fault=None, reason="r"),
+        make_end_event("x", state, at_s=2.0 + elapsed_s, fault=None, reason="r"),
     )[0]
 
 
@@ -107,12 +107,12 @@ def test_failed_print_does_not_update_the_factor():
 
 def test_paused_print_does_not_update_the_factor():
     facts = {"print_id": "x", "started_s": 2.0, "extruded": True}
-    books, _ = run(
-        long_plate(printing(), 1.0),
+    books, _ = apply_events(
+        long_plate(make_printing_books(), 1.0),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **facts),
         ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **facts),
-        ended("x", at_s=1.1 * HOUR_S),
+        make_end_event("x", at_s=1.1 * HOUR_S),
     )
     assert books.printers["a"].time_factor == 1.0
 

@@ -9,16 +9,18 @@ from farm.scheduling.situation_builder import describe_plates
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
-from make_books import fleet, job, plan, run
+from make_books import apply_events, make_fleet_events, make_job, make_plan_event
 
 
 def queued(*priorities):
     """Books with a queued job of each priority."""
     events = (
-        ev.JobSubmitted(at_s=0.0, job=job(n).model_copy(update={"options": JobOptions(priority=priority)}))
+        ev.JobSubmitted(
+            at_s=0.0, job=make_job(n).model_copy(update={"options": JobOptions(priority=priority)})
+        )
         for n, priority in enumerate(priorities, 1)
     )
-    return run(Books(), *fleet(), *events)[0]
+    return apply_events(Books(), *make_fleet_events(), *events)[0]
 
 
 def order(books):
@@ -26,7 +28,7 @@ def order(books):
 
 
 def move(books, number, before):
-    return run(books, ev.JobMoved(at_s=1.0, job=number, before=before, by="ann"))[0]
+    return apply_events(books, ev.JobMoved(at_s=1.0, job=number, before=before, by="ann"))[0]
 
 
 def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
@@ -52,8 +54,8 @@ def test_moved_job_keeps_its_place_and_the_others_their_order(priorities, moves)
         place = len(others) if before is None else others.index(before)
         books = move(books, number, before)
         assert order(books) == [*others[:place], number, *others[place:]]
-    later = ev.JobSubmitted(at_s=2.0, job=job(len(priorities) + 1))
-    last = order(run(books, later)[0])
+    later = ev.JobSubmitted(at_s=2.0, job=make_job(len(priorities) + 1))
+    last = order(apply_events(books, later)[0])
     same = [n for n in last if books.jobs.get(n, later.job).priority == 0]
     assert same[-1] == len(priorities) + 1  # behind all jobs of its priority
 
@@ -68,13 +70,13 @@ def test_two_jobs_can_be_swapped_any_number_of_times():
         _first, second, last = order(books)
         books = move(books, second, before=None)
         assert order(books)[1:] == [last, second]
-    later = run(books, ev.JobSubmitted(at_s=2.0, job=job(4)))[0]
+    later = apply_events(books, ev.JobSubmitted(at_s=2.0, job=make_job(4)))[0]
     assert order(later)[-1] == 4
 
 
 def test_job_cannot_be_put_before_one_that_is_not_in_the_queue():
     books = queued(0, 0)
-    books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
+    books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
     with pytest.raises(InvalidTransition, match="not in the queue"):
         move(books, 2, before=1)
     with pytest.raises(InvalidTransition):
@@ -82,10 +84,12 @@ def test_job_cannot_be_put_before_one_that_is_not_in_the_queue():
 
 
 def test_plates_are_served_in_the_order_of_their_jobs():
-    books = run(Books(), *fleet())[0]
+    books = apply_events(Books(), *make_fleet_events())[0]
     for number in (1, 2):
-        submitted = ev.JobSubmitted(at_s=0.0, job=job(number))
-        books, _ = run(books, submitted, ev.PlanningStarted(at_s=0.0, job=number), plan(number, plates=2))
+        submitted = ev.JobSubmitted(at_s=0.0, job=make_job(number))
+        books, _ = apply_events(
+            books, submitted, ev.PlanningStarted(at_s=0.0, job=number), make_plan_event(number, plates=2)
+        )
     books = move(books, 2, before=1)
     waiting = sorted(describe_plates(books.waiting_plates(), books), key=lambda plate: plate.priority_key)
     assert [plate.id for plate in waiting] == ["2/01", "2/02", "1/01", "1/02"]

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from farm.model import Print, PrintState, Verdict
 from farm.views.dashboard.figures import group_figures, name_month, sum_figures
-from make_books import plan
+from make_books import make_plan_event
 from scheduling_examples import UTC
 
-PLATES = {plate.id: plate for plate in plan(1, 2).plates}  # 100 s and 3 g each
+PLATES = {plate.id: plate for plate in make_plan_event(1, 2).plates}  # 100 s and 3 g each
 DONE, FAILED, CANCELLED = PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED
 
 

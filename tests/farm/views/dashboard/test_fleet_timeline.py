@@ -23,7 +23,7 @@ from farm.state import events as ev
 from farm.views.dashboard import Change, describe_fleet_timeline
 from farm.views.dashboard.fleet_plan import list_spans
 from farm.week_windows import parse_window
-from make_books import run
+from make_books import apply_events
 from scheduling_examples import UTC, hours
 
 NOW_S = START_S + 1000.0
@@ -37,7 +37,9 @@ def night():
         books, "1/02", "a", START_S + 200.0, 50.0, state=PrintState.FAILED, fault="noisy_line", reason="noise"
     )
     books = judge(books, "a", START_S + 300.0)
-    books, _ = run(books, ev.PlateAssigned(at_s=NOW_S - 10.0, plate="1/03", printer="a", print_id="running"))
+    books, _ = apply_events(
+        books, ev.PlateAssigned(at_s=NOW_S - 10.0, plate="1/03", printer="a", print_id="running")
+    )
     for number in (2, 3):
         books = submit(books, number, 1)
     return books

@@ -22,7 +22,7 @@ from farm.web.pages.jobs.job_page import (
     summarise_job,
 )
 from farm.web.pages.jobs.parts import list_part_rows
-from make_books import run
+from make_books import apply_events
 
 NOW = datetime.fromisoformat("1970-01-01T07:00:00+00:00")
 REPORT = b"""{"schema": 9, "unknown": 1,
@@ -79,7 +79,7 @@ def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
         ("/printers/um2-04/cleared", {"seen": "um2-04 4", "good": "1/p04"}),
         ("/printers/um2-04/cleared", {"seen": "um2-04 4"}),
     ]
-    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"))
+    books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"))
     assert [a.label for a in rows_of(data_of(books))["p01"].actions] == ["Print again"]
     assert not any("cleared" in a.path for a in rows_of(data_of(night_books()), Role.PRINT)["p01"].actions)
 

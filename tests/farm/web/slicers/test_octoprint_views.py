@@ -7,7 +7,7 @@ from farm.config import PrinterSection
 from farm.errors import NoSuchThing
 from farm.model import PrintState
 from farm.web.slicers import octoprint_views as views
-from make_books import job
+from make_books import make_job
 
 
 def progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
@@ -27,13 +27,13 @@ def progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
     ],
 )
 def test_states_of_a_print_have_octoprint_s_names(state, text):
-    assert views.describe_current_job(job(), progress(state))["state"] == text
+    assert views.describe_current_job(make_job(), progress(state))["state"] == text
 
 
 def test_progress_adds_up_to_the_whole_print():
-    shown = views.describe_current_job(job(), progress())["progress"]
+    shown = views.describe_current_job(make_job(), progress())["progress"]
     assert (shown["completion"], shown["printTime"], shown["printTimeLeft"]) == (25.0, 100, 300)
-    begun = views.describe_current_job(job(), progress(share=0.0))["progress"]
+    begun = views.describe_current_job(make_job(), progress(share=0.0))["progress"]
     assert (begun["completion"], begun["printTime"]) == (0.0, None)
 
 
@@ -66,7 +66,7 @@ def test_profile_of_the_farm_is_what_each_printer_can_print():
 
 def test_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
     jobs = {
-        n: job(n).model_copy(update={"name": name, "submitted_by": by})
+        n: make_job(n).model_copy(update={"name": name, "submitted_by": by})
         for n, name, by in (
             (1, "a.gcode", "ann"),
             (2, "a.gcode", "ann"),
