@@ -304,17 +304,22 @@ def run(fleet: Fleet, places: Places) -> None:
     places.state.make()
     try:
         with _lock_state_folder(places.state):
-            shutil.rmtree(places.state.work, ignore_errors=True)
-            places.state.make()
-            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while writing
-                partial.unlink()
-            trim_cache(places.state.slices)
+            _remove_unfinished(places.state)
             asyncio.run(Daemon(fleet, places).run())
     except OSError as error:
         raise FarmError(
             f"the state folder {places.state.root} cannot be used ({error}): check its disk space and its "
             "permissions"
         ) from error
+
+
+def _remove_unfinished(state: StateFolder) -> None:
+    """Remove the files of work that an earlier daemon did not end."""
+    shutil.rmtree(state.work, ignore_errors=True)
+    state.make()
+    for unfinished in state.slices.glob(".*"):  # of a worker that was killed while writing
+        unfinished.unlink()
+    trim_cache(state.slices)
 
 
 @contextlib.contextmanager

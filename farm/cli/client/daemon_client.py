@@ -249,16 +249,21 @@ class Client:
             raise DaemonUnreachable(
                 f"no daemon answers on {self._address} ({cause}); {_advise(self._address)}"
             ) from error
-        try:
-            values = json.loads(text)
-            if answer.status < _FIRST_ERROR:
-                return values
-            problem = api.Problem.model_validate(values)
-            code = ErrorCode(problem.code)
-        except ValueError:
-            start = text.decode(errors="replace")[:200]
-            raise FarmError(f"the daemon answered {answer.status}: {start}") from None
-        raise FarmError(problem.error, code)
+        return _read_answer(answer.status, text)
+
+
+def _read_answer(status: int, text: bytes) -> Any:
+    """Read the JSON of an answer. Raises FarmError with the daemon's message, if it refused."""
+    try:
+        values = json.loads(text)
+        if status < _FIRST_ERROR:
+            return values
+        problem = api.Problem.model_validate(values)
+        code = ErrorCode(problem.code)
+    except ValueError:
+        start = text.decode(errors="replace")[:200]
+        raise FarmError(f"the daemon answered {status}: {start}") from None
+    raise FarmError(problem.error, code)
 
 
 def connect(places: Places) -> Client:

@@ -12,7 +12,7 @@ import socket
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from rich.markup import escape
@@ -21,6 +21,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from decompose.options import PIN_FIT_MM, ConnectorOptions
 from drivers.locks import hold
 from farm.cli.display import open_console, print_json
+from farm.cli.display.decomposition import summarise_decomposition
 from farm.cli.notices import print_notice
 from farm.cli.options import (
     Certificates,
@@ -37,7 +38,7 @@ from farm.cli.options import (
     parse_scheduler,
 )
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.text import format_count, format_duration
+from farm.text import format_duration
 from farm.wording import format_filament
 
 _MAX_SLOTS = 256
@@ -125,72 +126,6 @@ def decompose(
         return
     for line in summarise_decomposition(report, parse_printer_count(printers) or len(report["parts"]), out):
         print(line)
-
-
-def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) -> list[str]:
-    """Summarise a decomposition.
-
-    Parameters
-    ----------
-    report
-        The report, as `--json` prints it.
-    printers
-        The number of printers.
-    out
-        The folder with its files.
-
-    Returns
-    -------
-    list of str
-        At most nine lines. The efficiency E in the first is the paper's: the time of the uncut model over
-        printers times makespan.
-    """
-    parts, makespan_s = report["parts"], report["makespan_s"]
-    efficiency = report["serial_as_is_s"] / (printers * makespan_s)
-    single = format_duration(report["serial_s"])
-    lines = [" ".join(report["repairs"])] if report["repairs"] else []
-    lines.append(
-        f"{format_count(len(parts), 'part')}: {format_duration(makespan_s)} on "
-        f"{format_count(printers, 'printer')}, {single} on a single large one; efficiency E {efficiency:.2f}"
-    )
-    if "sliced_makespan_s" in report:
-        slowest = max(parts, key=lambda part: float(part["sliced_s"]))
-        amount = format_filament(*(sum(part[key] for part in parts) for key in ("grams", "filament_mm")))
-        lines.append(
-            f"Sliced: {format_duration(report['sliced_makespan_s'])} to the end of {slowest['id']}, the "
-            f"slowest; {amount}"
-        )
-    gap = f"at most {report['gap']:.0%} above the lower bound"
-    askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
-    grid_note = " for cuts along its grid" if report["cells"] else ""
-    lines.append(f"By {report['engine']}{askew}: {gap}{grid_note}")
-    glued = [joint for joint in report["joints"] if joint["glued"]]
-    if glued:
-        small = min(glued, key=lambda joint: float(joint["area_mm2"]))
-        lines.append(
-            f"{format_count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
-            f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
-        )
-    steps = report["assembly"]["steps"]
-    if steps:
-        duration = format_duration(report["assembly"]["estimated_s"])
-        assembly = f"{format_count(len(steps), 'step')} of assembly, about {duration}"
-        lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
-    connectors = report["connectors"]
-    if connectors["pins"]:
-        cuts = ", ".join(f"{cut['count']} of {cut['length_mm']:g} mm" for cut in connectors["cut_list"])
-        diameter_mm = report["options"]["pin_mm"]
-        lines.append(f"{format_count(len(connectors['pins']), 'pin')} of {diameter_mm:g} mm: cut {cuts}")
-    warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
-    warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
-    warnings += connectors["failures"]
-    warnings += [text for text in (report["thin_rims"], report["small_feet"]) if text]
-    if warnings:
-        others = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
-        lines.append(f"Check: {'; '.join(warnings[:3])}{others}")
-    ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
-    lines.append(f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json, instructions.html")
-    return lines
 
 
 def slice_model(

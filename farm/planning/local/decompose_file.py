@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.export import write_decomposition
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
-from decompose.geometry import load_model
+from decompose.geometry import Model, load_model
 from decompose.options import (
     BestOptions,
     ConnectorOptions,
@@ -28,6 +28,7 @@ from decompose.options import (
 )
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
+from decompose.results import Decomposition
 from drivers.printers import PROFILES, part_room
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
@@ -122,9 +123,9 @@ def decompose_to_folder(
     room = part_room(profile, request.brim_mm, request.volume_mm)
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
-    options = _build_options(request)
+    options = _build_options(request)  # refused before the folder is emptied
     empty_for_parts(out)
-    with translate_errors():
+    with translate_errors(), ThreadPoolExecutor(os.cpu_count()) as executor:
         resources = find_resources()
         wanted = SettingsRequest(build_slicing_printer(profile), request.quality, supported=True)
         settings = resolve_settings(wanted, resources)
@@ -134,37 +135,50 @@ def decompose_to_folder(
             longest_side_mm=request.longest_side_mm,
             memory_bytes=read_process_bytes(),
         )
-        rooms = [
-            PrinterRoom(str(number), list_model_sizes(room, settings))
-            for number in range(request.printers or MAX_PRINTERS)
-        ]
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
-        with ThreadPoolExecutor(os.cpu_count()) as executor:
-            try:
-                if request.printers is None:
-                    goal = CountGoal(request.clear_s, request.assemble_s)
-                    decomposition = decompose_auto(model, rooms, options, cost, executor, goal)
-                else:
-                    decomposition = decompose_model(model, rooms, options, cost, executor)
-            except NoFit as error:
-                side_mm = None
-                if error.is_too_large:
-                    side_mm = advise_longest_side_mm(model, rooms, options, cost, executor)
-                if side_mm is None:
-                    raise
-                raise NoFit(f"{error} (--longest-side {side_mm} was tried, and fits)") from error
-            if request.sliced:
-                with_brim = replace(wanted, overrides={"brim_width": f"{request.brim_mm:g}"})
-                slicer = PartSlicer(with_brim, resources, room, cache)
-                with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
-                    sliced = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
-                    report = write_sliced(sliced, out)
-                if cache is not None:
-                    trim_cache(cache)
-            else:
-                bed = Bed(profile.bed_mm, room, settings)
-                report = write_decomposition(decomposition, out, bed.place).as_dict()
+        decomposition = _decompose(model, list_model_sizes(room, settings), request, options, cost, executor)
+        if request.sliced:
+            with_brim = replace(wanted, overrides={"brim_width": f"{request.brim_mm:g}"})
+            slicer = PartSlicer(with_brim, resources, room, cache)
+            with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
+                sliced = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
+                report = write_sliced(sliced, out)
+            if cache is not None:
+                trim_cache(cache)
+        else:
+            bed = Bed(profile.bed_mm, room, settings)
+            report = write_decomposition(decomposition, out, bed.place).as_dict()
     return {**report, "repairs": list(model.repairs), "scale": model.scale}
+
+
+def _decompose(
+    model: Model,
+    sizes_mm: tuple[tuple[float, float, float], ...],
+    request: DecomposeRequest,
+    options: Options,
+    cost: CostModel,
+    executor: Executor,
+) -> Decomposition:
+    """Decompose a model for equal printers, each with room for a part of one of the sizes.
+
+    Raises
+    ------
+    NoFit
+        With the greatest size that was tried and fits, if the model is too large.
+    """
+    rooms = [PrinterRoom(str(number), sizes_mm) for number in range(request.printers or MAX_PRINTERS)]
+    try:
+        if request.printers is None:
+            goal = CountGoal(request.clear_s, request.assemble_s)
+            return decompose_auto(model, rooms, options, cost, executor, goal)
+        return decompose_model(model, rooms, options, cost, executor)
+    except NoFit as error:
+        side_mm = (
+            advise_longest_side_mm(model, rooms, options, cost, executor) if error.is_too_large else None
+        )
+        if side_mm is None:
+            raise
+        raise NoFit(f"{error} (--longest-side {side_mm} was tried, and fits)") from error
 
 
 def _build_options(request: DecomposeRequest) -> Options:

@@ -81,20 +81,7 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
             f"{MAX_PLATES}: submit fewer copies at once",
             ErrorCode.SETTINGS,
         )
-    printers = _choose_printers(plan, task)
-    loads_s: dict[str, float] = defaultdict(float)
-    plates: dict[str, Plate] = {}
-    for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
-        takers = [section for section in printers if _can_print(section, plate)]
-        choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in takers] or [plate]
-        for number in range(1, copies + 1):
-            copied = min(
-                choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
-            )
-            loads_s[copied.printer] += copied.expected_s
-            name = _name_copy(plate.id, number)
-            parts = tuple(_name_copy(part, number) for part in plate.parts)
-            plates[name] = copied.model_copy(update={"id": name, "parts": parts})
+    plates, loads_s = _assign_copies(plan, task)
     numbers = range(1, copies + 1)
     return replace(
         plan,
@@ -104,6 +91,31 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
         expected_s=max(loads_s.values()),
         assembly_s=None if plan.assembly_s is None else plan.assembly_s * copies,
     )
+
+
+def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], dict[str, float]]:
+    """Assign each copy of each plate to a printer.
+
+    Returns
+    -------
+    (dict, dict)
+        The copied plates by their name, and the seconds that each printer has to print.
+    """
+    printers = _choose_printers(plan, task)
+    loads_s: dict[str, float] = defaultdict(float)
+    plates: dict[str, Plate] = {}
+    for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
+        takers = [section for section in printers if _can_print(section, plate)]
+        choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in takers] or [plate]
+        for number in range(1, task.options.copies + 1):
+            copied = min(
+                choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
+            )
+            loads_s[copied.printer] += copied.expected_s
+            name = _name_copy(plate.id, number)
+            parts = tuple(_name_copy(part, number) for part in plate.parts)
+            plates[name] = copied.model_copy(update={"id": name, "parts": parts})
+    return plates, loads_s
 
 
 def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:

@@ -1,0 +1,96 @@
+"""Summary of a decomposition, as `farm decompose` prints it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from farm.text import format_count, format_duration
+from farm.wording import format_filament
+
+
+def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) -> list[str]:
+    """Summarise a decomposition.
+
+    Parameters
+    ----------
+    report
+        The report, as `--json` prints it.
+    printers
+        The number of printers.
+    out
+        The folder with its files.
+
+    Returns
+    -------
+    list of str
+        At most nine lines. The efficiency E in the first is the paper's: the time of the uncut model over
+        printers times makespan.
+    """
+    parts = report["parts"]
+    ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
+    return [
+        *([" ".join(report["repairs"])] if report["repairs"] else []),
+        *_summarise_times(report, printers),
+        *_summarise_assembly(report),
+        *_summarise_warnings(report),
+        f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json, instructions.html",
+    ]
+
+
+def _summarise_times(report: dict[str, Any], printers: int) -> list[str]:
+    parts, makespan_s = report["parts"], report["makespan_s"]
+    efficiency = report["serial_as_is_s"] / (printers * makespan_s)
+    single = format_duration(report["serial_s"])
+    lines = [
+        f"{format_count(len(parts), 'part')}: {format_duration(makespan_s)} on "
+        f"{format_count(printers, 'printer')}, {single} on a single large one; efficiency E {efficiency:.2f}"
+    ]
+    if "sliced_makespan_s" in report:
+        slowest = max(parts, key=lambda part: float(part["sliced_s"]))
+        amount = format_filament(*(sum(part[key] for part in parts) for key in ("grams", "filament_mm")))
+        lines.append(
+            f"Sliced: {format_duration(report['sliced_makespan_s'])} to the end of {slowest['id']}, the "
+            f"slowest; {amount}"
+        )
+    gap = f"at most {report['gap']:.0%} above the lower bound"
+    askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
+    grid_note = " for cuts along its grid" if report["cells"] else ""
+    return [*lines, f"By {report['engine']}{askew}: {gap}{grid_note}"]
+
+
+def _summarise_assembly(report: dict[str, Any]) -> list[str]:
+    lines = []
+    glued = [joint for joint in report["joints"] if joint["glued"]]
+    if glued:
+        small = min(glued, key=lambda joint: float(joint["area_mm2"]))
+        lines.append(
+            f"{format_count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
+            f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
+        )
+    steps = report["assembly"]["steps"]
+    if steps:
+        duration = format_duration(report["assembly"]["estimated_s"])
+        assembly = f"{format_count(len(steps), 'step')} of assembly, about {duration}"
+        lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
+    connectors = report["connectors"]
+    if connectors["pins"]:
+        cuts = ", ".join(f"{cut['count']} of {cut['length_mm']:g} mm" for cut in connectors["cut_list"])
+        diameter_mm = report["options"]["pin_mm"]
+        lines.append(f"{format_count(len(connectors['pins']), 'pin')} of {diameter_mm:g} mm: cut {cuts}")
+    return lines
+
+
+def _summarise_warnings(report: dict[str, Any]) -> list[str]:
+    """Summarise the first three things to check, in one line; none where there is nothing."""
+    falling = [part["id"] for part in report["parts"] if not part["stands"]]
+    warnings = [
+        *(f"{fault['part']} {fault['what']}" for fault in report["faults"]),
+        *(f"{part} may fall over while it is printed" for part in falling),
+        *report["connectors"]["failures"],
+        *(text for text in (report["thin_rims"], report["small_feet"]) if text),
+    ]
+    if not warnings:
+        return []
+    others = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
+    return [f"Check: {'; '.join(warnings[:3])}{others}"]
