@@ -1,9 +1,9 @@
 """A Dask cluster: faults of real processes, and the cost of its scheduler for many workers.
 
-``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]`` runs a scheduler
-and four workers with TLS. In each round a dozen tasks run, and in the middle a process is killed or stopped
-at random; what was killed is started again. Checked: each task has one result, with the right bytes, and no
-process is left.
+``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
+rounds in which a process or the network fails; see `bench.cluster_faults`. The figures of each round are
+printed when it ends, with `--json` to standard error. Checked: the job is planned as on one computer, each
+result is taken once, no task and in the end no process is left on any host.
 
 ``... replay [--workers 4,16,64,256] [--jobs N] [--parts N] [--scale F] [--json]`` runs tasks that only sleep
 through the real scheduler: each job is cut (`CUT_S`), then all its parts are sliced (lognormal times with the
@@ -18,9 +18,8 @@ import argparse
 import asyncio
 import json
 import math
-import os
 import random
-import signal
+import sys
 import tempfile
 import time
 from functools import partial
@@ -29,126 +28,16 @@ from typing import Any
 
 from distributed import Scheduler
 
-from cluster_processes import Processes
 from dask_cluster import HERE, Recorder
-from farm.compute import Deferred, Limit, TaskFiles, Workers
+from farm.compute import Deferred, Limit, TaskFiles
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.connection import Connection
 from farm.compute.cluster.dask_worker import FarmWorker
 from farm.compute.cluster.relocation import dump, load
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 
-WORKERS = ("w1", "w2", "w3", "w4")
-TASKS, TASK_S = 12, 1.0
-FAULTS = ("kill worker", "stop worker", "kill scheduler", "stop scheduler")
-ENDING_S = 10.0  # until the last process is gone
-STOPPED_S = 45.0  # until a stopped process goes on
 CUT_S, SLICE_S, SPREAD = 20.0, 12.0, 0.6
 LIMIT = Limit("sleeping", 600.0)
-
-
-def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
-    return TaskFiles(reads=(source,), folders=(folder,))
-
-
-def work_for(source: Path, folder: Path, seconds: float, note: Path) -> int:
-    """Copy a file after some seconds; the process is noted. Returns the file's size."""
-    with note.open("a") as file:
-        file.write(f"{os.getpid()}\n")
-    folder.mkdir(parents=True, exist_ok=True)
-    time.sleep(seconds)
-    (folder / "copy").write_bytes(source.read_bytes())
-    return source.stat().st_size
-
-
-slow = Deferred("bench.cluster:work_for", _list_files)
-
-
-# -- faults ---------------------------------------------------------------------------------------------
-
-
-async def run_faults(rounds: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Run rounds with a fault each. Returns their figures."""
-    rng, processes = random.Random(seed), Processes(folder)
-    source, note = folder / "model.stl", folder / "pids"
-    source.write_bytes(rng.randbytes(200_000))
-    note.touch()
-    figures: list[dict[str, Any]] = []
-    own = Workers(folder / "own", 1)
-    try:
-        address = await processes.start_scheduler()
-        for name in WORKERS:
-            processes.start_worker(name)
-        link = partial(Connection, address, processes.certificates, HERE)
-        pool = ClusterPool(own, address, HERE, link)
-        pool.start()
-        for number in range(rounds):
-            while len(pool.state.workers) < len(WORKERS):
-                await asyncio.sleep(0.1)
-            fault = rng.choice(FAULTS)
-            figures.append(await _run_round(pool, processes, fault, rng, (source, note, folder, number)))
-        pool.close()
-        await pool.wait_closed()
-    finally:
-        own.close()
-        processes.close()
-    pids, end_s = set(note.read_text().split()), time.monotonic() + ENDING_S
-    while (left := [pid for pid in pids if Path(f"/proc/{pid}").exists()]) and time.monotonic() < end_s:
-        await asyncio.sleep(0.1)
-    return {"rounds": figures, "wrong": sum(f["wrong"] for f in figures), "left_running": len(left)}
-
-
-_Files = tuple[Path, Path, Path, int]
-
-
-async def _run_round(
-    pool: ClusterPool,
-    processes: Processes,
-    fault: str,
-    rng: random.Random,
-    files: _Files,
-) -> dict[str, Any]:
-    source, note, folder, number = files
-    outs = [folder / "out" / f"{number}-{task}" for task in range(TASKS)]
-    before, begin_s = note.read_text().count("\n"), time.monotonic()
-    running = [
-        asyncio.ensure_future(pool.run(slow, source, out, TASK_S, note, limit=LIMIT, group=number))
-        for out in outs
-    ]
-    await asyncio.sleep(rng.uniform(0.2, 2.0) * TASK_S)
-    victim = "scheduler" if fault.endswith("scheduler") else rng.choice(WORKERS)
-    processes.send(victim, signal.SIGKILL if fault.startswith("kill") else signal.SIGSTOP)
-    healing = asyncio.ensure_future(_heal(processes, fault, victim, rng.uniform(0.0, 5.0)))
-    sizes = await asyncio.gather(*running)
-    duration_s = time.monotonic() - begin_s
-    await healing
-    content = source.read_bytes()
-    right = [
-        size == len(content) and (out / "copy").read_bytes() == content
-        for size, out in zip(sizes, outs, strict=True)
-    ]
-    return {
-        "fault": fault,
-        "duration_s": duration_s,
-        "starts": note.read_text().count("\n") - before,
-        "wrong": TASKS - sum(right),
-    }
-
-
-async def _heal(processes: Processes, fault: str, victim: str, after_s: float) -> None:
-    """Start what was killed, let go on what was stopped."""
-    if fault.startswith("stop"):
-        await asyncio.sleep(STOPPED_S)
-        processes.send(victim, signal.SIGCONT)
-        return
-    await asyncio.sleep(after_s)
-    if victim == "scheduler":
-        await processes.start_scheduler()
-    else:
-        processes.start_worker(victim)
-
-
-# -- replay ---------------------------------------------------------------------------------------------
 
 
 class SleepingExecutor:
@@ -233,8 +122,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="farm-cluster-") as name:
         folder = Path(name)
         if args.what == "faults":
-            figures = asyncio.run(run_faults(args.rounds, args.seed, folder))
-            rows = figures["rounds"]
+            figures = measure_faults(args.rounds, args.seed, folder, args.json)
         else:
             jobs = draw_jobs(args.jobs, args.parts)
             rows = [
@@ -245,10 +133,23 @@ def main() -> None:
     if args.json:
         print(json.dumps(figures))
         return
-    for row in rows:
-        print("  ".join(f"{key} {value:.4g}" if key != "fault" else str(value) for key, value in row.items()))
-    if args.what == "faults":
-        print(f"wrong results {figures['wrong']}, processes left {figures['left_running']}")
+    for row in figures["runs"] if args.what == "replay" else [figures]:
+        print("  ".join(f"{key} {value:.4g}" for key, value in row.items() if isinstance(value, int | float)))
+
+
+def measure_faults(rounds: int, seed: int, folder: Path, as_json: bool) -> dict[str, Any]:
+    """Run rounds with faults; see `run_faults`. Prints the figures of each."""
+    from bench.cluster_faults import run_faults  # needs the command ip, and root
+    from virtual_network import find_obstacle
+
+    obstacle = find_obstacle()
+    if obstacle is not None:
+        raise SystemExit(f"not run: {obstacle}")
+
+    def report(row: dict[str, Any]) -> None:
+        print(json.dumps(row), file=sys.stderr if as_json else sys.stdout, flush=True)
+
+    return asyncio.run(run_faults(rounds, seed, folder, report))
 
 
 if __name__ == "__main__":

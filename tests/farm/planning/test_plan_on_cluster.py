@@ -1,17 +1,19 @@
-"""A job planned on this computer, and on a cluster without a shared disk: the same parts, bytes and plan."""
+"""A job planned by one worker, by two, and on a cluster without a shared disk: same parts, bytes and plan."""
 
 import asyncio
+from dataclasses import replace
 
+import pytest
 import trimesh
 
 from dask_cluster import cluster
+from farm.compute import Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import JobPlanner
 from farm.planning.plan import PlanRequest
-from same_process import SameProcess
 
 MODEL = "ultimaker2_plus"
 FLEET = Fleet.model_validate(
@@ -33,24 +35,58 @@ def make_job(state, path):
     return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
 
 
-def test_a_plan_is_the_same_here_and_on_a_cluster(tmp_path):
-    path = tmp_path / "bar.stl"
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "bar.stl"
     trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
-    here, there = StateFolder(tmp_path / "here"), StateFolder(tmp_path / "there")
+    return path
+
+
+def plan_here(folder, bar, count):
+    """Plan a job by a number of worker processes."""
+    state = StateFolder(folder)
 
     async def main():
-        local = await plan(here, make_job(here, path), SameProcess())
-        job = make_job(there, path)
+        job = make_job(state, bar)
+        workers = Workers(folder / "workers", count)
+        try:
+            return await plan(state, job, workers)
+        finally:
+            workers.close()
+
+    return state, asyncio.run(main())
+
+
+def list_stored(state):
+    return {file.name for file in state.files.iterdir() if file.suffix != ".json"}
+
+
+@pytest.fixture(scope="module")
+def planned(bar, tmp_path_factory):
+    """State folder and plan of one worker."""
+    return plan_here(tmp_path_factory.mktemp("one") / "state", bar, 1)
+
+
+def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
+    one, by_one = planned
+    two, by_two = plan_here(tmp_path / "two", bar, 2)
+    assert by_two == replace(by_one, decomposition=by_two.decomposition)  # it has the time that it took
+    assert len(by_two.plates) == 2
+    assert list_stored(one) == list_stored(two)
+
+
+def test_a_plan_is_the_same_here_and_on_a_cluster(planned, bar, tmp_path):
+    here, local = planned
+    there = StateFolder(tmp_path / "there")
+
+    async def main():
+        job = make_job(there, bar)
         async with cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
             remote = await plan(there, job, pool)
             assert pool.own.calls == []
-        return local, remote
+        return remote
 
-    local, remote = asyncio.run(main())
-    assert remote.parts == local.parts and remote.plates == local.plates
-    assert len(remote.plates) == 2
-    stored = [
-        {file.name for file in state.files.iterdir() if file.suffix != ".json"} for state in (here, there)
-    ]
-    assert stored[0] == stored[1]
+    remote = asyncio.run(main())
+    assert remote == replace(local, decomposition=remote.decomposition)
+    assert list_stored(here) == list_stored(there)
     assert not list(there.work.iterdir()) and not list(there.slices.iterdir())

@@ -1,0 +1,378 @@
+"""A cluster on hosts of their own, whose processes and network fail while a small job is planned.
+
+The scheduler (`dask scheduler`) and four workers (`farm worker`) run with TLS in network namespaces. In each
+round a job is planned, tasks run beside it, and at a random moment something fails. Then it is mended.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from cluster_processes import make_certificates
+from farm.compute import Deferred, Limit, Pool, TaskFiles, Workers
+from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
+from farm.compute.cluster.remote_task import RemoteTask
+from farm.config import Fleet
+from farm.http.cluster_view import describe_cluster
+from farm.model import Job, JobOptions
+from farm.paths import StateFolder
+from farm.planning.inspection.inspect_submission import inspect_model
+from farm.planning.job_planner import JobPlanner
+from farm.planning.plan import Plan, PlanRequest
+from virtual_network import Network
+
+WORKERS = ("w1", "w2", "w3", "w4")
+SCHEDULER, FARM = "scheduler", "farm"
+KILLS = ("kill worker", "kill scheduler")
+STOPS = ("stop worker", "stop scheduler")
+NETWORK = ("cut worker", "cut scheduler", "cut farm", "delay all", "lose from all")
+FAULTS = (*KILLS, *STOPS, *NETWORK)
+FAULT_S = 40.0  # that a process is stopped, or the network disturbed
+DELAY_S, LOSS = 0.3, 0.05  # at each host, in both directions
+TASKS, TASK_S = 8, 1.5
+MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
+LIMIT = Limit("sleeping", 600.0)
+ENDING_S = 30.0  # until nothing of a round is left
+SAMPLE_S = 0.2
+PORT = 8786
+NICE = -9  # of workers, whose tasks are 19 nicer: else they hardly run on a busy computer
+FLEET = Fleet.model_validate(
+    {"printers": [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(PRINTERS)]}
+)
+
+
+def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
+    return TaskFiles(reads=(source,), folders=(folder,))
+
+
+def work_for(source: Path, folder: Path, seconds: float) -> int:
+    """Copy a file after some seconds. Returns the file's size."""
+    folder.mkdir(parents=True, exist_ok=True)
+    time.sleep(seconds)
+    (folder / "copy").write_bytes(source.read_bytes())
+    return source.stat().st_size
+
+
+slow = Deferred("bench.cluster_faults:work_for", _list_files)
+
+
+class Hosts:
+    """The processes of a cluster, each on a host of its own."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder = folder
+        self.network = Network([SCHEDULER, *WORKERS], seed)
+        self.certificates = make_certificates(folder / "certificates")
+        self.address = f"tls://{self.network.address(SCHEDULER)}:{PORT}"
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str) -> None:
+        """Start the scheduler, or a worker."""
+        tools, pem = Path(sys.executable).parent, self.certificates
+        if name == SCHEDULER:
+            command = [str(tools / "dask"), "scheduler", "--protocol", "tls", "--port", str(PORT)]
+            command += ["--host", self.network.address(SCHEDULER), "--no-dashboard", "--no-show"]
+            command += ["--tls-ca-file", str(pem / "ca.pem"), "--tls-cert", str(pem / "cert.pem")]
+            command += ["--tls-key", str(pem / "key.pem")]
+        else:
+            command = [str(tools / "farm"), "worker", self.address, "--certificates", str(pem)]
+            command += ["--name", name, "--folder", str(self.folder / name), "--slots", "1"]
+        path = os.pathsep.join(filter(None, sys.path))
+        with (self.folder / f"{name}.log").open("a") as log:
+            self._running[name] = subprocess.Popen(
+                self.network.command(name, ["nice", "-n", str(NICE), *command]),
+                stdout=log,
+                stderr=log,
+                env=os.environ | {"PYTHONPATH": path},
+            )
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a process."""
+        self._running[name].send_signal(number)
+        if number is signal.SIGKILL:
+            self._running[name].wait()
+
+    def count_tasks(self) -> int:
+        """Count the tasks that workers have, by their folders, and the engines that run."""
+        folders = sum(1 for name in WORKERS for _ in (self.folder / name / "tasks").glob("*"))
+        return folders + sum(_is_engine(pid) for name in WORKERS for pid in self.network.pids(name))
+
+    def end(self) -> int:
+        """End all processes as their services are ended. Returns the number of those that are left."""
+        for process in self._running.values():
+            process.terminate()
+        end_s = time.monotonic() + ENDING_S
+        while (left := self._count_processes()) and time.monotonic() < end_s:
+            for process in self._running.values():
+                process.poll()
+            time.sleep(SAMPLE_S)
+        return left
+
+    def close(self) -> None:
+        """End the network with all that is left."""
+        self.network.close()
+        for process in self._running.values():
+            process.wait()
+
+    def _count_processes(self) -> int:
+        return sum(len(self.network.pids(name)) for name in (SCHEDULER, *WORKERS))
+
+
+def _is_engine(pid: int) -> bool:
+    try:
+        return "CuraEngine" in Path(f"/proc/{pid}/comm").read_text()
+    except OSError:
+        return False
+
+
+@dataclass
+class Watch:
+    """What `farm status` said of the cluster while work was open, sample by sample.
+
+    Attributes
+    ----------
+    silent_s
+        Longest time without a word on where work runs, or for what it waits.
+    here
+        True if it said that this computer computes.
+    """
+
+    samples: int = 0
+    where: int = 0
+    waits: int = 0
+    silent_s: float = 0.0
+    here: bool = False
+    texts: list[str] = field(default_factory=list)
+
+    async def follow(self, pool: ClusterPool) -> None:
+        """Read the sentence of `farm status` again and again, until cancelled."""
+        said_s = time.monotonic()
+        while True:
+            state = pool.state
+            view = describe_cluster(state)
+            where = any(word in view.text for word in ("running: ", "on this host"))
+            waits = "wait" in view.text
+            now_s = time.monotonic()
+            if where or waits or not (state.tasks or state.waiting or state.here):
+                said_s = now_s
+            self.samples += 1
+            self.where, self.waits = self.where + where, self.waits + waits
+            self.silent_s = max(self.silent_s, now_s - said_s)
+            self.here = self.here or state.place is Place.HERE
+            if not self.texts or self.texts[-1].split(",")[0] != view.text.split(",")[0]:
+                self.texts.append(view.text)
+            await asyncio.sleep(SAMPLE_S)
+
+
+class TakenFiles:
+    """Count of results whose files were put in place, by task."""
+
+    def __init__(self) -> None:
+        self.by_task: Counter[tuple[str, ...]] = Counter()
+        self._write = cluster_pool.write_files
+
+    def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
+        """Write files as `remote_task.write_files`; those that a task writes while it runs are no result."""
+        if not set(files) <= set(task.live):
+            self.by_task[(*task.folders, *task.writes)] += 1
+        self._write(task, files)
+
+    def count_twice(self) -> int:
+        """Return the number of results that were taken more than once."""
+        return sum(count > 1 for count in self.by_task.values())
+
+
+class Rounds:
+    """Rounds with a fault each, on one cluster.
+
+    Parameters
+    ----------
+    pool
+        Pool on the cluster.
+    own
+        Pool of this computer, on which the job is planned once more, for comparison.
+    """
+
+    def __init__(self, hosts: Hosts, pool: ClusterPool, own: Workers, rng: random.Random) -> None:
+        self._hosts, self._pool, self._own, self._rng = hosts, pool, own, rng
+        self._folder, self._plans = hosts.folder, dict[int, Any]()
+        self._source = hosts.folder / "model.bin"
+        self._source.write_bytes(rng.randbytes(200_000))
+
+    async def run(self, number: int, fault: str) -> dict[str, Any]:
+        """Run a round. Returns its figures."""
+        pool, rng = self._pool, self._rng
+        while not (pool.state.place is Place.CLUSTER and len(pool.state.workers) == len(WORKERS)):
+            await asyncio.sleep(SAMPLE_S)
+        outs = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASKS)]
+        state = StateFolder(self._folder / f"round-{number}" / "there")
+        job = self._make_job(number, state)
+        taken, watch = TakenFiles(), Watch()
+        cluster_pool.write_files = taken.write
+        following = asyncio.ensure_future(watch.follow(pool))
+        begin_s = time.monotonic()
+        planning = asyncio.ensure_future(_plan(state, job, pool))
+        tasks = [asyncio.ensure_future(self._run_task(out)) for out in outs]
+        healing = asyncio.ensure_future(self._fail(fault, rng.uniform(0.5, 8.0), rng.uniform(0.0, 5.0)))
+        try:
+            right = await asyncio.gather(*tasks)
+            plan = await planning
+            duration_s = time.monotonic() - begin_s
+            following.cancel()
+            victim = await healing
+            left = await self._wait_for_no_tasks()
+        finally:
+            following.cancel()
+            cluster_pool.write_files = taken._write
+        local = await self._plan_here(number)
+        shutil.rmtree(self._folder / f"round-{number}")
+        said = asdict(watch)
+        return {
+            "fault": fault,
+            "victim": victim,
+            "duration_s": duration_s,
+            "job_ended": isinstance(plan, Plan),
+            "same_plan": _is_same(plan, local),
+            "tasks_right": sum(right),
+            "taken_twice": taken.count_twice(),
+            "tasks_left": left,
+            **said,
+        }
+
+    async def _plan_here(self, number: int) -> Any:
+        """Plan the job of a round on this computer, or return its plan of an earlier round."""
+        kind = number % MODELS
+        if kind not in self._plans:
+            state = StateFolder(self._folder / f"round-{number}" / "here")
+            for pid in self._own.pids:
+                os.setpriority(os.PRIO_PROCESS, pid, NICE + 19)
+            self._plans[kind] = await _plan(state, self._make_job(number, state), self._own)
+        return self._plans[kind]
+
+    def _make_job(self, number: int, state: StateFolder) -> Job:
+        """Make the job of a round, with one of a few models."""
+        state.make()
+        path = state.root / "bar.stl"
+        trimesh.creation.box((250.0 + 5.0 * (number % MODELS), 16.0, 12.0)).export(path)
+        options = JobOptions(printers=PRINTERS)
+        model = inspect_model(path, "bar.stl", options, state.files)
+        return Job(
+            id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0
+        )
+
+    async def _run_task(self, out: Path) -> bool:
+        """Run one of the tasks beside the job. Returns whether its result is right."""
+        size = await self._pool.run(slow, self._source, out, TASK_S, limit=LIMIT, group="tasks")
+        content = self._source.read_bytes()
+        return size == len(content) and (out / "copy").read_bytes() == content
+
+    async def _fail(self, fault: str, after_s: float, restart_s: float) -> str:
+        """Let something fail after some seconds, and mend it. Returns what failed."""
+        await asyncio.sleep(after_s)
+        kind, _, where = fault.partition(" ")
+        victims = {"worker": [self._rng.choice(WORKERS)], "scheduler": [SCHEDULER], "farm": [FARM]}
+        names = victims.get(where, [FARM, SCHEDULER, *WORKERS])
+        if fault in KILLS:
+            self._hosts.send(names[0], signal.SIGKILL)
+            await asyncio.sleep(restart_s)
+            self._hosts.start(names[0])
+        elif fault in STOPS:
+            self._hosts.send(names[0], signal.SIGSTOP)
+            await asyncio.sleep(FAULT_S)
+            self._hosts.send(names[0], signal.SIGCONT)
+        else:
+            self._hosts.network.disturb(
+                *names,
+                cut=kind == "cut",
+                delay_s=DELAY_S if kind == "delay" else 0.0,
+                loss=LOSS if kind == "lose" else 0.0,
+            )
+            await asyncio.sleep(FAULT_S)
+            self._hosts.network.disturb(*names)
+        return ", ".join(names)
+
+    async def _wait_for_no_tasks(self) -> int:
+        """Wait until no host has a task. Returns the number of those that are left after a while."""
+        end_s = time.monotonic() + ENDING_S
+        while (left := await asyncio.to_thread(self._hosts.count_tasks)) and time.monotonic() < end_s:
+            await asyncio.sleep(SAMPLE_S)
+        return left
+
+
+async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
+    """Plan a job. Returns the plan, or the error."""
+    done: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+    planner = JobPlanner(state, pool, BUDGET_S, lambda _, result: done.set_result(result), lambda *_: None)
+    planner.start(PlanRequest(job, FLEET.printers))
+    return await done
+
+
+def _is_same(plan: Any, local: Any) -> bool:
+    """Compare two plans: parts and plates name their files by what is in them."""
+    if not isinstance(plan, Plan) or not isinstance(local, Plan):
+        return False
+    return (plan.parts, plan.plates, plan.expected_s) == (local.parts, local.plates, local.expected_s)
+
+
+async def run_faults(
+    rounds: int, seed: int, folder: Path, report: Callable[[dict[str, Any]], None]
+) -> dict[str, Any]:
+    """Run rounds with a fault each: every kind once, then kinds at random.
+
+    Parameters
+    ----------
+    report
+        Called with the figures of each round.
+    """
+    rng = random.Random(seed)
+    kinds = [fault for _ in range(0, rounds, len(FAULTS)) for fault in rng.sample(FAULTS, len(FAULTS))]
+    hosts = Hosts(folder, seed)
+    figures: list[dict[str, Any]] = []
+    own = Workers(folder / "own", 1)
+    left = -1
+    try:
+        hosts.start(SCHEDULER)
+        for name in WORKERS:
+            hosts.start(name)
+        pool = connect_cluster(own, hosts.address, hosts.certificates)
+        pool.start()
+        run = Rounds(hosts, pool, own, rng)
+        for number, fault in enumerate(kinds[:rounds]):
+            figures.append(await run.run(number + 1, fault))
+            report(figures[-1])
+        pool.close()
+        await pool.wait_closed()
+        left = await asyncio.to_thread(hosts.end)
+    finally:
+        own.close()
+        await asyncio.to_thread(hosts.close)
+    return {"rounds": figures, **_sum_up(figures), "processes_left": left}
+
+
+def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
+    durations_s = sorted(row["duration_s"] for row in figures)
+    return {
+        "jobs_ended": sum(row["job_ended"] for row in figures),
+        "same_plans": sum(row["same_plan"] for row in figures),
+        "tasks_right": sum(row["tasks_right"] for row in figures),
+        "tasks": TASKS * len(figures),
+        "taken_twice": sum(row["taken_twice"] for row in figures),
+        "tasks_left": sum(row["tasks_left"] for row in figures),
+        "here": sum(row["here"] for row in figures),
+        "silent_s": max(row["silent_s"] for row in figures),
+        "duration_s": [durations_s[0], durations_s[len(durations_s) // 2], durations_s[-1]],
+    }

@@ -1,0 +1,206 @@
+"""Hosts in network namespaces, on a switch of its own process that drops, delays and cuts.
+
+Linux's netem does the same, but not every kernel has it. Needs root: see `find_obstacle`.
+"""
+
+import contextlib
+import fcntl
+import heapq
+import json
+import os
+import random
+import select
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+_TUN = Path("/dev/net/tun")
+_TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
+_BROADCAST = 0x01  # first byte of a frame to many
+_FRAME_BYTES = 65536
+
+
+def find_obstacle() -> str | None:
+    """Return the reason for which this computer cannot have such hosts, or None."""
+    if os.geteuid() != 0:
+        return "network namespaces need root"
+    if shutil.which("ip") is None:
+        return "network namespaces need the command ip (iproute2)"
+    if not os.access(_TUN, os.R_OK | os.W_OK):
+        return f"the switch between network namespaces needs {_TUN}"
+    probe = f"farm-probe-{os.getpid()}"
+    if subprocess.run(["ip", "netns", "add", probe], capture_output=True).returncode:
+        return "this computer allows no network namespaces"
+    subprocess.run(["ip", "netns", "delete", probe], check=True)
+    return None
+
+
+@dataclass
+class Wires:
+    """Frames on their way between numbered ports. Pure: time and chance are arguments.
+
+    Attributes
+    ----------
+    loss, delay_s
+        Share of frames lost, and seconds of delay, at each faulty port, in both directions.
+    cut
+        Ports without a connection.
+    """
+
+    ports: int
+    rng: random.Random
+    loss: dict[int, float] = field(default_factory=dict)
+    delay_s: dict[int, float] = field(default_factory=dict)
+    cut: set[int] = field(default_factory=set)
+    _homes: dict[bytes, int] = field(default_factory=dict)
+    _flying: list[tuple[float, int, int, bytes]] = field(default_factory=list)
+    _count: int = 0
+
+    def send(self, frame: bytes, port: int, now_s: float) -> None:
+        """Take a frame from a port to where its destination was seen, else to all others."""
+        to, sender = frame[:6], frame[6:12]
+        self._homes[sender] = port
+        known = None if to[0] & _BROADCAST else self._homes.get(to)
+        others = [out for out in range(self.ports) if out != port]
+        for out in others if known is None else [known]:
+            if self._passes(port) and self._passes(out):
+                due_s = now_s + self.delay_s.get(port, 0.0) + self.delay_s.get(out, 0.0)
+                self._count += 1
+                heapq.heappush(self._flying, (due_s, self._count, out, frame))
+
+    def arrive(self, now_s: float) -> Iterator[tuple[int, bytes]]:
+        """Yield the frames that have arrived, with their ports, in order."""
+        while self._flying and self._flying[0][0] <= now_s:
+            _, _, out, frame = heapq.heappop(self._flying)
+            yield out, frame
+
+    def wait_s(self, now_s: float) -> float | None:
+        """Return the seconds until the next frame arrives; None if there is none."""
+        return max(0.0, self._flying[0][0] - now_s) if self._flying else None
+
+    def _passes(self, port: int) -> bool:
+        return port not in self.cut and self.rng.random() >= self.loss.get(port, 0.0)
+
+
+class Network:
+    """Hosts by name, each in a network namespace; ``farm`` is this process's own.
+
+    The switch removes the namespaces, and ends what still runs in them, once this process has ended too.
+    """
+
+    def __init__(self, names: Sequence[str], seed: int = 0) -> None:
+        self.names, number = ["farm", *names], os.getpid() % 256
+        self._spaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
+        self._addresses = {name: f"198.18.{number}.{1 + at}" for at, name in enumerate(self.names)}
+        hosts = [[self._addresses[name], self._spaces.get(name)] for name in self.names]
+        self._switch = subprocess.Popen(
+            [sys.executable, __file__, json.dumps(hosts), str(seed)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        self._order()
+
+    def address(self, name: str) -> str:
+        """Return the address of a host."""
+        return self._addresses[name]
+
+    def command(self, name: str, command: Sequence[str]) -> list[str]:
+        """Return the command that runs another one on a host, as the same process."""
+        return ["ip", "netns", "exec", self._spaces[name], *command]
+
+    def pids(self, name: str) -> list[int]:
+        """Return the processes of a host."""
+        listing = ["ip", "netns", "pids", self._spaces[name]]
+        return [int(pid) for pid in subprocess.run(listing, capture_output=True, check=True).stdout.split()]
+
+    def disturb(self, *names: str, loss: float = 0.0, delay_s: float = 0.0, cut: bool = False) -> None:
+        """Set the faults at hosts; without any, they are mended."""
+        ports = [self.names.index(name) for name in names]
+        self._order({"ports": ports, "loss": loss, "delay_s": delay_s, "cut": cut})
+
+    def close(self) -> None:
+        """End the switch, and what still runs on the hosts."""
+        self._switch.communicate()
+
+    def _order(self, order: dict[str, object] | None = None) -> None:
+        """Give an order to the switch, and wait until it is in force."""
+        assert self._switch.stdin is not None and self._switch.stdout is not None
+        if order is not None:
+            self._switch.stdin.write(json.dumps(order).encode() + b"\n")
+            self._switch.stdin.flush()
+        if not self._switch.stdout.readline():
+            raise OSError(f"the switch between namespaces ended ({self._switch.wait()})")
+
+
+def _open_port(number: int, address: str, space: str | None) -> int:
+    """Make a network interface with an address, in a namespace. Returns its other end."""
+    port = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
+    name = f"farm{os.getppid()}n{number}"
+    fcntl.ioctl(port, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI))
+    inside = ["ip"]
+    if space is not None:
+        subprocess.run(["ip", "netns", "add", space], check=True)
+        subprocess.run(["ip", "link", "set", name, "netns", space], check=True)
+        inside = ["ip", "-n", space]
+        subprocess.run([*inside, "link", "set", "lo", "up"], check=True)
+    subprocess.run([*inside, "addr", "add", f"{address}/24", "dev", name], check=True)
+    subprocess.run([*inside, "link", "set", name, "up"], check=True)
+    return port
+
+
+def _switch_frames(ports: list[int], rng: random.Random) -> None:
+    """Switch frames between the ports, and take orders, until there will be no more."""
+    wires = Wires(len(ports), rng)
+    while True:
+        ready, _, _ = select.select([0, *ports], [], [], wires.wait_s(time.monotonic()))
+        for number, port in enumerate(ports):
+            if port in ready:
+                with contextlib.suppress(OSError):
+                    wires.send(os.read(port, _FRAME_BYTES), number, time.monotonic())
+        for number, frame in wires.arrive(time.monotonic()):
+            with contextlib.suppress(OSError):  # its queue is full: a lost frame
+                os.write(ports[number], frame)
+        if 0 in ready:
+            line = sys.stdin.buffer.raw.readline()  # type: ignore[attr-defined]
+            if not line:
+                return
+            order = json.loads(line)
+            for number in order["ports"]:
+                wires.loss[number], wires.delay_s[number] = order["loss"], order["delay_s"]
+                (wires.cut.add if order["cut"] else wires.cut.discard)(number)
+            _confirm()
+
+
+def _confirm() -> None:
+    """Tell the other process that its order is in force."""
+    sys.stdout.write("done\n")
+    sys.stdout.flush()
+
+
+def _remove(space: str) -> None:
+    """End what still runs in a namespace, and remove it."""
+    listed = subprocess.run(["ip", "netns", "pids", space], capture_output=True).stdout.split()
+    for pid in listed:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(int(pid), signal.SIGKILL)
+    subprocess.run(["ip", "netns", "delete", space], capture_output=True)
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    hosts = json.loads(sys.argv[1])
+    try:
+        opened = [_open_port(number, address, space) for number, (address, space) in enumerate(hosts)]
+        _confirm()
+        _switch_frames(opened, random.Random(int(sys.argv[2])))
+    finally:
+        for _, host in hosts:
+            if host is not None:
+                _remove(host)
