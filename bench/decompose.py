@@ -2,6 +2,7 @@
 
 Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines best,parallelobox-faithful]
        [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
+       [--scheduler tls://HOST:PORT --certificates DIR]
 
 Engines other than `best` run at the first number of printers alone; where one that takes no number gives
 k parts, `best` is run for k printers too, for a fair comparison. Partitions of the guillotine engine are
@@ -30,6 +31,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from bench.cluster_calls import add_cluster_options, count_calls, open_calls
 from bench.print_time_parts import ANYWHERE, make_recipe
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -41,11 +43,12 @@ from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
 from drivers.printers import BEDS, PROFILES, part_room
+from farm.compute import Deferred, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.parts.slice_part import slice_part
 from farm.planning.printer_settings import build_slicing_printer
+from farm.planning.tasks import slice_part
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
@@ -104,9 +107,9 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     return _write_parts(result, folder, wall_s)
 
 
-def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
-    """Balance a partition in a folder by its sliced times; None if that changes nothing."""
-    was = pickle.loads((folder / CUTTING).read_bytes())
+def relevel(run: Run, cutting: Path, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
+    """Balance a partition, of a file, by its sliced times into a folder; None if that changes nothing."""
+    was = pickle.loads(cutting.read_bytes())
     start = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_recipe(make_recipe(run.quality))
@@ -116,7 +119,13 @@ def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | Non
     except DecomposeError as error:
         print(f"{run.name}, levelled again: {error}", file=sys.stderr)
         return None
-    return None if result is None else _write_parts(result, folder / "levelled", perf_counter() - start)
+    return None if result is None else _write_parts(result, folder, perf_counter() - start)
+
+
+deferred_cut = Deferred("bench.decompose:cut", lambda run, folder: TaskFiles((run.path,), (folder,)))
+deferred_relevel = Deferred(
+    "bench.decompose:relevel", lambda run, cutting, folder, _: TaskFiles((run.path, cutting), (folder,))
+)
 
 
 def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
@@ -137,7 +146,9 @@ def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None
     decompose_model(box, [PrinterRoom(str(i), room) for i in range(4)], options, cost)
 
 
-def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:
+def slice_parts(
+    report: dict[str, Any], run: Run, folder: Path, args: argparse.Namespace
+) -> list[float | None]:
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality)
     settings = resolve_settings(request, find_resources())
@@ -146,7 +157,7 @@ def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, job
     def one(part: dict[str, Any]) -> float | None:
         task = SliceTask(
             part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
-            folder / f"{part['id']}.gcode", cache,
+            folder / f"{part['id']}.gcode", args.results / "slices",
             PartPrintOptions(
                 brim_width_mm=part["brim_width_mm"],
                 layer_0_expansion_mm=part["layer_0_expansion_mm"],
@@ -155,7 +166,8 @@ def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, job
             ),
         )  # fmt: skip
         try:
-            return slice_part(task).sliced_s
+            sliced_s: float = args.call_beside(slice_part, task).sliced_s
+            return sliced_s
         except FarmError as error:
             print(f"{run.name} {part['id']}: {error}", file=sys.stderr)
             return None
@@ -163,7 +175,7 @@ def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, job
             task.out.unlink(missing_ok=True)
             task.out.with_suffix(".placed.stl").unlink(missing_ok=True)
 
-    with ThreadPoolExecutor(jobs) as pool:
+    with ThreadPoolExecutor(count_calls(args, args.jobs)) as pool:
         return list(pool.map(one, report["parts"]))
 
 
@@ -235,18 +247,18 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         row: dict[str, Any] = json.loads(kept.read_text())
         if row.get("sliced") or args.no_slices or "refused" in row:
             return row
-    folder, cache = args.results / run.name, args.results / "slices"
-    report = _call_apart(cut, run, folder)
+    folder = args.results / run.name
+    report = args.call(deferred_cut, run, folder)
     sliced = None
     if not args.no_slices and "refused" not in report:
-        sliced = slice_parts(report, run, folder, cache, args.jobs)
+        sliced = slice_parts(report, run, folder, args)
     row = compute_row(run, report, sliced)
     while row.get("sliced") and row.get("levelled", 0) < LEVELLED and (folder / CUTTING).is_file():
-        report = _call_apart(relevel, run, folder, sliced)
+        cutting, folder = folder / CUTTING, folder / "levelled"
+        report = args.call(deferred_relevel, run, cutting, folder, sliced)
         if report is None:
             break
-        folder = folder / "levelled"
-        sliced = slice_parts(report, run, folder, cache, args.jobs)
+        sliced = slice_parts(report, run, folder, args)
         again = compute_row(run, report, sliced)
         if not again["sliced"] or again["parallel_s"] >= row["parallel_s"]:
             break
@@ -352,13 +364,18 @@ def main() -> int:
     parser.add_argument("--no-slices", action="store_true")
     parser.add_argument("--no-whole", dest="whole", action="store_false")
     parser.add_argument("--json", action="store_true")
+    add_cluster_options(parser)
     args = parser.parse_args()
+    args.results = args.results.absolute()
     args.results.mkdir(parents=True, exist_ok=True)
-    rows = [row for name in args.only for row in make_rows(args.models / name, args)]
+    with open_calls(args, _call_apart) as args.call, open_calls(args) as args.call_beside:
+        rows = [row for name in args.only for row in make_rows(args.models / name, args)]
     result = {"schema": 1, "runs": rows, **summarise(rows)}
     print(json.dumps(result, indent=1) if args.json else json.dumps(summarise(rows), indent=1))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    from bench import decompose  # by its name, which other processes know it by
+
+    sys.exit(decompose.main())

@@ -1,7 +1,7 @@
 """Time that hidden faces and gradual infill save: parts of unseen models, sliced with and without.
 
 Usage: python -m bench.savings [--kinds mechanical,organic,bust] [--seed 1] [--side 150] [--printers 6]
-       [--quality glue] [--cache DIR] [--json]
+       [--quality glue] [--cache DIR] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
 Each model is cut twice, by prices that know hidden faces and by prices that do not, and all parts are
 sliced, each cut with the quality's infill and with one of even density. Times are CuraEngine's.
@@ -13,9 +13,11 @@ import argparse
 import json
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from bench.cluster_calls import add_cluster_options, count_calls, open_calls
 from bench.print_time_parts import ANYWHERE, EVEN, PRINTER
 from bench.unseen import draw_model
 from decompose.decompose import decompose_model
@@ -25,6 +27,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Part
 from drivers.printers import BEDS, PROFILES, part_room
+from farm.compute import Deferred, TaskFiles
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.plate import PlateRequest, slice_plate
@@ -101,6 +104,14 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
     return rows
 
 
+def list_files(_: str, args: argparse.Namespace) -> TaskFiles:
+    """List the files of `measure`: the cache of slices."""
+    return TaskFiles(caches=() if args.cache is None else (args.cache,))
+
+
+deferred_measure = Deferred("bench.savings:measure", list_files)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -112,8 +123,11 @@ def main() -> None:
     parser.add_argument("--quality", default="glue")
     parser.add_argument("--cache", type=Path)
     parser.add_argument("--json", action="store_true")
+    add_cluster_options(parser)
     args = parser.parse_args()
-    rows = [row for kind in args.kinds.split(",") for row in measure(kind, args)]
+    with open_calls(args) as call, ThreadPoolExecutor(count_calls(args)) as threads:
+        by_kind = threads.map(lambda kind: call(deferred_measure, kind, args), args.kinds.split(","))
+        rows = [row for found in by_kind for row in found]
     if args.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return

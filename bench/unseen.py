@@ -1,7 +1,7 @@
 """Decompositions of shapes that no one has tuned for: drawn by a seed, different with each.
 
 Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 20] [--side 450]
-       [--budget 20] [--json]
+       [--budget 20] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
 Each kind is a family: limbs of ellipsoids, a head of noise on shoulders, a lattice of struts, a thin shell, a
 block with bores, a flat sheet with ribs. Times are prices of the cost model, against the whole model in its
@@ -15,7 +15,6 @@ import argparse
 import json
 import math
 import resource
-import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -24,6 +23,7 @@ from time import perf_counter
 import numpy as np
 from trimesh import creation
 
+from bench.cluster_calls import add_cluster_options, count_calls, open_calls
 from bench.shapes import ellipsoid, rod, solid
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -31,6 +31,7 @@ from decompose.geometry import Model, Solid
 from decompose.options import BUDGET_S, BestOptions, Options
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
+from farm.compute import Deferred, TaskFiles
 
 ROOM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))  # an Ultimaker 2+ with its brim
 
@@ -195,6 +196,18 @@ def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float
     )
 
 
+deferred_measure = Deferred("bench.unseen:measure", lambda *_: TaskFiles())
+
+
+def format_row(row: Figures) -> str:
+    """Format the figures of one model."""
+    figures = row.reason or (
+        f"{row.parts} parts, E {row.efficiency:.3f}, balance {row.balance:.3f}, gap {row.gap:.1%}, "
+        f"{row.small_feet} small feet, effort {row.effort_s:.1f} s"
+    )
+    return f"{row.kind:10} {row.triangles:7} faces: {figures}, {row.wall_s:.0f} s, {row.peak_mb:.0f} MB"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -205,18 +218,20 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--budget", type=float, default=BUDGET_S)
     parser.add_argument("--json", action="store_true")
+    add_cluster_options(parser)
     wanted = parser.parse_args()
     rows = []
-    for kind in wanted.kinds.split(","):
-        row = measure(kind, wanted.seed, wanted.printers, wanted.side, wanted.budget)
-        rows.append(row)
-        if not wanted.json:
-            figures = row.reason or (
-                f"{row.parts} parts, E {row.efficiency:.3f}, balance {row.balance:.3f}, gap {row.gap:.1%}, "
-                f"{row.small_feet} small feet, effort {row.effort_s:.1f} s"
-            )
-            print(f"{kind:10} {row.triangles:7} faces: {figures}, {row.wall_s:.0f} s, {row.peak_mb:.0f} MB")
-            sys.stdout.flush()
+    with open_calls(wanted) as call, ThreadPoolExecutor(count_calls(wanted)) as threads:
+
+        def measure_kind(kind: str) -> Figures:
+            size = wanted.printers, wanted.side, wanted.budget
+            figures: Figures = call(deferred_measure, kind, wanted.seed, *size)
+            return figures
+
+        for row in threads.map(measure_kind, wanted.kinds.split(",")):
+            rows.append(row)
+            if not wanted.json:
+                print(format_row(row), flush=True)
     found = [row.efficiency for row in rows if row.efficiency is not None]
     mean = math.exp(sum(map(math.log, found)) / len(found)) if found else None
     if wanted.json:

@@ -1,35 +1,19 @@
 """One model on a cluster, without a daemon: the same files as here."""
 
-import asyncio
-
 import pytest
 import trimesh
 
 from dask_cluster import HERE
 from farm.compute.cluster.cluster_pool import ClusterPool
-from farm.compute.cluster.cluster_state import ClusterWorker
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.errors import FarmError, Refused
 from farm.planning.local import on_cluster
 from farm.planning.local.on_cluster import Cluster, decompose_on_cluster, slice_on_cluster
 from farm.planning.local.slice_file import SliceOptions, slice_to_file
+from inline_link import InlineLink
 from same_process import SameProcess
 
 OPTIONS = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4)
-
-
-class InlineLink:
-    """A cluster of one worker in this process."""
-
-    def __init__(self, executor, on_workers):
-        self._executor, self._on_workers = executor, on_workers
-
-    async def watch(self):
-        self._on_workers((ClusterWorker("w1", "tls://w1", 1),))
-        await asyncio.Event().wait()
-
-    async def submit(self, task, sent):
-        return await self._executor.execute(task, sent)
 
 
 @pytest.fixture

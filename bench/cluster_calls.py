@@ -1,0 +1,91 @@
+"""Calls of benches on a cluster, by `--scheduler`, or where the bench runs.
+
+The cluster's workers have to find the package `bench`: start each in a checkout, as
+``PYTHONPATH=. .venv/bin/farm worker tls://HOST:8786 --certificates FOLDER``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from farm.compute import Deferred, Limit, Workers
+from farm.compute.cluster import connect_cluster
+
+Call = Callable[..., Any]
+"""Calls a deferred function with arguments, and waits for its result; from any thread."""
+LIMIT = Limit("measuring", 6 * 3600.0)
+AT_ONCE = 64
+"""Calls at the same time on a cluster; it runs as many as it has slots."""
+
+
+def add_cluster_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options by which a bench is told of a cluster."""
+    parser.add_argument("--scheduler", help="compute on the cluster of this scheduler, tls://HOST:PORT")
+    parser.add_argument("--certificates", type=Path, help="folder with ca.pem, cert.pem and key.pem")
+
+
+def count_calls(args: argparse.Namespace, here: int = 1) -> int:
+    """Return how many calls a bench makes at the same time: on a cluster, or here."""
+    return here if args.scheduler is None else AT_ONCE
+
+
+@contextmanager
+def open_calls(args: argparse.Namespace, here: Call | None = None) -> Iterator[Call]:
+    """Open the way on which calls are made.
+
+    Parameters
+    ----------
+    args
+        Options of `add_cluster_options`.
+    here
+        Makes calls without a cluster; None: in the thread that calls.
+    """
+    if args.scheduler is None:
+        yield here or (lambda work, *arguments: work(*arguments))
+        return
+    with tempfile.TemporaryDirectory(prefix="farm-bench-") as scratch:
+        own = Workers(Path(scratch) / "own", 1)
+        with open_pool(lambda: connect_cluster(own, args.scheduler, args.certificates)) as call:
+            yield call
+
+
+@contextmanager
+def open_pool(connect: Callable[[], Any]) -> Iterator[Call]:
+    """Run a pool of a cluster in a thread, and make calls on it.
+
+    Parameters
+    ----------
+    connect
+        Makes the pool; see `connect_cluster`.
+    """
+    loop = asyncio.new_event_loop()
+    thread = Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+
+    async def start() -> Any:
+        pool = connect()
+        pool.start()
+        return pool
+
+    async def run(work: Deferred, arguments: tuple[Any, ...]) -> Any:
+        return await pool.run(work, *arguments, limit=LIMIT)
+
+    async def stop() -> None:
+        pool.close()
+        await pool.wait_closed()
+
+    pool: Any = asyncio.run_coroutine_threadsafe(start(), loop).result()
+    try:
+        yield lambda work, *arguments: asyncio.run_coroutine_threadsafe(run(work, arguments), loop).result()
+    finally:
+        asyncio.run_coroutine_threadsafe(stop(), loop).result()
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join()
+        loop.close()

@@ -1,0 +1,63 @@
+"""Calls of benches: where the bench runs, or on a cluster."""
+
+from argparse import ArgumentParser
+
+import pytest
+
+import portable_work as work
+from bench import cluster_calls
+from bench.cluster_calls import add_cluster_options, count_calls, open_calls
+from dask_cluster import HERE
+from farm.compute.cluster.cluster_pool import ClusterPool
+from farm.compute.cluster.task_executor import TaskExecutor
+from farm.errors import FarmError
+from inline_link import InlineLink
+from same_process import SameProcess
+
+
+def parse(*args):
+    parser = ArgumentParser()
+    add_cluster_options(parser)
+    return parser.parse_args(args)
+
+
+@pytest.fixture
+def source(tmp_path):
+    path = tmp_path / "model.stl"
+    path.write_bytes(b"solid")
+    return path
+
+
+def test_calls_are_made_here_without_a_scheduler(tmp_path, source):
+    with open_calls(parse()) as call:
+        assert call(work.copy, source, tmp_path / "out")["copy"].read_bytes() == b"solid"
+    with open_calls(parse(), here=lambda function, *args: args) as call:
+        assert call(work.copy, 1, 2) == (1, 2)
+    assert count_calls(parse(), 3) == 3
+
+
+def test_calls_go_to_the_cluster_with_their_files_and_errors(tmp_path, source, monkeypatch):
+    executor = TaskExecutor("w1", tmp_path, SameProcess(), HERE)
+    asked = []
+
+    def connect(own, scheduler, certificates):
+        asked.append((scheduler, certificates))
+        return ClusterPool(own, scheduler, HERE, lambda on_workers, _: InlineLink(executor, on_workers))
+
+    class NoProcesses(SameProcess):
+        def __init__(self, *_):
+            pass
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(cluster_calls, "connect_cluster", connect)
+    monkeypatch.setattr(cluster_calls, "Workers", NoProcesses)
+    args = parse("--scheduler", "tls://a:8786", "--certificates", str(tmp_path))
+    with open_calls(args) as call:
+        assert call(work.copy, source, tmp_path / "out")["copy"] == tmp_path / "out" / "copy.txt"
+        with pytest.raises(FarmError, match="this model is hollow"):
+            call(work.fail, source, tmp_path / "out")
+    assert (tmp_path / "out" / "copy.txt").read_bytes() == b"solid"
+    assert asked == [("tls://a:8786", tmp_path)] and count_calls(args, 3) > 3
+    assert list((tmp_path / "files").iterdir())  # sent to the worker, by its hash

@@ -1,0 +1,76 @@
+"""The network on which clusters are tried: frames on the switch, and hosts in network namespaces."""
+
+import random
+import subprocess
+import sys
+
+import pytest
+
+from virtual_network import Network, Wires, find_obstacle
+
+OBSTACLE = find_obstacle()
+A, B, ALL = b"\x02aaaaa", b"\x02bbbbb", b"\xff" * 6
+
+
+def frame(to, sender, text=b""):
+    return to + sender + text
+
+
+def arrived(wires, now_s=0.0):
+    return list(wires.arrive(now_s))
+
+
+def test_frames_go_to_where_their_destination_was_seen():
+    wires = Wires(3, random.Random(1))
+    wires.send(frame(B, A), 0, 0.0)  # nobody knows where B is
+    assert arrived(wires) == [(1, frame(B, A)), (2, frame(B, A))]
+    wires.send(frame(A, B), 1, 0.0)
+    wires.send(frame(ALL, B), 1, 0.0)
+    assert arrived(wires) == [(0, frame(A, B)), (0, frame(ALL, B)), (2, frame(ALL, B))]
+
+
+def test_delays_add_up_and_frames_keep_their_order():
+    wires = Wires(2, random.Random(1), delay_s={0: 0.3, 1: 0.1})
+    wires.send(frame(ALL, A, b"1"), 0, 0.0)
+    wires.send(frame(ALL, A, b"2"), 0, 0.0)
+    assert wires.wait_s(0.1) == pytest.approx(0.3)
+    assert arrived(wires, 0.39) == []
+    assert [content[-1:] for _, content in arrived(wires, 0.41)] == [b"1", b"2"]
+    assert wires.wait_s(0.5) is None
+
+
+def test_a_cut_port_has_no_frames_and_a_bad_one_loses_its_share():
+    wires = Wires(3, random.Random(1), cut={1}, loss={2: 0.25})
+    for _ in range(1000):
+        wires.send(frame(ALL, A), 0, 0.0)
+    ports = [port for port, _ in arrived(wires)]
+    assert set(ports) == {2} and 700 < len(ports) < 800
+    wires.send(frame(ALL, B), 1, 0.0)
+    assert arrived(wires) == []
+
+
+CONNECT = "import socket, sys; socket.create_connection((sys.argv[1], 9), timeout=0.3)"
+
+
+@pytest.mark.system
+@pytest.mark.skipif(OBSTACLE is not None, reason=str(OBSTACLE))
+def test_hosts_reach_each_other_unless_cut_and_end_with_the_network():
+    network = Network(["a", "b"])
+
+    def reach(source, target):
+        """Return the error of a connection to a port where nothing listens: refused if the host answers."""
+        command = network.command(source, [sys.executable, "-S", "-c", CONNECT, network.address(target)])
+        return subprocess.run(command, capture_output=True, text=True).stderr.splitlines()[-1]
+
+    try:
+        assert reach("a", "b").startswith("ConnectionRefusedError")
+        network.disturb("b", cut=True)
+        assert reach("a", "b").startswith("TimeoutError")
+        assert reach("a", "farm").startswith("ConnectionRefusedError")
+        network.disturb("b")
+        left = subprocess.Popen(network.command("b", ["sleep", "600"]))
+        while network.pids("b") != [left.pid]:
+            assert left.poll() is None
+    finally:
+        network.close()
+    assert left.wait() == -9
