@@ -16,7 +16,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ DELAY_S, LOSS = 0.3, 0.05  # at each host, in both directions
 TASKS, TASK_S = 8, 1.5
 MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
+TIMED = "decomposition"  # report of a plan, with the time that it took
 ENDING_S = 30.0  # until nothing of a round is left
 SAMPLE_S = 0.2
 PORT = 8786
@@ -246,7 +247,7 @@ class Rounds:
             "victim": victim,
             "duration_s": duration_s,
             "job_ended": isinstance(plan, Plan),
-            "same_plan": _is_same(plan, local),
+            "differences": list_differences(plan, local),
             "tasks_right": sum(right),
             "taken_twice": taken.count_twice(),
             "tasks_left": left,
@@ -321,11 +322,26 @@ async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
     return await done
 
 
-def _is_same(plan: Any, local: Any) -> bool:
-    """Compare two plans: parts and plates name their files by what is in them."""
+def list_differences(plan: Any, local: Any) -> list[str]:
+    """List the fields in which two plans differ: parts and plates name their files by what is in them."""
     if not isinstance(plan, Plan) or not isinstance(local, Plan):
-        return False
-    return (plan.parts, plan.plates, plan.expected_s) == (local.parts, local.plates, local.expected_s)
+        return [f"{plan} and {local}"]
+    pairs: list[tuple[str, Any, Any]] = []
+    for item in fields(Plan):
+        one, two = getattr(plan, item.name), getattr(local, item.name)
+        if item.name not in ("parts", "plates"):
+            pairs.append((item.name, one, two))
+        elif len(one) != len(two):
+            pairs.append((item.name, len(one), len(two)))
+        else:
+            pairs += [
+                (f"{first.id} {name}", value, dict(second)[name])
+                for first, second in zip(one, two, strict=True)
+                for name, value in first
+            ]
+    return [
+        f"{name}: {one!r:.200} and {two!r:.200}" for name, one, two in pairs if one != two and name != TIMED
+    ]
 
 
 async def run_faults(
@@ -367,7 +383,7 @@ def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
     durations_s = sorted(row["duration_s"] for row in figures)
     return {
         "jobs_ended": sum(row["job_ended"] for row in figures),
-        "same_plans": sum(row["same_plan"] for row in figures),
+        "same_plans": sum(not row["differences"] for row in figures),
         "tasks_right": sum(row["tasks_right"] for row in figures),
         "tasks": TASKS * len(figures),
         "taken_twice": sum(row["taken_twice"] for row in figures),
