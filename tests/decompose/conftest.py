@@ -39,7 +39,7 @@ def ring_with_bar() -> Solid:
 @pytest.fixture(scope="session")
 def ball() -> Model:
     """A ball of 300 mm: larger than any printer, thick enough to be hollow."""
-    sphere = trimesh.creation.icosphere(4, 150.0)
+    sphere = trimesh.creation.icosphere(3, 150.0)
     return Model(Solid.from_arrays(sphere.vertices, sphere.faces), (), 1.0)
 
 

@@ -36,7 +36,7 @@ def test_curve_considers_the_speed_of_printers(
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
     printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
-    equal, slow = (auto.decompose_auto(model, own, COARSE, cost).curve for own in (fleet[:2], printers))
+    equal, slow = (auto.decompose_auto(model, rooms, COARSE, cost).curve for rooms in (fleet[:2], printers))
     alone, both = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
     assert alone == pytest.approx(2.0)
     assert both == pytest.approx(8.0 / 3.0, rel=0.05)  # as two share it out that are so quick
@@ -51,7 +51,7 @@ def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
     assert [point.printers for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
     lows = [replace(low, name=str(i)) for i in range(3)]
-    curves = [auto.decompose_auto(model, own, fine, cost).curve for own in ([*lows, high], [high, *lows])]
+    curves = [auto.decompose_auto(model, rooms, fine, cost).curve for rooms in ([*lows, high], [high, *lows])]
     assert [[point.printers for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]
     assert curves[1][0].makespan_s == result.curve[0].makespan_s
 
@@ -65,9 +65,10 @@ def test_all_printers_are_used_if_the_curve_is_too_optimistic(
 
 
 def test_curve_is_in_the_report(
-    tmp_path: Path, ball: Model, fleet: list[PrinterRoom], cost: CostModel
+    tmp_path: Path, ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    write_decomposition(auto.decompose_auto(ball, fleet, COARSE, cost), tmp_path)
+    model = Model(ring_with_bar, (), 1.0)
+    write_decomposition(auto.decompose_auto(model, fleet[:3], COARSE, cost), tmp_path)
     curve = json.loads((tmp_path / "decomposition.json").read_text())["curve"]
     assert [set(point) for point in curve] == [{"printers", "makespan_s"}] * len(curve)
     assert curve

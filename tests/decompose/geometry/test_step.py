@@ -21,8 +21,7 @@ needs_cascadio = pytest.mark.skipif(
 
 
 @needs_cascadio
-@pytest.mark.parametrize("unit_mm", [1.0, 25.4])
-@pytest.mark.parametrize("suffix", ["step", "stp", "STEP"])
+@pytest.mark.parametrize(("suffix", "unit_mm"), [("step", 1.0), ("stp", 25.4), ("STEP", 1.0)])
 def test_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
     path = tmp_path / f"box.{suffix}"
     path.write_text(step_text((10, 20, 30), unit_mm))
@@ -41,12 +40,16 @@ def test_reading_a_step_file_prints_nothing(capfd: pytest.CaptureFixture[str]) -
 
 @needs_cascadio
 def test_invalid_step_is_refused() -> None:
-    whole = step_text((10, 20, 30)).encode()
-    for data in (b"junk", whole[: len(whole) // 2], whole.replace(b"CLOSED_SHELL", b"CLOSED_SHELF")):
+    step_bytes = step_text((10, 20, 30)).encode()
+    for data in (
+        b"junk",
+        step_bytes[: len(step_bytes) // 2],
+        step_bytes.replace(b"CLOSED_SHELL", b"CLOSED_SHELF"),
+    ):
         with pytest.raises((ModelUnreadable, ModelEmpty), match=r"box\.step: "):
             read_step("box.step", data)
     with pytest.raises(ModelTooDetailed):
-        read_step("box.step", whole, max_triangles=11)
+        read_step("box.step", step_bytes, max_triangles=11)
 
 
 def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,13 +58,13 @@ def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPa
         read_step("box.step", step_text((10, 20, 30)).encode())
 
 
-@pytest.mark.parametrize(("code", "words"), [(-11, "crashed on it"), (0, "cannot read it")])
+@pytest.mark.parametrize(("code", "expected"), [(-11, "crashed on it"), (0, "cannot read it")])
 def test_crash_of_opencascade_is_reported_in_a_sentence(
-    monkeypatch: pytest.MonkeyPatch, code: int, words: str
+    monkeypatch: pytest.MonkeyPatch, code: int, expected: str
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     monkeypatch.setattr(step.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=code))
-    with pytest.raises(ModelUnreadable, match=words):
+    with pytest.raises(ModelUnreadable, match=expected):
         read_step("box.step", step_text((10, 20, 30)).encode())
 
 

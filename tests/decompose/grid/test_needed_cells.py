@@ -24,9 +24,9 @@ def grid_of(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, 
     return build_grid(triangles, cells, GridRules(wall_mm, keep, cost.overhang_cos, cost.skin_cos))
 
 
-def corners_mm(cells: NeededCells, which: np.ndarray) -> np.ndarray:
+def corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
     """Return the corners (8, k, 3) in mm of the marked cells."""
-    at = np.argwhere(which)
+    at = np.argwhere(mask)
     ends = [[cells.planes[a][at[:, a]], cells.planes[a][at[:, a] + 1]] for a in range(3)]
     return np.stack(
         [np.stack([ends[a][side] for a, side in enumerate(corner)], axis=1) for corner in np.ndindex(2, 2, 2)]
@@ -43,7 +43,7 @@ def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
     st.integers(5, 12),
     st.floats(0.0, 40.0),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: float) -> None:
     """The depth of a corner in a block is known in closed form; a block is convex, so corners are enough."""
     cost = CostModel.from_recipe(Recipe())
@@ -52,9 +52,9 @@ def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: 
     cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)
     assert not (cells.needed & ~coarse(grid, cells)).any()
 
-    def depths_mm(which: np.ndarray) -> np.ndarray:
+    def depths_mm(mask: np.ndarray) -> np.ndarray:
         """Return the depth (8, k) of the corners of marked cells in the block; negative outside of it."""
-        local = turn.inv().apply(corners_mm(cells, which).reshape(-1, 3))
+        local = turn.inv().apply(corners_mm(cells, mask).reshape(-1, 3))
         return np.asarray((SIDES_MM / 2.0 - np.abs(local)).min(axis=1).reshape(8, -1))
 
     open_mm = depths_mm(~cells.needed & coarse(grid, cells))

@@ -53,7 +53,7 @@ def in_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
     return np.array([grid.bounds_mm(box) for box in boxes])
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     base = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)

@@ -3,6 +3,7 @@
 import pytest
 import trimesh
 
+from decompose.export import files as decomposition_files
 from farm.model import JobOptions
 from farm.planning.inspection.inspect_submission import inspect_model
 
@@ -20,3 +21,10 @@ def bar(tmp_path, files):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
     return inspect_model(path, "bar.stl", JobOptions(), files)
+
+
+@pytest.fixture
+def without_pictures(monkeypatch):
+    """Write decompositions with empty pictures and pages, which take as long as the search for the parts."""
+    for name in ("draw_assembly", "write_instructions"):
+        monkeypatch.setattr(decomposition_files, name, lambda _, path, *__: path.write_bytes(b""))

@@ -51,6 +51,7 @@ def plan(state, job, factor=1.0):
     return reports, asyncio.run(main())
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
     def slicing(done, cached=0):
         return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
@@ -96,6 +97,7 @@ def slowed(monkeypatch, late_s, fail=None):
     return requests
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     """One end of the bar takes ten seconds a mm longer; after it both ends end together."""
     slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
@@ -124,6 +126,7 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
         ValueError("lp"),
     ],
 )
+@pytest.mark.usefixtures("without_pictures")
 def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
     """The part is slower after it was sliced again, or something fails."""
     times = iter([600.0, 9000.0])

@@ -27,7 +27,7 @@ from decompose.problem.fitting import (
 )
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
-MENDED = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False)
+MENDED = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False, prove=False)
 FAITHFUL = replace(MENDED, faithful=True)
 
 
@@ -113,11 +113,11 @@ def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost:
     """An egg, whose halves are connected wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
     model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
-    result = decompose_model(model, printers(6), options, cost)
-    assert 2 <= len(result.parts) <= 6
+    result = decompose_model(model, printers(4), options, cost)
+    assert 2 <= len(result.parts) <= 4
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(model.solid.volume_mm3, rel=1e-9)
     assert result.makespan_s < result.serial_s
-    repeated = decompose_model(model, printers(6), options, cost)
+    repeated = decompose_model(model, printers(4), options, cost)
     assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 

@@ -143,6 +143,7 @@ def box(files, tmp_path):
     return inspect_model(path, "box.stl", JobOptions(), files)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp_path):
     """Two parts at least: four printers print two copies side by side, three take two rounds."""
     for printers, copies, parts in ((4, 2, 2), (3, 2, 3), (2, 2, 2), (8, 2, 4)):
@@ -153,6 +154,7 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
         assert len(decompose_job(task).parts) == parts, (printers, copies)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, files, tmp_path):
     auto = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     assert len(decompose_job(auto).parts) == 1
@@ -162,6 +164,7 @@ def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, 
     assert len(decompose_job(many).parts) == 1
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     task = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     (whole,) = decompose_job(task).parts
@@ -182,6 +185,7 @@ class Sliced:
         self.cached, self.unprinted = False, ()
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     options = JobOptions(copies=3, printers=6)
     task = replace(decompose_task(bar, files, tmp_path, printers=6), options=options)
@@ -191,10 +195,10 @@ def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")
     sliced = join_slices(task, cut, tasks, [Sliced(path) for path in gcodes])
-    one = book_plan(sliced, files)
+    booked_plan = book_plan(sliced, files)
     stored = set(files.rglob("*"))
-    plan = multiply_plan(one, task)
+    plan = multiply_plan(booked_plan, task)
     assert set(files.rglob("*")) == stored
     assert len(tasks) == 2 and len(plan.plates) == 6
-    assert {plate.gcode for plate in plan.plates} == {plate.gcode for plate in one.plates}
+    assert {plate.gcode for plate in plan.plates} == {plate.gcode for plate in booked_plan.plates}
     assert len({plate.printer for plate in plan.plates}) == 6

@@ -37,6 +37,7 @@ def test_requested_engine_is_used(bar, files, tmp_path):
     assert page.count("<td>in the middle</td>") + page.count(", from the middle</td>") == 2
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files, tmp_path):
     with pytest.raises(TooFewPrinters) as error:
         decompose_job(decompose_task(bar, files, tmp_path, printers=1))
@@ -45,6 +46,7 @@ def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files
     assert [p.printer for p in cut.parts] == ["p0", "p0"]
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
@@ -58,6 +60,7 @@ def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_
     assert len(decompose_job(given).parts) == 2
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
@@ -70,6 +73,7 @@ def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp
     assert curve[1]["makespan_s"] < curve[0]["makespan_s"]
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_fewest_parts_in_time_are_cut(files, tmp_path):
     path = tmp_path / "upload.stl"
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
@@ -84,6 +88,7 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
     assert counts == [1, 2, 3]
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
     glue = decompose_task(bar, files, tmp_path)
     paper = replace(glue, options=JobOptions(quality="paper"))
@@ -97,6 +102,7 @@ def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
     assert {item.print_options for item in slice_tasks(paper, cut)} == {PartPrintOptions()}
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
     def larger(solid, lo, hi):
         return cut_box(solid, lo - 0.5, hi + 0.5)
@@ -149,6 +155,7 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
     assert wide < 0.8 and fine > 1.5
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_path):
     """A model as high as a 2+ and a 2+ Extended together, which needs three parts in their common room."""
     path = tmp_path / "upload.stl"
@@ -170,6 +177,7 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
         assert max(box.height_mm for box in item.room) == (305.0 if part.printer == "high" else 205.0)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_pins_that_are_left_out_are_told_with_the_job(bar, files, tmp_path, monkeypatch):
     def fail(*args):
         raise RuntimeError("QH6154 initial simplex is flat")

@@ -10,6 +10,8 @@ from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.relevel_parts import relevel_parts
 from farm.planning.plan import RELEVEL_LATE_S
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
