@@ -38,9 +38,9 @@ def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
     printed: tuple[Connectors, PrintedPart],
 ) -> None:
     connectors, sliced = printed
-    own = [mark for mark in connectors.marks if mark.part == 0]
-    assert [mark.text for mark in own] == ["1-2^", "1-3^"]
-    assert all(sliced.is_legible(mark) for mark in own)
+    marks = [mark for mark in connectors.marks if mark.part == 0]
+    assert [mark.text for mark in marks] == ["1-2^", "1-3^"]
+    assert all(sliced.is_legible(mark) for mark in marks)
     away = [mark for mark in connectors.marks if mark.part == 2]
     assert away and not any(sliced.is_legible(mark) for mark in away)  # it was not sliced
 
@@ -58,7 +58,7 @@ def test_holes_that_lie_and_that_open_on_the_bed_stay_free_of_support(
 
 def test_seams_of_the_outer_wall_hide_in_the_gutter(printed: tuple[Connectors, PrintedPart]) -> None:
     connectors, sliced = printed
-    [gutter] = [one for one in connectors.gutters if one.part == 0]
+    [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
     starts_mm = sliced.find_seams(longest_only=True)
     low, high = gutter.line_mm
     beside = starts_mm[(starts_mm[:, 2] > low[2]) & (starts_mm[:, 2] < high[2])]

@@ -174,14 +174,14 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
     straight = next(a for a in result.attempts if a.yaw_deg == 45.0)
     assert straight.makespan_s == result.makespan_s
     assert result.yaw_deg == 45.0
-    whole = np.concatenate([part.solid.bounds_mm for part in result.parts])
-    np.testing.assert_allclose([whole.min(axis=0), whole.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
+    bounds_mm = np.concatenate([part.solid.bounds_mm for part in result.parts])
+    np.testing.assert_allclose([bounds_mm.min(axis=0), bounds_mm.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
     for part in result.parts:
         points, _ = part.printing_mesh()
         back = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
-        own, _ = part.solid.arrays()
-        np.testing.assert_allclose(back, own, atol=1e-4)
-        cuts = [n for *n, d in part.planes.tolist() if np.abs(own @ n - d).min() < 1e-6]
+        vertices, _ = part.solid.arrays()
+        np.testing.assert_allclose(back, vertices, atol=1e-4)
+        cuts = [n for *n, d in part.planes.tolist() if np.abs(vertices @ n - d).min() < 1e-6]
         assert len(cuts) == 1  # across the bar
         assert abs(cuts[0] @ turn[:, 0]) == pytest.approx(1.0)
 

@@ -71,8 +71,8 @@ def pipe() -> Solid:
 
 def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decomposition:
     rooms = [PrinterRoom(f"um-{i}", ROOM) for i in range(printers)]
-    how = Options(Engine.GUILLOTINE, granularity, prove=False)
-    return decompose_model(Model(solid, (), 1.0), rooms, how, cost)
+    options = Options(Engine.GUILLOTINE, granularity, prove=False)
+    return decompose_model(Model(solid, (), 1.0), rooms, options, cost)
 
 
 @pytest.mark.parametrize(
@@ -130,10 +130,10 @@ def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
 def test_rod_of_100_m_is_refused_before_any_grid_is_laid(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def never(*_: object) -> None:
+    def refuse_call(*_: object) -> None:
         raise AssertionError("lays a grid over it")
 
-    monkeypatch.setattr("decompose.problem.problem.build_grid", never)
+    monkeypatch.setattr("decompose.problem.problem.build_grid", refuse_call)
     with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as raised:
         run(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
     assert "\n" not in str(raised.value)

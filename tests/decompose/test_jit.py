@@ -11,12 +11,12 @@ from decompose.jit import find_code_folder, hash_sources
 
 
 def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
-    cost, boxes, words = (tmp_path / name for name in ("cost.py", "boxes.py", "words.py"))
+    cost, boxes, text = (tmp_path / name for name in ("cost.py", "boxes.py", "words.py"))
     cost.write_text("from decompose.jit import jit\nPRICE = 1.0\n")
     boxes.write_text("from decompose.jit import jit\nfrom decompose.cost import PRICE\n")
-    words.write_text("SAID = 'nothing that is compiled'\n")
+    text.write_text("SAID = 'nothing that is compiled'\n")
     before = hash_sources(tmp_path)
-    words.write_text("SAID = 'something else'\n")
+    text.write_text("SAID = 'something else'\n")
     assert hash_sources(tmp_path) == before
     cost.write_text("from decompose.jit import jit\nPRICE = 2.0\n")
     assert hash_sources(tmp_path) != before
@@ -39,16 +39,16 @@ def test_code_is_stored_beside_writable_sources(tmp_path: Path) -> None:
 def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
     tmp_path: Path, read_only: set[Path]
 ) -> None:
-    installed, own = tmp_path / "installed", tmp_path / "home" / "own"
+    installed, own_folder = tmp_path / "installed", tmp_path / "home" / "own"
     (installed / "grid").mkdir(parents=True)
     (installed / "grid" / "boxes.nbc").write_bytes(b"code")
     read_only.add(installed)
-    assert find_code_folder(installed, [own]) == own
-    assert (own / "grid" / "boxes.nbc").read_bytes() == b"code"
-    assert [path.name for path in own.parent.iterdir()] == ["own"]
-    (own / "grid" / "rays.nbc").write_bytes(b"more")
-    find_code_folder(installed, [own])
-    assert (own / "grid" / "rays.nbc").exists()  # it is not copied again
+    assert find_code_folder(installed, [own_folder]) == own_folder
+    assert (own_folder / "grid" / "boxes.nbc").read_bytes() == b"code"
+    assert [path.name for path in own_folder.parent.iterdir()] == ["own"]
+    (own_folder / "grid" / "rays.nbc").write_bytes(b"more")
+    find_code_folder(installed, [own_folder])
+    assert (own_folder / "grid" / "rays.nbc").exists()  # it is not copied again
 
 
 def test_unwritable_home_falls_back_to_a_temporary_folder(tmp_path: Path, read_only: set[Path]) -> None:

@@ -83,13 +83,13 @@ def test_reported_repairs_are_kept(cut: Decomposition, cost: CostModel) -> None:
 
 
 def test_second_relevel_continues_from_the_first(cut: Decomposition, cost: CostModel) -> None:
-    once = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
-    assert once is not None
-    slow = number_in(once, cut, 1)
-    assert relevel_planes(MODEL, bare(once), took_s(once, slow), cost) is None  # it is level
-    twice = relevel_planes(MODEL, bare(once), took_s(once, 2, 1.3), cost)
+    first = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
+    assert first is not None
+    slow = number_in(first, cut, 1)
+    assert relevel_planes(MODEL, bare(first), took_s(first, slow), cost) is None  # it is level
+    twice = relevel_planes(MODEL, bare(first), took_s(first, 2, 1.3), cost)
     assert twice is not None
-    assert took_s(twice, number_in(twice, once, 2), 1.3).max() < took_s(once, 2, 1.3).max()
+    assert took_s(twice, number_in(twice, first, 2), 1.3).max() < took_s(first, 2, 1.3).max()
 
 
 def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:

@@ -13,5 +13,5 @@ def test_announcement_has_the_service_type_and_port_of_slicers():
     (service,) = ElementTree.parse(FILE).getroot().findall("service")
     assert service.findtext("type") == "_octoprint._tcp"
     assert int(service.findtext("port")) == WebSection().address[1]
-    records = dict(one.text.split("=") for one in service.findall("txt-record"))
+    records = dict(record.text.split("=") for record in service.findall("txt-record"))
     assert records == {"path": "/", "version": SERVER_VERSION, "api": API_VERSION, "model": "farm"}

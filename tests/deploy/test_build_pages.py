@@ -17,11 +17,11 @@ LARGEST_BYTES = 250_000
 
 def test_libraries_are_pinned_by_hashes_and_name_no_host():
     text = (SOURCES / "package-lock.json").read_text()
-    packages = {name: one for name, one in json.loads(text)["packages"].items() if name}
+    packages = {name: package for name, package in json.loads(text)["packages"].items() if name}
     assert packages
-    assert all(one["integrity"].startswith("sha512-") for one in packages.values())
+    assert all(package["integrity"].startswith("sha512-") for package in packages.values())
     assert "resolved" not in text
-    assert "http" not in json.dumps([one.get("version") for one in packages.values()])
+    assert "http" not in json.dumps([package.get("version") for package in packages.values()])
     wanted = json.loads((SOURCES / "package.json").read_text())
     for name, version in {**wanted["dependencies"], **wanted["devDependencies"]}.items():
         assert packages[f"node_modules/{name}"]["version"] == version

@@ -109,9 +109,9 @@ def test_running_agents_of_every_user_are_found():
     text = (DEBIAN / "prerm").read_text()
     [function] = re.findall(r"(?ms)^agents_run\(\) \{$.*?^\}$", text)
     python = "/opt/farm/.venv/bin/python"
-    words = [python, "-c", "cat", "-m", "drivers.agent", "--folder", "/home/ann/agents/um2-09"]
+    command = [python, "-c", "cat", "-m", "drivers.agent", "--folder", "/home/ann/agents/um2-09"]
     script = ["sh", "-c", f"set -e\n{function}\nagents_run"]
-    with subprocess.Popen(words, executable="/bin/sh", stdin=subprocess.PIPE) as agent:
+    with subprocess.Popen(command, executable="/bin/sh", stdin=subprocess.PIPE) as agent:
         while_it_runs = subprocess.run(script, capture_output=True, text=True, check=True).stdout
         agent.communicate()
     assert "--folder /home/ann/agents/um2-09" in while_it_runs

@@ -58,5 +58,7 @@ def test_panels_have_unique_ids_and_do_not_overlap():
 def test_data_source_is_chosen_by_its_user():
     names = {variable["name"] for variable in BOARD["templating"]["list"]}
     assert names == {"datasource", "printer"}
-    assert all(one["datasource"]["uid"] == "${datasource}" for panel in PANELS for one in panel["targets"])
+    assert all(
+        target["datasource"]["uid"] == "${datasource}" for panel in PANELS for target in panel["targets"]
+    )
     assert BOARD["id"] is None  # Grafana gives it one

@@ -56,8 +56,8 @@ def install(tmp_path: Path):
         for name in present.split():
             (tmp_path / "bin" / name).symlink_to("/bin/true")
         env = {"PATH": f"{tmp_path}/bin", "SBIN": "/none", "STATE": str(tmp_path), "PYTHON": "python", **more}
-        words = [SCRIPT, tmp_path / "env"]
-        done = subprocess.run(words, env=env, capture_output=True, text=True, check=True, timeout=60)
+        command = [SCRIPT, tmp_path / "env"]
+        done = subprocess.run(command, env=env, capture_output=True, text=True, check=True, timeout=60)
         return done.stderr
 
     return run

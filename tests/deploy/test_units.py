@@ -29,10 +29,10 @@ def test_systemd_accepts_the_units_without_a_warning(tmp_path: Path):
         path = tmp_path / unit.name.replace("@.", "@um2-01.")
         path.write_text(without_this_host(unit.read_text()))
         paths.append(path)
-    words = ["systemd-analyze", "verify", "--man=no", *map(str, paths)]
-    process = subprocess.run(words, check=False, capture_output=True, text=True)
-    ours = [line for line in process.stderr.splitlines() if "farm-" in line]
-    assert (process.returncode, ours) == (0, []), process.stderr
+    command = ["systemd-analyze", "verify", "--man=no", *map(str, paths)]
+    process = subprocess.run(command, check=False, capture_output=True, text=True)
+    warnings = [line for line in process.stderr.splitlines() if "farm-" in line]
+    assert (process.returncode, warnings) == (0, []), process.stderr
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
@@ -52,9 +52,9 @@ def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: 
     assert "StandardInput=socket" in service
     [module] = re.findall(r"^ExecStart=\S+/python -m (\S+)$", service, re.MULTILINE)
     path = tmp_path / "estop.sock"
-    words = ["systemd-socket-activate", "--inetd", "-l", str(path), sys.executable, "-m", module]
-    words += ["--state", str(tmp_path / "state"), "--fleet", str(tmp_path / "fleet.yaml")]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as serving:
+    command = ["systemd-socket-activate", "--inetd", "-l", str(path), sys.executable, "-m", module]
+    command += ["--state", str(tmp_path / "state"), "--fleet", str(tmp_path / "fleet.yaml")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as serving:
         try:
             assert serving.stderr is not None and "Listening" in serving.stderr.readline()
             for _ in range(2):  # the second one by the same process
@@ -80,9 +80,9 @@ def test_needrestart_leaves_agents_alone_and_nothing_else():
         "our %nrconf; do $ARGV[0]; die $@ if $@; my ($re) = keys %{$nrconf{override_rc}}; "
         "for (@ARGV[1,2]) { print /$re/ ? 1 : 0 }"
     )
-    words = ["perl", "-e", perl, str(DEPLOY / "needrestart" / "farm.conf")]
-    words += ["farm-agent@um2-01.service", "farm-daemon.service"]
-    process = subprocess.run(words, check=False, capture_output=True, text=True)
+    command = ["perl", "-e", perl, str(DEPLOY / "needrestart" / "farm.conf")]
+    command += ["farm-agent@um2-01.service", "farm-daemon.service"]
+    process = subprocess.run(command, check=False, capture_output=True, text=True)
     assert process.stdout == "10", process.stderr
 
 
@@ -100,9 +100,9 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
     assert StartFile.read(folder) == StartFile("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")
 
 
-def marks(event: dict[str, str]) -> dict[str, str]:
+def find_properties(event: dict[str, str]) -> dict[str, str]:
     """Evaluate the udev rules for a device, with the few operators that they use."""
-    given: dict[str, str] = {}
+    properties: dict[str, str] = {}
     skip_to = ""
     for line in (DEPLOY / "udev" / "60-farm.rules").read_text().splitlines():
         terms = re.findall(r'([A-Z_]+(?:\{[^}]*\})?)(==|!=|=)"([^"]*)"', line)
@@ -112,22 +112,22 @@ def marks(event: dict[str, str]) -> dict[str, str]:
         if all(
             (event.get(key, "") in value.split("|")) is (op == "==") for key, op, value in terms if op != "="
         ):
-            given |= {key: value for key, op, value in terms if op == "="}
-            skip_to = given.pop("GOTO", "")
-    return given
+            properties |= {key: value for key, op, value in terms if op == "="}
+            skip_to = properties.pop("GOTO", "")
+    return properties
 
 
 @pytest.mark.parametrize("subsystem", ["usb", "tty"])
 @pytest.mark.parametrize("product", ["0010", "0042"])
 def test_modem_manager_ignores_printer_boards_only(subsystem: str, product: str):
     event = {"ACTION": "add", "SUBSYSTEM": subsystem, "ATTRS{idVendor}": "2341", "ATTRS{idProduct}": product}
-    ours = marks(event)
-    assert (ours["ENV{ID_MM_DEVICE_IGNORE}"], ours["ENV{ID_MM_PORT_IGNORE}"]) == ("1", "1")
-    assert ours.get("GROUP") == ("dialout" if subsystem == "tty" else None)
+    properties = find_properties(event)
+    assert (properties["ENV{ID_MM_DEVICE_IGNORE}"], properties["ENV{ID_MM_PORT_IGNORE}"]) == ("1", "1")
+    assert properties.get("GROUP") == ("dialout" if subsystem == "tty" else None)
     for other in (
         {"ATTRS{idVendor}": "1a86"},
         {"ATTRS{idProduct}": "9999"},
         {"ACTION": "remove"},
         {"SUBSYSTEM": "net"},
     ):
-        assert not any(key.startswith("ENV") for key in marks(event | other))
+        assert not any(key.startswith("ENV") for key in find_properties(event | other))

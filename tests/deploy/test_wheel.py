@@ -48,11 +48,11 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def run(environment: Path, host: Host, *words: str) -> tuple[int, str]:
+def run(environment: Path, host: Host, *arguments: str) -> tuple[int, str]:
     """Run `farm` of the environment on a computer, far from the checkout."""
     home = {"HOME": str(host.folder), "FARM_STATE": str(host.folder / "farm-state")}
     process = subprocess.run(
-        [environment / "bin" / "farm", *words],
+        [environment / "bin" / "farm", *arguments],
         env=host.environ | home,
         cwd=host.folder,
         stdout=subprocess.PIPE,
@@ -64,8 +64,8 @@ def run(environment: Path, host: Host, *words: str) -> tuple[int, str]:
 
 
 def test_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):
-    words = ["git", "ls-files", "farm", "drivers", "decompose", "slicing"]
-    listed = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    command = ["git", "ls-files", "farm", "drivers", "decompose", "slicing"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     assert len(listed) > 100
     bundle = {f"{BUNDLE}/{path.name}" for path in (ROOT / BUNDLE).glob("[!.]*")}
     expected = {name for name in listed if not name.startswith(BROWSER_SOURCES)} | bundle

@@ -33,10 +33,10 @@ def test_no_cell_is_longer_than_thirty_words() -> None:
 
 
 def test_every_word_of_the_glossary_is_in_the_code() -> None:
-    for word, _, name in rows("Words"):
+    for term, _, name in rows("Words"):
         module, _, member = name.strip("`").rpartition(".")
         if member[0].isupper():
-            assert hasattr(importlib.import_module(module), member), word
+            assert hasattr(importlib.import_module(module), member), term
         else:
             importlib.import_module(name.strip("`"))
 

@@ -42,7 +42,7 @@ def test_cell_text_is_escaped():
 
 
 @pytest.mark.parametrize(
-    ("schema", "words"),
+    ("schema", "description"),
     [
         ({"type": "integer", "minimum": 1, "maximum": 256}, "whole number from 1 to 256"),
         ({"type": "number", "exclusiveMinimum": 0}, "number above 0"),
@@ -51,8 +51,8 @@ def test_cell_text_is_escaped():
         ({"type": "array", "prefixItems": [{}, {}, {}]}, "3 numbers"),
     ],
 )
-def test_schema_is_described_in_words(schema: dict, words: str):
-    assert generate.describe_value(schema) == words
+def test_schema_is_described_in_words(schema: dict, description: str):
+    assert generate.describe_value(schema) == description
 
 
 def test_terminal_picture_shows_the_output_and_loads_nothing():

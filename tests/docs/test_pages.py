@@ -49,11 +49,11 @@ def test_readme_submits_existing_or_generated_files_only():
     created = set[str]()
     submitted = 0
     for line in lines:
-        words = line.partition("#")[0].split()
-        if words[:1] == ["python"]:
-            assert (ROOT / words[1]).exists()
-            created.update(words[2:])
-        elif words[:2] == ["farm", "submit"]:
+        arguments = line.partition("#")[0].split()
+        if arguments[:1] == ["python"]:
+            assert (ROOT / arguments[1]).exists()
+            created.update(arguments[2:])
+        elif arguments[:2] == ["farm", "submit"]:
             submitted += 1
-            assert words[2] in created or (ROOT / words[2]).exists(), line
+            assert arguments[2] in created or (ROOT / arguments[2]).exists(), line
     assert submitted

@@ -8,7 +8,7 @@ from farm.wording import format_filament, format_planning, format_time
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"),
+    ("seconds", "expected"),
     [
         (None, "-"),
         (0.4, "0 s"),
@@ -19,8 +19,8 @@ from farm.wording import format_filament, format_planning, format_time
         (360000, "100h00"),
     ],
 )
-def test_durations_are_formatted_in_hours_minutes_or_seconds(seconds, words):
-    assert format_duration(seconds) == words
+def test_durations_are_formatted_in_hours_minutes_or_seconds(seconds, expected):
+    assert format_duration(seconds) == expected
 
 
 def test_filament_is_shown_with_its_price_if_known():

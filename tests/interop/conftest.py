@@ -45,7 +45,7 @@ def slice_box(tmp_path_factory):
 
     def slice_model(name, *options):
         path = folder / f"{name}.gcode"
-        words = [
+        command = [
             PROGRAM,
             "--load",
             folder / "um2.ini",
@@ -55,7 +55,7 @@ def slice_box(tmp_path_factory):
             "-o",
             path,
         ]
-        subprocess.run(words, check=True, capture_output=True, timeout=120)
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
         return path
 
     return slice_model

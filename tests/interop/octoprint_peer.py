@@ -112,8 +112,8 @@ def main():
     folder = Path(sys.argv[1])
     faults = {}
     firmware = sys.argv[2]
-    for word in sys.argv[3:]:
-        fault, _, line = word.rpartition("@")
+    for argument in sys.argv[3:]:
+        fault, _, line = argument.rpartition("@")
         faults.setdefault(int(line), []).append(fault)
     virtual.plugin_manager = lambda: Hooks()
     master, slave = pty.openpty()

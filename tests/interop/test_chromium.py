@@ -50,7 +50,7 @@ def test_user_logs_in_by_the_button_sees_the_farm_and_logs_out(tmp_path, host):
             assert "You have logged out" in await browser.read_text()
             await browser.open(base)
             assert "You are not logged in" in await browser.read_text()
-            assert not [one for one in browser.messages if "Content Security Policy" in one]
+            assert not [message for message in browser.messages if "Content Security Policy" in message]
         farm.store.close()
 
     asyncio.run(browse())

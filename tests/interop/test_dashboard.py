@@ -44,7 +44,7 @@ def browse(tmp_path, act):
             await browser.press("button")
             await act(farm, browser, base)
             farm.services.page_streams.close()
-        assert not [one for one in browser.messages if "Content Security Policy" in one]
+        assert not [message for message in browser.messages if "Content Security Policy" in message]
         farm.store.close()
 
     asyncio.run(run())

@@ -26,7 +26,7 @@ from drivers.ports import SerialPort
 from drivers.printers import PROFILES
 from drivers.session import Pace, Session, SessionContext
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment
 SCALE = 10.0  # our time-outs are farm seconds; the virtual printer's are not
 PATIENCE_S = 120.0
@@ -42,7 +42,7 @@ def octoprint(folder: Path, *injected: str, firmware: Firmware = ULTIMAKER2) -> 
     """Provide an open port of a virtual printer; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
-        [PYTHON, HERE / "octoprint_peer.py", folder, name, *injected],
+        [PYTHON, FOLDER / "octoprint_peer.py", folder, name, *injected],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -66,13 +66,13 @@ def stream(
 ) -> tuple[Link, list[Fault]]:
     """Print to a virtual printer until the end, or until the link gives up."""
     clock = Clock(SCALE, time.time())
-    link, up = Link(firmware, 2.0 * SCALE), False
+    link, connected = Link(firmware, 2.0 * SCALE), False
     faults: list[Fault] = []
     link.poll_every_s = 10.0
     with octoprint(folder, *injected, firmware=firmware) as port:
         until_s = time.monotonic() + PATIENCE_S
         link.on_opened(clock.now())
-        while not faults and not (up and link.drained):
+        while not faults and not (connected and link.drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed} lines"
             wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
             try:
@@ -83,8 +83,8 @@ def stream(
             now_s = clock.now()
             events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
             faults += [event.fault for event in events if isinstance(event, LinkFault)]
-            if not up and link.phase is Phase.LIVE:
-                up = True
+            if not connected and link.phase is Phase.LIVE:
+                connected = True
                 link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
             port.write(link.take())
     return link, faults
@@ -208,7 +208,7 @@ def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str
     emulator = tmp_path / "emulator"
     tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(SCALE, time.time()))
     try:
-        subprocess.run([PYTHON, HERE / "printcore_peer.py", tty, path], check=True, timeout=PATIENCE_S)
+        subprocess.run([PYTHON, FOLDER / "printcore_peer.py", tty, path], check=True, timeout=PATIENCE_S)
         status = read_status(emulator)
     finally:
         control(emulator, Command.POWER_OFF)

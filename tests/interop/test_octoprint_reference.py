@@ -93,12 +93,12 @@ class FarmAnswers:
         self._key = self.farm.add_key(Role.PRINT)
 
     def ask(self, method, path, text="", **more):
-        own = self._key if text == "" else text and SimpleNamespace(text=text)
-        return self.farm.ask(method, path, own, **more)
+        key = self._key if text == "" else text and SimpleNamespace(text=text)
+        return self.farm.ask(method, path, key, **more)
 
 
 @pytest.fixture
-def ours(tmp_path):
+def farm_answers(tmp_path):
     return FarmAnswers(tmp_path)
 
 
@@ -114,33 +114,40 @@ def list_types(value, at=""):
     return {at.lstrip("."): "number" if number else type(value).__name__}
 
 
-def compare(own, other, needed):
+def compare(answer, reference, needed):
     """Compare the keys of two answers, and the types of their values; None stands for any."""
-    own, other = list_types(own), list_types(other)
-    assert own.keys() - other.keys() == set()
-    differing = {key: (kind, other[key]) for key, kind in own.items() if other[key] != kind}
+    answer, reference = list_types(answer), list_types(reference)
+    assert answer.keys() - reference.keys() == set()
+    differing = {key: (kind, reference[key]) for key, kind in answer.items() if reference[key] != kind}
     assert {key: kinds for key, kinds in differing.items() if "NoneType" not in kinds} == {}
-    assert set(needed) <= own.keys()
+    assert set(needed) <= answer.keys()
 
 
 @pytest.mark.parametrize("title", ANSWERS)
-def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, ours):
+def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answers):
     (method, path, body), needed = ANSWERS[title]
-    own, other = ours.ask(method, path, **body), octoprint.ask(method, path.removeprefix(ONE), **body)
-    assert own.status_code == other.status_code, (own.text, other.text)
-    if "location" in other.headers:
-        there, here = (urlsplit(one.headers["location"]).path for one in (other, own))
-        assert here.rpartition("/")[0].startswith(there.rpartition("/")[0])
-        assert here.endswith(there.rpartition("/")[2]) or "appkeys" in path  # whose tokens are random
-    if other.content:
-        assert own.headers["content-type"] == other.headers["content-type"]
-        compare(own.json(), other.json(), needed)
+    answer, reference = (
+        farm_answers.ask(method, path, **body),
+        octoprint.ask(method, path.removeprefix(ONE), **body),
+    )
+    assert answer.status_code == reference.status_code, (answer.text, reference.text)
+    if "location" in reference.headers:
+        reference_path, answer_path = (
+            urlsplit(reply.headers["location"]).path for reply in (reference, answer)
+        )
+        assert answer_path.rpartition("/")[0].startswith(reference_path.rpartition("/")[0])
+        assert (
+            answer_path.endswith(reference_path.rpartition("/")[2]) or "appkeys" in path
+        )  # whose tokens are random
+    if reference.content:
+        assert answer.headers["content-type"] == reference.headers["content-type"]
+        compare(answer.json(), reference.json(), needed)
 
 
 @pytest.mark.parametrize("title", REFUSALS)
-def test_refusal_has_the_status_of_octoprint_or_of_the_table(title, octoprint, ours):
+def test_refusal_has_the_status_of_octoprint_or_of_the_table(title, octoprint, farm_answers):
     (method, path, body), differs = REFUSALS[title]
-    own, other = ours.ask(method, path, **body), octoprint.ask(method, path, **body)
-    assert own.status_code == (differs or other.status_code), (own.text, other.text)
-    assert differs != other.status_code
-    assert own.headers["content-type"] == "text/plain"  # which slicers show, as they do not JSON
+    answer, reference = farm_answers.ask(method, path, **body), octoprint.ask(method, path, **body)
+    assert answer.status_code == (differs or reference.status_code), (answer.text, reference.text)
+    assert differs != reference.status_code
+    assert answer.headers["content-type"] == "text/plain"  # which slicers show, as they do not JSON

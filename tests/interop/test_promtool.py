@@ -16,9 +16,9 @@ RULES, BOARD = DEPLOY / "prometheus/farm.rules.yml", DEPLOY / "grafana/farm.json
 pytestmark = pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is missing: `make peers`")
 
 
-def run(*words, text=None):
+def run(*arguments, text=None):
     return subprocess.run(
-        ["promtool", *words], input=text, capture_output=True, text=True, check=False, timeout=60
+        ["promtool", *arguments], input=text, capture_output=True, text=True, check=False, timeout=60
     )
 
 

@@ -17,7 +17,7 @@ import trimesh
 from make_gcode import marlin, square
 from real_farm import PATIENCE_S, RealFarm, wait_for
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))
 PRINTED = ("printed", "done")
 pytestmark = [
@@ -77,11 +77,11 @@ def tower(tmp_path_factory):
 
 def send_by_curl(farm, path, to="", **fields):
     """Send a file as PrusaSlicer does; return the status, the type and the body that it would show."""
-    form = [word for name, value in fields.items() for word in ("-F", f"{name}={value}")]
-    words = ["curl", "-sS", "-A", "PrusaSlicer/2.9.4", "-H", f"X-Api-Key: {farm.key}", *form, "-F", "path="]
-    words += ["-F", f"file=@{path};type=application/octet-stream", f"{farm.url}{to}/api/files/local"]
+    form = [argument for name, value in fields.items() for argument in ("-F", f"{name}={value}")]
+    command = ["curl", "-sS", "-A", "PrusaSlicer/2.9.4", "-H", f"X-Api-Key: {farm.key}", *form, "-F", "path="]
+    command += ["-F", f"file=@{path};type=application/octet-stream", f"{farm.url}{to}/api/files/local"]
     answer = subprocess.run(
-        [*words, "-w", "\n%{http_code} %{content_type}"],
+        [*command, "-w", "\n%{http_code} %{content_type}"],
         check=True,
         capture_output=True,
         text=True,
@@ -94,9 +94,9 @@ def send_by_curl(farm, path, to="", **fields):
 
 def send_by_qt(farm, path, *fields, to=""):
     url = f"{farm.url}{to}/api/files/local"
-    words = [PYTHON, HERE / "qt_peer.py", url, farm.key, path, path.name, *fields]
+    command = [PYTHON, FOLDER / "qt_peer.py", url, farm.key, path, path.name, *fields]
     return json.loads(
-        subprocess.run(words, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
     )
 
 
@@ -150,9 +150,9 @@ def test_refusal_to_qt_is_exactly_plain_text(farm, qt, tmp_path):
 
 
 def test_octorest_uploads_selects_and_follows_a_print(farm, tower):
-    words = [PYTHON, HERE / "octorest_peer.py", farm.url, farm.key, tower]
+    command = [PYTHON, FOLDER / "octorest_peer.py", farm.url, farm.key, tower]
     answer = json.loads(
-        subprocess.run(words, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
     )
     assert answer["version"]["text"].startswith("OctoPrint")
     number = int(answer["upload"]["files"]["local"]["path"].partition("/")[0])

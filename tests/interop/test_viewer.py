@@ -24,7 +24,7 @@ pytestmark = [
     pytest.mark.skipif("viewer.js" not in load_static_files(), reason="make pages"),
 ]
 WINDOW_PX = (1000, 700)
-WORDS = "document.querySelector('#viewer [role=status]').textContent"
+STATUS_TEXT = "document.querySelector('#viewer [role=status]').textContent"
 COLOURS = "[...document.querySelectorAll('#viewer .key span')].map((one) => one.textContent.trim()).join()"
 
 
@@ -49,7 +49,7 @@ def browse(tmp_path, act, **job):
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
             await browser.press("button")
             await act(browser, base, *([farm] if job else []))
-            assert not [one for one in browser.messages if "Content Security Policy" in one]
+            assert not [message for message in browser.messages if "Content Security Policy" in message]
         farm.store.close()
 
     asyncio.run(run())
@@ -66,7 +66,7 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
         await browser.evaluate("document.querySelector('#p02 th button').click()")
         picked = "document.querySelector('tr.picked').id"
         assert await browser.evaluate(picked) == "p02"
-        assert await browser.evaluate(WORDS) == "p02: waiting, b"
+        assert await browser.evaluate(STATUS_TEXT) == "p02: waiting, b"
         await browser.evaluate("document.querySelector('#viewer').scrollIntoView()")
         area = "document.querySelector('#viewer canvas').getBoundingClientRect()"
         left, top, width, height = [
@@ -112,7 +112,7 @@ def write_model(mesh, kind):
 
 
 @pytest.mark.parametrize(
-    ("name", "unit", "words"),
+    ("name", "unit", "expected"),
     [
         ("a.stl", "1", "20 × 30 × 100 mm. It may fit as one part on Ultimaker 2+."),
         ("a.obj", "10", "200 × 300 × 1000 mm. It is larger than any printer: it is cut into parts."),
@@ -120,7 +120,7 @@ def write_model(mesh, kind):
         ("a.3mf", "1", "508 × 762 × 2540 mm. It is larger than any printer: it is cut into parts."),  # inches
     ],
 )
-def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, words):
+def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, expected):
     path = tmp_path / name
     path.write_bytes(write_model(trimesh.creation.box((20.0, 30.0, 100.0)), path.suffix[1:]))
 
@@ -129,7 +129,7 @@ def test_size_of_a_chosen_model_is_seen_before_it_is_sent(tmp_path, name, unit, 
         await browser.evaluate(f"document.querySelector('[name=scale]').value = '{unit}'")
         await browser.choose_file("[name=file]", path)
         await browser.wait_for("document.getElementById('size').textContent !== ''")
-        assert await browser.evaluate("document.getElementById('size').textContent") == words
+        assert await browser.evaluate("document.getElementById('size').textContent") == expected
         assert await browser.evaluate("document.querySelector('#viewer canvas') !== null")
 
     browse(tmp_path, act)

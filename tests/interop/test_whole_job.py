@@ -16,9 +16,9 @@ pytestmark = [
 STALE = "document.querySelector('.stale:not([hidden])')"
 
 
-def has(words, root):
+def has(text, root):
     """Return an expression that is true once an element has these words."""
-    return f"document.querySelector({root!r})?.innerText.includes({words!r})"
+    return f"document.querySelector({root!r})?.innerText.includes({text!r})"
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, tmp
             await clear(desk, corridor)
             await asyncio.to_thread(farm.ok, "down")
             await desk.wait_for(STALE)
-            assert not [one for one in desk.messages if "Content Security Policy" in one]
+            assert not [message for message in desk.messages if "Content Security Policy" in message]
 
     async def submit(desk, home):
         await desk.open(f"{home}/submit")

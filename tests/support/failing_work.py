@@ -79,10 +79,10 @@ def temporary_folder():
     return Path(tempfile.gettempdir())
 
 
-def speak(fifo, word):
+def speak(fifo, message):
     """Write a line once a reader opens the file."""
-    fifo.write_text(word)
-    return word
+    fifo.write_text(message)
+    return message
 
 
 def hang(folder):

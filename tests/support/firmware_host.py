@@ -46,7 +46,7 @@ class Host:
         """Send a line and wait for its ok (which may follow other text on its line)."""
         message = self.put(line)
         end_s = self.now_s + seconds
-        while not any(word.endswith("ok") or word.startswith("ok") for word in message):
+        while not any(text.endswith("ok") or text.startswith("ok") for text in message):
             due_s = self.firmware.deadline_s()
             assert due_s <= end_s, f"no ok to {line!r}, only {message}"
             message += self.until(due_s)

@@ -112,9 +112,9 @@ class KilledFarm(RealFarm):
 
     def submission(self, number, **options):
         """Return the path and the body of a submission."""
-        text, expected = self.gcode.read_bytes(), quote(json.dumps(options))
-        words = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={expected}"
-        return f"/jobs?{words}", text
+        text, options_text = self.gcode.read_bytes(), quote(json.dumps(options))
+        query = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={options_text}"
+        return f"/jobs?{query}", text
 
     def approve(self):
         """Approve all held jobs."""
@@ -188,11 +188,15 @@ class KilledFarm(RealFarm):
         for key in (attrgetter("plate"), attrgetter("printer")):  # one after the other
             in_turn = sorted(started, key=attrgetter("started_s"))
             for _, prints in itertools.groupby(sorted(in_turn, key=key), key):
-                assert all(one.ended_s <= then.started_s for one, then in itertools.pairwise(prints))
+                assert all(
+                    record.ended_s <= following.started_s for record, following in itertools.pairwise(prints)
+                )
         assert {p.bed for p in books.printers.values()} == {Bed.CLEAR}
         # What the printers themselves fed: every plate once, and of a failed print no more than a plate. A
         # board that was reset in its last print has its filament at the nozzle yet.
         each_mm = PRIMED_MM + self.fed_mm
         observed = [self.emulator_status(name) for name in self.printers]
-        fed_mm = sum(one.filament_mm - (one.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for one in observed)
+        fed_mm = sum(
+            record.filament_mm - (record.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for record in observed
+        )
         assert len(done) * each_mm - 1.0 < fed_mm < len(started) * each_mm + 1.0, (fed_mm, observed)

@@ -25,7 +25,7 @@ def object_xml(number, content, kind="model"):
 
 def components_xml(*references):
     """Components: each the attributes of one."""
-    return f"<components>{''.join(f'<component {one}/>' for one in references)}</components>"
+    return f"<components>{''.join(f'<component {reference}/>' for reference in references)}</components>"
 
 
 def model_xml(objects, items, unit=None, head=""):

@@ -43,10 +43,10 @@ class OctoPrintServer:
         (folder / "config.yaml").write_text(json.dumps(CONFIGURATION))
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
-        words = ["serve", "--iknowwhatimdoing", "--basedir", folder, "--host", "127.0.0.1"]
+        command = ["serve", "--iknowwhatimdoing", "--basedir", folder, "--host", "127.0.0.1"]
         with (folder / "server.log").open("wb") as log:
             self._process = subprocess.Popen(
-                [program, *words, "--port", str(self.port)], stdout=log, stderr=subprocess.STDOUT
+                [program, *command, "--port", str(self.port)], stdout=log, stderr=subprocess.STDOUT
             )
         self._client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=60)
         try:

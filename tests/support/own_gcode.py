@@ -36,11 +36,11 @@ def followed(lines):
     """List the moves of a body as (x, y, z, fed mm), by an independent reader."""
     at, moves = {"X": 5.0, "Y": 50.0, "Z": 20.0, "E": 0.0}, []
     for line in lines:
-        words = {w[0]: float(w[1:]) for w in line.split()[1:] if not line.startswith((";", "M"))}
+        values = {w[0]: float(w[1:]) for w in line.split()[1:] if not line.startswith((";", "M"))}
         if line.startswith("G92"):
             at["E"] = 0.0
         elif line.startswith("G"):
-            new = {**at, **{k: v for k, v in words.items() if k != "F"}}
+            new = {**at, **{k: v for k, v in values.items() if k != "F"}}
             moves.append((new["X"], new["Y"], new["Z"], new["E"] - at["E"]))
             at = new
     return moves

@@ -43,8 +43,8 @@ def die():
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def tell(*words):
-    os.write(sys.stdout.fileno(), f"dies {' '.join(words)}\n".encode())
+def tell(*arguments):
+    os.write(sys.stdout.fileno(), f"dies {' '.join(arguments)}\n".encode())
 
 
 def schedule_death(moment, what):

@@ -239,8 +239,10 @@ class FarmSimulation:
                 continue
             if agent.on_bed is None and not self.copied:
                 continue
-            mine = [i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict]
-            verdict = Verdict.BAD if mine and mine[-1] in self.bad else Verdict.GOOD
+            indices = [
+                i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict
+            ]
+            verdict = Verdict.BAD if indices and indices[-1] in self.bad else Verdict.GOOD
             if self.controller.books.print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
@@ -250,8 +252,8 @@ class FarmSimulation:
             if not clear and self.controller.books.printers[agent.name].bed is not Bed.CLEAR:
                 agent.on_bed = agent_bed
                 continue
-            if mine:
-                self.made[mine[-1]][2] = verdict
+            if indices:
+                self.made[indices[-1]][2] = verdict
 
     def step(self):
         """Advance printers, person and daemon by one minute."""

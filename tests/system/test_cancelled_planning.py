@@ -42,7 +42,7 @@ def children(pid):
 
 def workers(daemon):
     marks = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children(daemon)}
-    return {pid for pid, words in marks.items() if b"spawn_main" in words}
+    return {pid for pid, command in marks.items() if b"spawn_main" in command}
 
 
 def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, bar, hanging_engine, tmp_path):

@@ -58,10 +58,10 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
             hung += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
             for pid in hung:
                 os.kill(pid, signal.SIGSTOP)
-            words = [sys.executable, "-c", ANOTHER, str(NOBODY), shared / "farm.sock"]
+            arguments = [sys.executable, "-c", ANOTHER, str(NOBODY), shared / "farm.sock"]
             idle = [connected(path) for _ in range(CROWD)]
             serving = subprocess.Popen(command, stdin=listening)  # as systemd does it
-            asking = subprocess.Popen(words, stdout=subprocess.PIPE)
+            asking = subprocess.Popen(arguments, stdout=subprocess.PIPE)
             message, _ = asking.communicate(timeout=120)
             for rig in idle:
                 rig.close()

@@ -17,8 +17,8 @@ OLD = "00f76ab"  # the last commit before agents told what they speak
 
 def old_sources(folder):
     """Write the earlier drivers into a folder; skip if the history lacks them."""
-    words = ["git", "-C", str(ROOT), "archive", OLD, "drivers"]
-    archive = subprocess.run(words, check=False, capture_output=True)
+    command = ["git", "-C", str(ROOT), "archive", OLD, "drivers"]
+    archive = subprocess.run(command, check=False, capture_output=True)
     if archive.returncode != 0:
         pytest.skip("the history does not go back so far")
     folder.mkdir()
@@ -36,8 +36,8 @@ def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
         farm.up()
         farm.kill_daemon()
         wait_for("the agent's end", lambda: kill_agent(agent))
-        words = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
-        old = subprocess.Popen(words, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
+        command = [sys.executable, "-m", "drivers.agent", "--folder", str(agent)]
+        old = subprocess.Popen(command, cwd=sources, stderr=subprocess.DEVNULL, start_new_session=True)
         farm.ok("up")
         look = wait_for("the daemon to find it", lambda: farm.printer("um2-01")["look"])
         assert "farm up --replace um2-01" in look

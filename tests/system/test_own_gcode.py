@@ -13,7 +13,7 @@ pytestmark = pytest.mark.system
 
 
 @pytest.fixture
-def one(make_farm):
+def one_printer_farm(make_farm):
     """One simulated printer, up and connected."""
     model = "ultimaker2_plus"
     farm = make_farm({"one": (model, f"sim://{model}?seed=7")})
@@ -39,55 +39,57 @@ def printed(farm, number, path):
     return job
 
 
-def test_ultigcode_and_marlin_files_are_printed_to_their_end(one, tmp_path):
+def test_ultigcode_and_marlin_files_are_printed_to_their_end(one_printer_farm, tmp_path):
     tower = square(side_mm=60.0, layers=4)
     files = {"ulti.gcode": ultigcode(tower), "marlin.g": marlin(tower)}
     fed_mm = []
     for number, (name, lines) in enumerate(files.items(), 1):
         path = tmp_path / name
         path.write_text("\n".join(lines) + "\n")
-        before_mm = one.emulator_status("one").filament_mm
-        job = printed(one, number, path)
-        fed_mm.append(one.emulator_status("one").filament_mm - before_mm)
+        before_mm = one_printer_farm.emulator_status("one").filament_mm
+        job = printed(one_printer_farm, number, path)
+        fed_mm.append(one_printer_farm.emulator_status("one").filament_mm - before_mm)
         assert job["filament_mm"] == pytest.approx(960 * 0.08 / 6.379, rel=1e-3)
-        one.ok("cleared", "all")
+        one_printer_farm.ok("cleared", "all")
     # What the board fed, from parked to parked: the print, and 7.8 mm of priming.
     assert fed_mm == [pytest.approx(7.8 + 960 * 0.08 / 6.379, abs=0.1)] * 2
-    text = one.ok("status", "2")
+    text = one_printer_farm.ok("status", "2")
     assert "Its start and end were replaced by the farm's." in text
 
 
-def test_unprintable_gcode_is_refused_at_submission(one, tmp_path):
+def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
     path = tmp_path / "bad.gcode"
     path.write_text("\n".join(marlin(body=["M500"])) + "\n")
-    result = one.run("submit", path)
+    result = one_printer_farm.run("submit", path)
     assert result.returncode == 5
     # Progress comes before it on a busy host.
     (error,) = (line for line in result.stderr.splitlines() if not line.startswith("  "))
     assert "farm: bad.gcode: line" in error and "M500" in error
     path.write_text("\n".join(marlin()) + "\n")
-    assert one.run("submit", path, "--scale", "2").returncode == 2
+    assert one_printer_farm.run("submit", path, "--scale", "2").returncode == 2
     packed = tmp_path / "bad.gcode.gz"
     packed.write_bytes(b"\x1f\x8b")
-    result = one.run("submit", packed)
+    result = one_printer_farm.run("submit", packed)
     assert (result.returncode, "gunzip" in result.stderr) == (5, True)
-    assert one.status()["jobs"] == []
+    assert one_printer_farm.status()["jobs"] == []
 
 
-def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one, tmp_path):
+def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one_printer_farm, tmp_path):
     path, whole = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *marlin()]
     for cut, message in (
         ("\n".join(whole[: whole.index(";LAYER:2")]) + "\n", "names 3 layers, and 2 of them"),
         ("\n".join(whole), "no newline"),
     ):
         path.write_text(cut)
-        result = one.run("submit", path)
+        result = one_printer_farm.run("submit", path)
         assert (result.returncode, message in result.stderr, "--force" in result.stderr) == (5, True, False)
     path.write_text("\n".join([*whole, "; printer_model = MK3S"]) + "\n")
     warning = "Warning: it was sliced for 'MK3S'."
-    assert warning in one.ok("submit", path)
-    assert warning in " ".join(one.ok("status", "1").split())
+    assert warning in one_printer_farm.ok("submit", path)
+    assert warning in " ".join(one_printer_farm.ok("status", "1").split())
     (message,) = [
-        line for line in json.loads(one.ok("status", "1", "--json"))["job"]["repairs"] if "MK3S" in line
+        line
+        for line in json.loads(one_printer_farm.ok("status", "1", "--json"))["job"]["repairs"]
+        if "MK3S" in line
     ]
     assert message.startswith(warning)

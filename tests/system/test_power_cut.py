@@ -80,9 +80,9 @@ def test_database_keeps_every_committed_event(tmp_path):
     books.parent.mkdir()
     env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced)}
     env["PYTHONPATH"] = os.pathsep.join((str(SYNCED.parent), str(SYNCED.parents[2])))
-    words = [sys.executable, "-c", COMMITS, str(books)]
+    command = [sys.executable, "-c", COMMITS, str(books)]
     pipe = subprocess.PIPE
-    with subprocess.Popen(words, env=env, stdin=pipe, stdout=pipe, text=True) as process:
+    with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
         committed: list[str] = []
         while message := process.stdout.readline().strip():

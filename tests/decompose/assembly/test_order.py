@@ -83,9 +83,9 @@ def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
 
 
 def test_bodies_that_stand_apart_need_no_step_between_them():
-    one = ((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)), ((20.0, 0.0, 0.0), (40.0, 20.0, 20.0))
+    pair = ((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)), ((20.0, 0.0, 0.0), (40.0, 20.0, 20.0))
     other = ((100.0, 0.0, 0.0), (120.0, 20.0, 20.0)), ((120.0, 0.0, 0.0), (140.0, 20.0, 20.0))
-    assembly = plan(boxes(*one, *other))
+    assembly = plan(boxes(*pair, *other))
     assert sorted(sorted((*step.moved, *step.fixed)) for step in assembly.steps) == [[0, 1], [2, 3]]
 
 
@@ -93,11 +93,11 @@ def test_linked_rings_are_a_fault():
     ring = Solid.box((0, 0, 0), (60, 60, 10)).subtract(Solid.box((15, 15, -1), (45, 45, 11)))
     turned = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
     link = ring.rotate(turned).translate(np.array([30.0, 30.0, -25.0]))
-    whole = [
+    rings = [
         Piece(ring, np.zeros((0, 4)), np.zeros((0, 2, 3))),
         Piece(link, np.zeros((0, 4)), np.zeros((0, 2, 3))),
     ]
-    assembly = plan_assembly(whole, find_joints(whole))
+    assembly = plan_assembly(rings, find_joints(rings))
     assert assembly.locked == ((0, 1),) and not assembly.steps
 
 

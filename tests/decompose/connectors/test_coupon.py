@@ -18,10 +18,10 @@ def coupon(request: pytest.FixtureRequest) -> tuple[float, Coupon]:
     return request.param, make_coupon(request.param)
 
 
-def width_mm(points: np.ndarray, into: np.ndarray) -> float:
+def width_mm(points: np.ndarray, direction: np.ndarray) -> float:
     """Measure twice the distance of the flats from the axis, below any roof."""
-    first = np.cross(np.eye(3)[int(np.abs(into).argmin())], into)
-    flat = points @ np.stack([first, np.cross(into, first)]).T
+    first = np.cross(np.eye(3)[int(np.abs(direction).argmin())], direction)
+    flat = points @ np.stack([first, np.cross(direction, first)]).T
     middle = shapely.Point(flat[:6].mean(axis=0))
     return 2.0 * float(shapely.MultiPoint(flat).convex_hull.exterior.distance(middle))
 

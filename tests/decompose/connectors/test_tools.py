@@ -24,25 +24,25 @@ angles = st.floats(-np.pi, np.pi)
 def test_hole_in_any_direction_has_a_ceiling_that_prints_and_takes_the_pin(
     turn: float, tilt: float, slot: float
 ) -> None:
-    into = np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
-    first = np.cross(into, np.eye(3)[int(np.abs(into).argmin())])
+    axis = np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
+    first = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
     first /= np.linalg.norm(first)
-    second = np.cross(into, first)
-    hole = make_hole(0, np.zeros(3), into, UP, SIZE, 0.25 * (np.cos(slot) * first + np.sin(slot) * second))
+    second = np.cross(axis, first)
+    hole = make_hole(0, np.zeros(3), axis, UP, SIZE, 0.25 * (np.cos(slot) * first + np.sin(slot) * second))
     assert hole is not None
-    assert overhang_sin(hole.points_mm, into, UP) <= HOLE_SIN
+    assert overhang_sin(hole.points_mm, axis, UP) <= HOLE_SIN
     flat = hole.points_mm @ np.stack([first, second]).T
-    floor = np.isclose(hole.points_mm @ into, 7.0)
+    floor = np.isclose(hole.points_mm @ axis, 7.0)
     assert shapely.MultiPoint(flat[floor]).convex_hull.contains(shapely.Point(0, 0).buffer(3.24 / 2.0))
 
 
 @pytest.mark.parametrize(
-    ("into", "extra"),
+    ("axis", "extra"),
     [((1.0, 0.0, 0.0), (0.0, 0.0, 1.9)), ((0.0, 0.0, 1.0), (0.0, 0.0, 7.0 + 1.75 * 1.625))],
     ids=["lying: a roof", "upwards: a tip"],
 )
-def test_ceiling_rises_to_the_beds_up(into: tuple[float, ...], extra: tuple[float, ...]) -> None:
-    hole = make_hole(0, np.zeros(3), np.array(into), UP, SIZE, np.zeros(3))
+def test_ceiling_rises_to_the_beds_up(axis: tuple[float, ...], extra: tuple[float, ...]) -> None:
+    hole = make_hole(0, np.zeros(3), np.array(axis), UP, SIZE, np.zeros(3))
     assert hole is not None
     reach = (hole.points_mm @ UP).max()
     assert reach == pytest.approx(1.9 * 1.625 if extra[2] == 1.9 else extra[2])
@@ -55,16 +55,16 @@ def test_hole_that_opens_upwards_is_a_plain_hexagon():
 
 @pytest.mark.parametrize("out", [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)])
 def test_groove_prints_on_upright_lower_and_upper_faces(out: tuple[float, ...]) -> None:
-    into = -np.array(out)
+    axis = -np.array(out)
     for ends in ([[0.0, 0.0], [3.0, 1.0]], [[1.0, 1.0], [1.0, 1.0]]):
-        right = np.cross(into, [0.0, 1.0, 0.0])
-        groove = make_groove(0, np.array(ends) @ np.stack([right, [0.0, 1.0, 0.0]]), into)
-        assert overhang_sin(groove.points_mm, into, UP) <= GROOVE_SIN
+        right = np.cross(axis, [0.0, 1.0, 0.0])
+        groove = make_groove(0, np.array(ends) @ np.stack([right, [0.0, 1.0, 0.0]]), axis)
+        assert overhang_sin(groove.points_mm, axis, UP) <= GROOVE_SIN
 
 
 def test_groove_on_a_leaning_face_hangs_over():
-    into = np.array([-0.8, 0.0, 0.6])
-    assert overhang_sin(make_groove(0, np.zeros((2, 3)), into).points_mm, into, UP) > GROOVE_SIN
+    axis = np.array([-0.8, 0.0, 0.6])
+    assert overhang_sin(make_groove(0, np.zeros((2, 3)), axis).points_mm, axis, UP) > GROOVE_SIN
 
 
 def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():

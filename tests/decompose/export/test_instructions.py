@@ -86,12 +86,12 @@ def pinwheel(table: Decomposition) -> Decomposition:
     ]
     parts = []
     for number, span in enumerate(spans, 1):
-        own = {
+        boxes_mm = {
             "id": f"p{number:02d}",
             "solid": Solid.box(*span),
             "planes": list_box_planes(np.array(span, float)),
         }
-        parts.append(replace(table.parts[0], **own))
+        parts.append(replace(table.parts[0], **boxes_mm))
     joints = tuple(find_joints(parts))
     return replace(table.without_parts(), parts=tuple(parts), joints=joints).with_assembly()
 
@@ -192,10 +192,10 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
         pose = find_pose(np.array(direction, dtype=np.float64))
         assert pose @ direction == pytest.approx([0.0, 0.0, 1.0])
         assert pose @ pose.T == pytest.approx(np.eye(3)) and np.linalg.det(pose) == pytest.approx(1.0)
-        over = turn_over(pose, 30.0)
-        assert over @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(over) == pytest.approx(
-            1.0
-        )
+        turned = turn_over(pose, 30.0)
+        assert turned @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(
+            turned
+        ) == pytest.approx(1.0)
     assert name_top(make_camera(-60.0, 30.0)) == "upwards"
     assert name_top(make_camera(-60.0, 30.0) @ find_pose(np.array([0.0, 0.0, -1.0]))) == "downwards"
 

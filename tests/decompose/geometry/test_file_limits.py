@@ -20,13 +20,13 @@ SPHERE = trimesh.creation.icosphere(2, 10.0)
 
 def polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
     """A file with one face of so many corners, and few vertices."""
-    words = b" ".join(b"%d" % (1 + i % 3) for i in range(corners))
+    indices = b" ".join(b"%d" % (1 + i % 3) for i in range(corners))
     match suffix:
         case ".obj":
-            return b"%sv 0 0 0\nv 1 0 0\nv 0 1 1\nf %s\nf 1 2 3\n" % (comment, words)
+            return b"%sv 0 0 0\nv 1 0 0\nv 0 1 1\nf %s\nf 1 2 3\n" % (comment, indices)
         case ".off":
-            return b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 1\n%d %s\n" % (corners, words)
-    return b"ply\nformat ascii 1.0\nelement face 1\nend_header\n%d %s\n" % (corners, words)
+            return b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 1\n%d %s\n" % (corners, indices)
+    return b"ply\nformat ascii 1.0\nelement face 1\nend_header\n%d %s\n" % (corners, indices)
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])

@@ -146,10 +146,10 @@ def test_loose_triangles_are_refused(tmp_path: Path) -> None:
 def test_many_loose_triangles_are_refused_before_the_repair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def never(body: object) -> None:
+    def refuse_call(body: object) -> None:
         raise AssertionError("closes bodies one by one")
 
-    monkeypatch.setattr("decompose.geometry.repair._mesh_fix", never)
+    monkeypatch.setattr("decompose.geometry.repair._mesh_fix", refuse_call)
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
     with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as raised:
         load_model(save(tmp_path / "soup.stl", soup))

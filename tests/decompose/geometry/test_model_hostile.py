@@ -82,8 +82,8 @@ def test_tiny_model_with_a_distant_point_is_refused(tmp_path: Path) -> None:
 def test_million_vertices_in_one_place_are_refused(tmp_path: Path) -> None:
     sphere = trimesh.creation.icosphere(3, 20.0)
     copies = 1_000_000 // len(sphere.vertices) + 1
-    which = len(sphere.vertices) * np.random.default_rng(0).integers(0, copies, sphere.faces.shape)
-    many = trimesh.Trimesh(np.tile(sphere.vertices, (copies, 1)), sphere.faces + which, process=False)
+    indices = len(sphere.vertices) * np.random.default_rng(0).integers(0, copies, sphere.faces.shape)
+    many = trimesh.Trimesh(np.tile(sphere.vertices, (copies, 1)), sphere.faces + indices, process=False)
     many.export(tmp_path / "copies.ply")
     model = load_model(tmp_path / "copies.ply")
     assert model.solid.volume_mm3 == pytest.approx(sphere.volume, rel=1e-4)
@@ -137,11 +137,11 @@ def test_ply_with_a_false_header_is_refused(tmp_path: Path, encoding: str, true:
 def test_bytes_after_the_triangles_of_an_stl_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "ball.stl"
     write_stl(path, ball().astype(np.float32))
-    whole = load_model(path)
+    reference = load_model(path)
     path.write_bytes(path.read_bytes() + b"a program's own words")
     model = load_model(path)
     assert model.repairs == ("Left out 21 bytes after the last triangle.",)
-    assert model.solid.volume_mm3 == whole.solid.volume_mm3
+    assert model.solid.volume_mm3 == reference.solid.volume_mm3
 
 
 def test_repairs_are_reported(tmp_path: Path) -> None:

@@ -36,13 +36,13 @@ def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("where", "pieces"),
+    ("corner", "pieces"),
     [((20.0, 0.0, 0.0), 1), ((20.0, 20.0, 0.0), 2), ((20.0, 20.0, 20.0), 2), ((20.0, 10.0, 0.0), 1)],
     ids=["face", "edge", "corner", "half a face"],
 )
-def test_touching_bodies_are_separated(where: tuple[float, ...], pieces: int) -> None:
-    other = tuple(20.0 + w for w in where)
-    both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(where, other)])
+def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -> None:
+    other = tuple(20.0 + w for w in corner)
+    both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(corner, other)])
     solid, _ = close_surface("two", weld_triangles(both))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert len(solid.pieces()) == pieces
@@ -140,8 +140,10 @@ def test_one_sided_surfaces_are_not_oriented() -> None:
 def test_holes_that_share_a_vertex_get_separate_rims() -> None:
     """Two opposite triangles of an octahedron's top are missing, and both holes share its tip."""
     corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
-    whole = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]])
-    result = shells.split_shells(corners, np.delete(whole, [0, 2], axis=0))
+    octahedron = np.array(
+        [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]]
+    )
+    result = shells.split_shells(corners, np.delete(octahedron, [0, 2], axis=0))
     assert result is not None
     ((vertices, faces),) = result
     assert len(vertices) == 7

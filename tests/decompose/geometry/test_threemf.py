@@ -148,9 +148,9 @@ def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float],
 
 def test_invalid_package_is_refused() -> None:
     refused(b"junk" * 100)
-    whole = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
-    for cut in range(0, len(whole), 97):
-        refused(whole[:cut] or b"x")
+    data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    for cut in range(0, len(data), 97):
+        refused(data[:cut] or b"x")
 
 
 def test_missing_parts_and_objects_are_named() -> None:
@@ -259,9 +259,9 @@ def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() ->
 @given(st.data())
 @settings(max_examples=150, deadline=None)
 def test_flipped_bytes_are_refused_in_a_sentence(data: st.DataObject) -> None:
-    whole = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
-    at = data.draw(st.integers(0, len(whole) - 1))
-    broken = bytearray(whole)
+    package = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    at = data.draw(st.integers(0, len(package) - 1))
+    broken = bytearray(package)
     broken[at] ^= data.draw(st.integers(1, 255))
     try:
         read_3mf("a.3mf", bytes(broken))

@@ -19,8 +19,8 @@ def measure(solid: Solid, marked_up: float | None = None) -> Columns:
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    up = normals[:, 2] / np.linalg.norm(normals, axis=1)
-    marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(up, marked_up)
+    upward = normals[:, 2] / np.linalg.norm(normals, axis=1)
+    marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(upward, marked_up)
     return measure_columns(triangles, marked, OVERHANG_COS)
 
 
@@ -58,10 +58,10 @@ def test_mass_grows_with_height(bench: Solid) -> None:
     result = measure(bench)
     assert result.volumes_mm3[-1] == pytest.approx(bench.volume_mm3, rel=0.02)
     assert (np.diff(result.volumes_mm3) > 0.0).all()
-    whole = (
+    tower = (
         np.array([10, 10, 2.5]) * 2000 + np.array([15, 10, 15]) * 4000 + np.array([20, 10, 27.5]) * 4000
     ) / 1e4
-    assert result.centres_mm[-1] == pytest.approx(whole, abs=0.3)
+    assert result.centres_mm[-1] == pytest.approx(tower, abs=0.3)
     assert result.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
 
 

@@ -31,7 +31,7 @@ from decompose.printers import PrinterRoom
 NOTHING = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
 
 
-def one(**coefficients: float) -> CostModel:
+def make_cost(**coefficients: float) -> CostModel:
     """Cost with these coefficients, and all others 0."""
     return replace(NOTHING, **coefficients)
 
@@ -92,7 +92,7 @@ def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
 
 
 def test_walls_cover_the_rim_of_a_skin() -> None:
-    cost = one(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
+    cost = make_cost(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
     large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
     upright = POSE_ROTATIONS[4:5]
     assert price_poses_s(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
@@ -100,7 +100,7 @@ def test_walls_cover_the_rim_of_a_skin() -> None:
 
 
 def test_only_overhangs_off_the_bed_cost_support() -> None:
-    cost = one(overhang_s_mm3=1.0)
+    cost = make_cost(overhang_s_mm3=1.0)
     table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
     times = price_axis_poses_s(*table.arrays(), cost)
     assert times[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
@@ -109,14 +109,14 @@ def test_only_overhangs_off_the_bed_cost_support() -> None:
 
 
 def test_slopes_up_to_45_degrees_need_no_support() -> None:
-    cost = one(overhang_s_mm3=1.0)
+    cost = make_cost(overhang_s_mm3=1.0)
     assert price_axis_poses_s(*wedge(9.9).arrays(), cost)[4] == 0.0
     assert price_axis_poses_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
 
 
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
-    cost = replace(one(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
+    cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
     steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)  # height over width, where 4 layers leave just that bare
     for reach, skinned in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
         assert (price_axis_poses_s(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
@@ -172,13 +172,13 @@ def test_additive_features_add_up_over_a_cut(
     """Two halves have the features of the whole, and twice those of the cut: wall or skin by its slope."""
     rotations = Rotation.from_euler("xyz", [turn]).as_matrix()
     halves = ring_with_bar.split(0, cut_mm)
-    whole, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
+    features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
     parts = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
     cut_mm2 = (sum(half.area_mm2 for half in halves) - ring_with_bar.area_mm2) / 2.0
     n = abs(float(rotations[0, 2, 0]))
     upright = math.sqrt(1.0 - n * n)
     added = np.array([0.0, upright, n * (n > cost.skin_cos), upright * (n > cost.skin_cos)]) * 2.0 * cut_mm2
-    assert parts[0, :4] == pytest.approx(whole[0, :4] + added, rel=1e-6, abs=1e-3)
+    assert parts[0, :4] == pytest.approx(features[0, :4] + added, rel=1e-6, abs=1e-3)
 
 
 @settings(max_examples=25, deadline=None)

@@ -119,10 +119,10 @@ def test_edge_is_not_used_as_footing() -> None:
 
 def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
-    here, there = laid(solid), laid(turned(solid))
-    assert there.price_s == pytest.approx(here.price_s, rel=0.01)
-    assert find_up(there) == pytest.approx(TURNED @ find_up(here), abs=1e-6)
-    assert sorted(there.size_mm) == pytest.approx(sorted(here.size_mm), abs=1e-6)
+    pose, turned_pose = laid(solid), laid(turned(solid))
+    assert turned_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
+    assert find_up(turned_pose) == pytest.approx(TURNED @ find_up(pose), abs=1e-6)
+    assert sorted(turned_pose.size_mm) == pytest.approx(sorted(pose.size_mm), abs=1e-6)
 
 
 def level_faces(solid: Solid, inner: bool) -> npt.NDArray[np.bool_]:

@@ -55,7 +55,7 @@ def same(a: list[Any], b: list[Any]) -> bool:
     ) and (a[:-1] == b[:-1])
 
 
-Within = Callable[..., Decomposition]
+RunWithin = Callable[..., Decomposition]
 
 
 PRINTERS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4))
@@ -70,7 +70,7 @@ def model() -> Model:
 
 
 @pytest.fixture(scope="module")
-def within(cost: CostModel, model: Model) -> Within:
+def run_within(cost: CostModel, model: Model) -> RunWithin:
     """The step, cut for four printers within a budget."""
 
     def decomposed(budget_s: float, executor: Executor | None = None) -> Decomposition:
@@ -82,8 +82,8 @@ def within(cost: CostModel, model: Model) -> Within:
 
 
 @pytest.fixture(scope="module")
-def whole(within: Within) -> Decomposition:
-    return within(1e9)
+def unlimited_result(run_within: RunWithin) -> Decomposition:
+    return run_within(1e9)
 
 
 def effort_s(result: Decomposition) -> float:
@@ -92,36 +92,40 @@ def effort_s(result: Decomposition) -> float:
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
 def test_result_is_independent_of_clock_and_threads(
-    share: float, within: Within, whole: Decomposition, monkeypatch: pytest.MonkeyPatch
+    share: float, run_within: RunWithin, unlimited_result: Decomposition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results = []
     for step_s, executor in ((1e-9, None), (1e6, ReversedExecutor()), (1.0, ThreadPoolExecutor(4))):
         ticks = count(0.0, step_s)
         for module in (best, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
-        results.append(everything(within(share * effort_s(whole), executor)))
+        results.append(everything(run_within(share * effort_s(unlimited_result), executor)))
     assert same(results[0], results[1])
     assert same(results[0], results[2])
 
 
-def test_search_ends_with_the_best_so_far_within_the_budget(within: Within, whole: Decomposition) -> None:
-    none = within(0.0)
+def test_search_ends_with_the_best_so_far_within_the_budget(
+    run_within: RunWithin, unlimited_result: Decomposition
+) -> None:
+    none = run_within(0.0)
     assert none.attempts[0].makespan_s == none.makespan_s
     assert not none.attempts[0].finished
-    assert all(item.finished and item.makespan_s and item.effort_s > 0.0 for item in whole.attempts)
-    assert same(everything(within(1.5 * effort_s(whole))), everything(whole))
-    assert whole.makespan_s <= none.makespan_s
+    assert all(
+        item.finished and item.makespan_s and item.effort_s > 0.0 for item in unlimited_result.attempts
+    )
+    assert same(everything(run_within(1.5 * effort_s(unlimited_result))), everything(unlimited_result))
+    assert unlimited_result.makespan_s <= none.makespan_s
 
 
 def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> None:
     options = replace(COARSE, engine=Engine.PARALLELOBOX)
-    whole, little = Effort(), Effort(1e-4)
-    ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=whole))
+    unlimited, limited = Effort(), Effort(1e-4)
+    ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=unlimited))
     with pytest.raises(NoFit):
-        ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=little))
-    assert little.cut_short
-    assert not whole.cut_short
-    assert little.spent_s < whole.spent_s
+        ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=limited))
+    assert limited.cut_short
+    assert not unlimited.cut_short
+    assert limited.spent_s < unlimited.spent_s
 
 
 @given(budget_s=st.floats(0.0, 10.0), reserved_s=st.floats(0.0, 5.0), units=st.integers(0, 10**8))
@@ -135,13 +139,13 @@ def test_affordable_work_keeps_the_budget_unspent(budget_s: float, reserved_s: f
 
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
 def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budget_s: float) -> None:
-    there, back = Effort(budget_s), Effort(budget_s)
+    forwards, backwards = Effort(budget_s), Effort(budget_s)
     for item, other in zip(work, reversed(work), strict=True):
-        there.record(*item)
-        back.record(*other)
-    assert there.spent_s == back.spent_s
-    assert there.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
-    assert there.is_spent() == back.is_spent() == there.cut_short == (there.spent_s >= budget_s)
+        forwards.record(*item)
+        backwards.record(*other)
+    assert forwards.spent_s == backwards.spent_s
+    assert forwards.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
+    assert forwards.is_spent() == backwards.is_spent() == forwards.cut_short == (forwards.spent_s >= budget_s)
 
 
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4)))

@@ -136,8 +136,8 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert [part.price_s - old.price_s for part, old in zip(stored.parts, halves.parts, strict=True)] == [
         2 * connect.HOLE_S + connect.MARK_S
     ] * 2
-    whole = json.loads(json.dumps(stored.as_dict()))
-    [step], report = whole["assembly"]["steps"], whole["connectors"]
+    report_object = json.loads(json.dumps(stored.as_dict()))
+    [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
     assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
     assert report["cut_list"] == [{"length_mm": 13.0, "count": 1}, {"length_mm": 7.0, "count": 1}]
@@ -162,11 +162,11 @@ def test_hole_is_as_wide_as_the_printer_of_its_part_needs(halves: Decomposition)
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
     """As after a fault: what is printed of the part is cut, and its neighbour is printed already."""
     stored = connect_parts(halves)
-    whole = stored.parts[0].printed
+    printed_solid = stored.parts[0].printed
     printers = [PrinterRoom(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
     options = replace(halves.options, interior=Interior.KEEP)
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
-    again = decompose_model(Model(whole, (), 1.0), printers, options, cost).with_assembly()
+    again = decompose_model(Model(printed_solid, (), 1.0), printers, options, cost).with_assembly()
     named = replace(
         again, parts=tuple(replace(p, id=f"p01{c}") for c, p in zip("ab", again.parts, strict=True))
     )

@@ -28,28 +28,28 @@ def fill_journal(path: Path) -> None:
 @pytest.mark.system
 def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_path: Path):
     async def scenario() -> None:
-        async with printer(tmp_path) as one:
-            assert one.process is not None
-            one.process.send_signal(signal.SIGTERM)
-            one.process.wait(10.0)
-            before = (one.folder / AGENT_LOG).read_text()
-            with (one.folder / AGENT_LOG).open("a") as log:
+        async with printer(tmp_path) as client:
+            assert client.process is not None
+            client.process.send_signal(signal.SIGTERM)
+            client.process.wait(10.0)
+            before = (client.folder / AGENT_LOG).read_text()
+            with (client.folder / AGENT_LOG).open("a") as log:
                 log.write("x" * 3_000_000 + "\n")
-            fill_journal(one.folder / JOURNAL)
-            one.spawn()
-            await one.connect()
-            await one.ready()
-            assert (await one.start(gcode(50))).error is None
-            await one.phase(m.PrintPhase.DONE)
-            old, new = (one.folder / f"{AGENT_LOG}.1").read_text(), (one.folder / AGENT_LOG).read_text()
+            fill_journal(client.folder / JOURNAL)
+            client.spawn()
+            await client.connect()
+            await client.ready()
+            assert (await client.start(gcode(50))).error is None
+            await client.phase(m.PrintPhase.DONE)
+            old, new = (client.folder / f"{AGENT_LOG}.1").read_text(), (client.folder / AGENT_LOG).read_text()
             assert old.startswith(before + "x" * 100) and len(new) < 10_000
-            records = (json.loads(line) for line in (one.folder / JOURNAL).read_text().splitlines())
+            records = (json.loads(line) for line in (client.folder / JOURNAL).read_text().splitlines())
             prints = (record["print"] for record in records if record.get("print"))
             phases = [expected["phase"] for expected in prints if expected["print_id"] == "p-1"]
             logged = [line.rpartition("print p-1: ")[2] for line in new.splitlines() if "print p-1: " in line]
             assert phases[0] == "spooled" and logged == phases[1:] and logged[-1] == "done"
-            assert (one.folder / JOURNAL).stat().st_size < MAX_BYTES
-            state = Journal(one.folder / JOURNAL).state
+            assert (client.folder / JOURNAL).stat().st_size < MAX_BYTES
+            state = Journal(client.folder / JOURNAL).state
             assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"
 
     run(scenario())

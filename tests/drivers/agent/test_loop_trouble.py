@@ -90,9 +90,9 @@ def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_
             rig.process.kill()
             rig.process.wait(10.0)
             assert max(rig.targets()) > 0
-            words = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", rig.folder]
+            command = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", rig.folder]
             done = await asyncio.to_thread(
-                subprocess.run, words, check=False, capture_output=True, text=True, timeout=DEADLINE_S
+                subprocess.run, command, check=False, capture_output=True, text=True, timeout=DEADLINE_S
             )
             assert done.returncode == 1
             assert "cannot be written" in done.stdout and "seen off" in done.stdout

@@ -56,12 +56,12 @@ def flips(data: bytes) -> list[bytes]:
 
 
 @st.composite
-def numbered(draw: st.DrawFn, words: bytes = b"FXYE") -> tuple[int, bytes]:
+def numbered(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
     """A line number and a move, of which some decimals are the checksum of what is before them."""
     number = draw(st.integers(1, 9_999_999))
     command = b"G1"
-    for word in draw(st.lists(st.sampled_from(words), min_size=1, unique=True).map(sorted)):
-        command += b" %c%d." % (word, draw(st.integers(-300, 99_999)))
+    for letter in draw(st.lists(st.sampled_from(letters), min_size=1, unique=True).map(sorted)):
+        command += b" %c%d." % (letter, draw(st.integers(-300, 99_999)))
         colliding = checksum(b"N%d %b" % (number, command[:-1]))
         blank = colliding ^ ord(" ")
         decimals = st.from_regex(rb"\A[0-9]{0,6}\Z")

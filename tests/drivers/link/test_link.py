@@ -204,7 +204,7 @@ def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "expected"),
     [
         (b"ok", [b"ok"]),
         (b"okok", [b"ok", b"ok"]),
@@ -219,8 +219,8 @@ def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
         (b"", []),
     ],
 )
-def test_answers_without_a_newline_are_split(line: bytes, words: list[bytes]):
-    assert replies.split_answers(line, ULTIMAKER2) == words
+def test_answers_without_a_newline_are_split(line: bytes, expected: list[bytes]):
+    assert replies.split_answers(line, ULTIMAKER2) == expected
 
 
 @given(st.binary(max_size=100))

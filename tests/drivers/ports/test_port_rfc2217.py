@@ -55,9 +55,9 @@ def url(tmp_path: Path) -> Iterator[str]:
     )
     reset = f"env -u LD_PRELOAD {sys.executable} {tmp_path}/reset.py"
     env = {**os.environ, "LD_PRELOAD": str(lines), "RESET": reset}
-    words = [SER2NET, "-n", "-d", "-c", str(tmp_path / "ser2net.yaml")]
+    command = [SER2NET, "-n", "-d", "-c", str(tmp_path / "ser2net.yaml")]
     with (tmp_path / "ser2net.log").open("wb") as log:
-        server = subprocess.Popen(words, env=env, stdout=log, stderr=log, cwd=Path(__file__).parents[3])
+        server = subprocess.Popen(command, env=env, stdout=log, stderr=log, cwd=Path(__file__).parents[3])
     try:
         _until_it_listens(number)
         yield f"rfc2217://127.0.0.1:{number}"

@@ -51,7 +51,7 @@ def test_lines_of_both_directions_are_in_order_with_their_times():
     port.reset()
     port.read()
     port.write_now(b"M112\n")
-    assert [(one.at_s, one.sent, one.text) for one in record.list_lines()] == [
+    assert [(recorded.at_s, recorded.sent, recorded.text) for recorded in record.list_lines()] == [
         (0.0, True, "N1 M105*38"),
         (1.0, False, "ok"),
         (3.0, False, "start"),
@@ -65,7 +65,7 @@ def test_record_is_bounded_in_number_and_length():
         port.write(b"x" * 5000 + b"\n")
         port.read()
     assert len(record.list_lines()) <= 400
-    assert max(len(one.text) for one in record.list_lines()) == 200
+    assert max(len(recorded.text) for recorded in record.list_lines()) == 200
 
 
 @pytest.mark.parametrize("noise", [b"\n", b"ok\n", b"\x00", b"\x00" * 300 + b"\n"])
@@ -74,7 +74,10 @@ def test_noise_fits_into_a_message(noise):
     record = WireRecord(lambda: 0.0)
     for _ in range(1000):
         record.add(False, (noise * 1000)[:4096])
-    lines = tuple(WireLine(at_s=one.at_s, sent=one.sent, text=one.text) for one in record.list_lines())
+    lines = tuple(
+        WireLine(at_s=recorded.at_s, sent=recorded.sent, text=recorded.text)
+        for recorded in record.list_lines()
+    )
     assert 0 < len(lines) <= 400
     assert len(Reply(id=1, lines=lines).model_dump_json()) < 2**19
 
@@ -82,13 +85,13 @@ def test_noise_fits_into_a_message(noise):
 def test_long_reads_keep_all_lines():
     record = WireRecord(lambda: 0.0)
     record.add(False, b"echo:" + b"x" * 600 + b"\nok\n")
-    assert [one.text for one in record.list_lines()][1:] == ["ok"]
+    assert [recorded.text for recorded in record.list_lines()][1:] == ["ok"]
 
 
 def test_bytes_that_are_no_text_are_shown_as_numbers():
     port, record = record_port()
     port.write(b"\x00\x1b[31m\xff<b>\n")
-    assert [one.text for one in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
+    assert [recorded.text for recorded in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
 
 
 @given(st.lists(st.tuples(st.booleans(), st.text("ab \n", max_size=12).map(str.encode)), max_size=30))
@@ -98,5 +101,7 @@ def test_no_byte_of_a_line_is_lost(pieces):
         (sent, b"".join(data for _, data in group)) for sent, group in groupby(pieces, key=lambda p: p[0])
     ]
     expected = [(sent, line.decode()) for sent, data in groups for line in data.split(b"\n")]
-    assert [(one.sent, one.text) for one in lines if one.text] == [one for one in expected if one[1]]
-    assert [one.at_s for one in lines] == sorted(one.at_s for one in lines)
+    assert [(recorded.sent, recorded.text) for recorded in lines if recorded.text] == [
+        recorded for recorded in expected if recorded[1]
+    ]
+    assert [recorded.at_s for recorded in lines] == sorted(recorded.at_s for recorded in lines)

@@ -46,6 +46,6 @@ def test_ended_process_is_not_hung():
 
 
 def test_process_is_sampled_from_proc():
-    mine = sample_process(os.getpid())
-    assert mine is not None and mine.state == "R" and mine.waited_s >= 0.0
+    sample = sample_process(os.getpid())
+    assert sample is not None and sample.state == "R" and sample.waited_s >= 0.0
     assert sample_process(2**22 + 1) is None

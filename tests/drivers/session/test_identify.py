@@ -25,17 +25,17 @@ def test_printer_is_identified_by_its_home_offset():
     assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.context.extruded
 
 
-@pytest.mark.parametrize("word", [b"Vers:", b"M206"])
-def test_unreadable_banner_is_requested_again_and_then_refused(word: bytes):
+@pytest.mark.parametrize("banner", [b"Vers:", b"M206"])
+def test_unreadable_banner_is_requested_again_and_then_refused(banner: bytes):
     rig = Rig()
     listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(word, b"?????"), now_s)  # type: ignore[method-assign]
+    rig.link.receive = lambda data, now_s: listen(data.replace(banner, b"?????"), now_s)  # type: ignore[method-assign]
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert rig.firmware.resets == 3
     once = Rig()
     listen = once.link.receive
     once.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
-        data.replace(word, b"?????") if once.firmware.resets < 2 else data, now_s
+        data.replace(banner, b"?????") if once.firmware.resets < 2 else data, now_s
     )
     assert_ended_off(once.run(), PrintPhase.DONE, None)
 

@@ -49,7 +49,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
         b"G1 F1500 E6.500",
         b"G92 E",
     ]
-    places = [back.index(word) for word in order]
+    places = [back.index(command) for command in order]
     assert places == sorted(places)
 
 

@@ -60,7 +60,7 @@ def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
     assert rig.firmware.machine.dead_man_s == 120.0
     rig.session.resume(rig.now_s)
     rig.run()
-    armed = [int(word.split(b"*")[0]) for word in rig.sent.split(b"M85 S")[1:]]
+    armed = [int(command.split(b"*")[0]) for command in rig.sent.split(b"M85 S")[1:]]
     assert armed[0] == 1200 and armed[-1] == 0
     assert {seconds: armed.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
     assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")

@@ -285,11 +285,11 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
     monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
     class FaultyConnection(RecordingListener):
-        words = 0
+        snapshots = 0
 
         def on_snapshot(self, snapshot: AgentSnapshot) -> None:
-            self.words += 1
-            if self.words < 5:
+            self.snapshots += 1
+            if self.snapshots < 5:
                 raise ZeroDivisionError("a fault of ours")
             super().on_snapshot(snapshot)
 

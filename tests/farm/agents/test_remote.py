@@ -94,8 +94,8 @@ class Sshd:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         for key in ("host", "mine"):
-            words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / key)]
-            subprocess.run(words, check=True)
+            arguments = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / key)]
+            subprocess.run(arguments, check=True)
         (folder / "sshd").write_text(
             f"HostKey {folder}/host\nAuthorizedKeysFile {folder}/mine.pub\nStrictModes no\nUsePAM no\n"
             f"PidFile none\nPasswordAuthentication no\nListenAddress 127.0.0.1\nPort {self._free()}\n"
@@ -120,8 +120,8 @@ class Sshd:
     def mend(self) -> None:
         if os.getuid() == 0:
             Path("/run/sshd").mkdir(exist_ok=True)  # what openssh-server's own unit would make
-        words = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
-        self._server = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
+        arguments = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
+        self._server = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
 
     def cut(self) -> None:
         """Network failure: server and connections end, and neither program is notified."""

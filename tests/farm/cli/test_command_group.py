@@ -21,9 +21,9 @@ main()
 """
 
 
-def modules_after(*words, **environment):
+def modules_after(*arguments, **environment):
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT.format(words=list(words))],
+        [sys.executable, "-c", SCRIPT.format(words=list(arguments))],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
@@ -36,9 +36,9 @@ def commands_in(modules):
     return {name.rpartition(".")[2] for name in modules if name.startswith("farm.cli.commands.")}
 
 
-@pytest.mark.parametrize("words", [("--help",), ("--version",), ("sumbit",)])
-def test_help_and_unknown_command_load_no_command(words):
-    modules = modules_after(*words)
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("sumbit",)])
+def test_help_and_unknown_command_load_no_command(arguments):
+    modules = modules_after(*arguments)
     assert commands_in(modules) == set()
     assert not modules & {"yaml", "serial", "farm.api", "farm.model"}
 

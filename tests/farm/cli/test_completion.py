@@ -50,11 +50,11 @@ def daemon(tmp_path):
 def offered(kind, incomplete, **params):
     context = typer.Context(typer.main.get_command(typer.Typer(callback=lambda: None)))
     context.params = params
-    return [word for word, _ in kind(context, incomplete)]
+    return [name for name, _ in kind(context, incomplete)]
 
 
 @pytest.mark.parametrize(
-    ("kind", "incomplete", "words"),
+    ("kind", "incomplete", "names"),
     [
         (completion.printers, "", NAMES.printers),
         (completion.printers, "um2-", ["um2-01", "um2-02"]),
@@ -65,8 +65,8 @@ def offered(kind, incomplete, **params):
         (completion.targets, "um2x", ["um2x-01"]),
     ],
 )
-def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, words):
-    assert offered(kind, incomplete, socket=str(daemon), job=3) == words
+def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, names):
+    assert offered(kind, incomplete, socket=str(daemon), job=3) == names
 
 
 def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
@@ -82,7 +82,7 @@ def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "names"),
     [
         ("farm clear", ["cleared"]),
         ("farm cleared um2-", ["um2-01", "um2-02"]),
@@ -90,7 +90,7 @@ def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
         ("farm report ", ["3", "12"]),
     ],
 )
-def test_bash_completion_calls_the_command(daemon, line, words):
+def test_bash_completion_calls_the_command(daemon, line, names):
     requested = {
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(line.split(" ")) - 1),
@@ -101,4 +101,4 @@ def test_bash_completion_calls_the_command(daemon, line, words):
         env={**os.environ, **requested, "FARM_SOCKET": str(daemon)},
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
-    assert (done.stdout.split(), done.stderr) == (words, "")
+    assert (done.stdout.split(), done.stderr) == (names, "")

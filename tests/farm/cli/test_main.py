@@ -6,7 +6,7 @@ from farm.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (["submit"], "Missing argument"),
         (["submit", "x.stl", "--printers", "0"], "of at least 1, or auto; see `farm submit --help`"),
@@ -16,8 +16,8 @@ from farm.cli.main import main
         (["load", "a", "--wrong"], "No such option: --wrong"),
     ],
 )
-def test_wrong_usage_gets_one_line(words, message, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["farm", *words])
+def test_wrong_usage_gets_one_line(arguments, message, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["farm", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()
     out, err = capsys.readouterr()

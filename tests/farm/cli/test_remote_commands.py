@@ -40,7 +40,7 @@ def run(tmp_path, monkeypatch):
     key.touch(mode=0o600)
     key.write_text("farm_key")
     monkeypatch.setenv("FARM_KEY_FILE", str(key))
-    return lambda *words: CliRunner().invoke(app, words)
+    return lambda *arguments: CliRunner().invoke(app, arguments)
 
 
 def test_every_command_is_remote_or_local():

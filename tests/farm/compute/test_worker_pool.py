@@ -161,7 +161,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
         os.mkfifo(tmp_path / name)
     order = []
 
-    async def one(workers, name, urgent):
+    async def run_one(workers, name, urgent):
         await workers.run(work.whoami, limit=Limit(name, 60.0, urgent))
         order.append(name)
 
@@ -172,7 +172,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
         await asyncio.sleep(0)
         tasks = []
         for name, urgent in (("plate 1", False), ("plate 2", False), ("given up", True), ("model", True)):
-            tasks.append(asyncio.ensure_future(one(workers, name, urgent)))
+            tasks.append(asyncio.ensure_future(run_one(workers, name, urgent)))
         await asyncio.sleep(0)  # all of them wait now
         tasks.pop(2).cancel()
         await asyncio.to_thread((tmp_path / "fifo").read_text)
@@ -225,7 +225,7 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
         os.mkfifo(tmp_path / name)
     order = []
 
-    async def one(workers, group):
+    async def run_one(workers, group):
         await PoolShare(workers, group).run(work.whoami, limit=DECOMPOSING)
         order.append(group)
 
@@ -235,7 +235,7 @@ def test_groups_share_the_workers_evenly(pool, tmp_path):
             asyncio.ensure_future(big.run(work.speak, tmp_path / name, "hello", limit=DECOMPOSING))
             for name in ("one", "two")
         ]
-        tasks = [asyncio.ensure_future(one(workers, group)) for group in ("big", "big", "small")]
+        tasks = [asyncio.ensure_future(run_one(workers, group)) for group in ("big", "big", "small")]
         await asyncio.sleep(0)
         await asyncio.to_thread((tmp_path / "one").read_text)
         await asyncio.gather(*tasks)

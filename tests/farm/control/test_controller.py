@@ -224,7 +224,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     farm.printers.pause("a", True, "ann")
     assert told_last() == paused
 
-    def word(state, **changes):
+    def snapshot(state, **changes):
         facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
         facts |= {"started_s": 2.0, "ended_s": None, **changes}
         message = AgentPrint(print_id=attempt.id, state=state, **facts)
@@ -233,15 +233,15 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         view = describe_printer(scene, farm.controller.fleet.printer("a"), None)
         return view, [item for item in list_tasks(scene) if item.code == "resume"]
 
-    word(PrintState.PRINTING)  # it was heating when it was told
+    snapshot(PrintState.PRINTING)  # it was heating when it was told
     assert told_last() == paused
-    assert word(PrintState.PAUSED)[1] == []  # it parks
-    view, (item,) = word(PrintState.PAUSED, pause_ends_s=7200.0)
+    assert snapshot(PrintState.PAUSED)[1] == []  # it parks
+    view, (item,) = snapshot(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
     farm.printers.pause("a", False, "ann")
     assert told_last() == paused.model_copy(update={"wanted": False})
-    view, rest = word(PrintState.PRINTING)
+    view, rest = snapshot(PrintState.PRINTING)
     assert (view.state, view.print.pause_ends, rest) == ("printing", None, [])
     farm.jobs.cancel(1, "ann")
     with pytest.raises(Refused, match="ending"):

@@ -186,10 +186,10 @@ def test_forecast_is_exact_without_failures(work, start_rules, printers, hour, r
         left = {p.id for p in night.controller.books.waiting_plates()}
         assert left == waiting - foreseen.keys()
         for number in books.jobs:
-            mine = [name for name in foreseen if night.controller.books.plates[name].job == number]
-            if mine:
-                expected_s = max(foreseen[name] for name in mine) - now_s
-                elapsed_s = max(reached[name] for name in mine) - now_s
+            plates = [name for name in foreseen if night.controller.books.plates[name].job == number]
+            if plates:
+                expected_s = max(foreseen[name] for name in plates) - now_s
+                elapsed_s = max(reached[name] for name in plates) - now_s
                 assert abs(elapsed_s - expected_s) <= 0.02 * elapsed_s, (number, expected_s, elapsed_s)
         assert all(p.bed is not Bed.UNKNOWN for p in night.controller.books.printers.values())
         assert not any(

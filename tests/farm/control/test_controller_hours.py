@@ -48,7 +48,7 @@ def farm(tmp_path):
     return farm
 
 
-def word(farm, state=PrintState.PRINTING, **changes):
+def report(farm, state=PrintState.PRINTING, **changes):
     """Build a snapshot of the agent of `a` about its print."""
     attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
@@ -73,20 +73,20 @@ def test_print_gets_its_latest_start_and_end(farm):
 
 
 def test_changed_hours_are_sent_to_the_agent(farm):
-    attempt = word(farm)
+    attempt = report(farm)
     reported = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
     assert reported == []
-    word(farm, ends_by_s=STOP - 3600.0)
+    report(farm, ends_by_s=STOP - 3600.0)
     assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
-    word(farm, ends_by_s=None)
+    report(farm, ends_by_s=None)
     assert farm.effects.instructions[-1].ends_by_s == STOP
     before = len(farm.effects.instructions)
     [removed] = (p for p in farm.controller.fleet.printers if p.name == "b")
     fleet = farm.controller.fleet
     farm.controller.fleet = fleet.model_copy(update={"printers": (removed,)})  # `a` was taken out of it
-    word(farm, ends_by_s=STOP - 3600.0)
+    report(farm, ends_by_s=STOP - 3600.0)
     farm.controller.fleet = fleet
-    word(farm, PrintState.ENDING)
+    report(farm, PrintState.ENDING)
     assert len(farm.effects.instructions) == before
 
 
@@ -109,21 +109,21 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
 
 
 def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
-    word(farm)
+    report(farm)
     assert list_deadline_texts(farm) == []
-    word(farm, progress_s=10.0, print_time_s=90.0)
+    report(farm, progress_s=10.0, print_time_s=90.0)
     farm.controller.clock.now_s = STOP - 20.0
     (item,) = list_deadline_texts(farm)
     assert item.code == "hours" and item.printers == ["a"]
     assert "ends at Fri 17:45" in item.text and "attended" in item.text
-    word(farm, PrintState.ENDING)
+    report(farm, PrintState.ENDING)
     assert list_deadline_texts(farm) == []
 
 
 def test_pause_is_resumed_in_attended_hours_only(farm):
-    word(farm)
+    report(farm)
     farm.printers.pause("a", True, "ann")
-    word(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
+    report(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
     assert [item.text for item in list_deadline_texts(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
@@ -136,22 +136,22 @@ def test_pause_is_resumed_in_attended_hours_only(farm):
 
 
 def test_job_is_resumed_only_if_its_printers_may_continue(farm):
-    word(farm)
+    report(farm)
     farm.jobs.pause(1, True, "ann")
-    word(farm, PrintState.PAUSED)
+    report(farm, PrintState.PAUSED)
     farm.controller.clock.now_s = at("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
-    word(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
+    report(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
     farm.jobs.pause(1, False, "ann")  # what waits of it finds its own hour
     assert not farm.controller.books.jobs[1].paused
 
 
 def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
-    attempt = word(farm)
+    attempt = report(farm)
     ended = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
-    word(farm, PrintState.FAILED, **ended)
+    report(farm, PrintState.FAILED, **ended)
     books = farm.controller.books
     assert not books.prints[attempt.id].charged
     assert books.printer("a").attention_reason == "nobody was to be there any more"
@@ -162,7 +162,7 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_clock_step_moves_hours_and_no_print(farm, step_s):
     """The agent gives the start by its present clock; the age of the print is unchanged."""
-    attempt = word(farm)
+    attempt = report(farm)
     farm.controller.clock.now_s += 600.0
     age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s
     farm.controller.clock.now_s += step_s
@@ -171,7 +171,7 @@ def test_clock_step_moves_hours_and_no_print(farm, step_s):
     assert farm.controller.clock.now() - moved.started_s == age_s
     assert moved.assigned_s == pytest.approx(attempt.assigned_s + step_s)
     assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
-    word(farm, started_s=moved.started_s, ends_by_s=STOP + step_s)  # by the clock as it was
+    report(farm, started_s=moved.started_s, ends_by_s=STOP + step_s)  # by the clock as it was
     if step_s < 0:
         assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
 

@@ -45,9 +45,9 @@ def farm(tmp_path):
     farm.ready("a", "b", "c", "d")
     farm.jobs.submit("r" * 8, "vase.stl", MODEL, OPTIONS)
     event = planned(plates=2)
-    one = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
+    single_plan = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
     task = DecomposeTask(1, tmp_path, OPTIONS, farm.controller.fleet.printers, 1, tmp_path)
-    farm.controller.on_plan(1, multiply_plan(one, task))
+    farm.controller.on_plan(1, multiply_plan(single_plan, task))
     return farm
 
 

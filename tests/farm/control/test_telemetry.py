@@ -21,18 +21,18 @@ def printing_books():
 
 
 BOOKS = printing_books()
-SAID = AgentPrint(
+PRINT = AgentPrint(
     print_id="p", state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0, print_time_s=90.0,
     extruded=True, started_s=3.0, ended_s=None,
 )  # fmt: skip
-BUSY = AgentSnapshot(printer="a", link=Link.BUSY, agent_pid=9, print=SAID)
+BUSY = AgentSnapshot(printer="a", link=Link.BUSY, agent_pid=9, print=PRINT)
 
 
 @given(nozzle_c=CELSIUS, bed_c=CELSIUS, target_c=CELSIUS, progress_s=SECONDS, layer=st.integers(1, 999))
 def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, progress_s, layer):
     telemetry = Telemetry()
     assert telemetry.store(BUSY, 60.0)
-    message = SAID.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
+    message = PRINT.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
     heat = {"nozzle_c": nozzle_c, "bed_c": bed_c, "nozzle_target_c": target_c, "bed_target_c": target_c}
     later = BUSY.model_copy(update={"print": message, **heat})
     assert not telemetry.store(later, 60.0)
@@ -56,7 +56,7 @@ def test_rejected_snapshot_is_compared_again_and_shown():
 
 def test_snapshot_is_compared_step_by_step():
     """The outcome of an unknown print depends on the bed that the known one left."""
-    other = SAID.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
+    other = PRINT.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, print=other)
     reading = read_snapshot(BOOKS, ready, BUSY, True, 60.0)
     kinds = [type(event).__name__ for event in reading.events]
@@ -70,7 +70,7 @@ def record(*readings):
     for at_s, nozzle_c, bed_c in readings:
         snapshot = AgentSnapshot(printer="a", link=Link.READY, nozzle_c=nozzle_c, bed_c=bed_c)
         kept.add(snapshot, at_s)
-    return [(one.at_s, one.nozzle_c, one.bed_c) for one in kept.readings]
+    return [(sample.at_s, sample.nozzle_c, sample.bed_c) for sample in kept.readings]
 
 
 def test_hottest_reading_of_a_minute_is_kept():
@@ -99,7 +99,7 @@ def test_temperatures_from_before_twelve_hours_are_not_listed():
     telemetry = Telemetry()
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 200.0}), 0.0)
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 21.0}), 1.7e9)
-    assert [one.nozzle_c for one in telemetry.list_temperatures("a", 1.7e9)] == [21]
+    assert [sample.nozzle_c for sample in telemetry.list_temperatures("a", 1.7e9)] == [21]
     assert telemetry.list_temperatures("a", 1.7e9 + TEMPERATURES_KEPT_S + 1.0) == ()
 
 

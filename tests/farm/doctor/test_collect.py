@@ -22,7 +22,7 @@ def places(tmp_path):
 
 def findings(places, check):
     result = check_installation(collect_facts(places, None, "it is down"))
-    return [one for one in result if one.check == check]
+    return [finding for finding in result if finding.check == check]
 
 
 def test_books_are_read_and_not_changed(places):
@@ -41,10 +41,11 @@ def test_files_that_are_missing_or_changed_are_named(places):
     kept.chmod(0o600)
     kept.write_bytes(b"other")
     assert any(
-        one.text.endswith(f"{kept} has changed since it was planned") for one in findings(places, "files")
+        finding.text.endswith(f"{kept} has changed since it was planned")
+        for finding in findings(places, "files")
     )
     kept.unlink()
-    assert any(one.text.endswith(f"{kept} is missing") for one in findings(places, "files"))
+    assert any(finding.text.endswith(f"{kept} is missing") for finding in findings(places, "files"))
 
 
 def _is_needed(facts, name):
@@ -63,15 +64,15 @@ def test_row_that_was_changed_is_a_problem(places):
 def test_missing_and_invalid_books_are_reported(places):
     for path in places.state.root.glob("farm.db*"):
         path.unlink()
-    assert [one.level for one in findings(places, "database")] == [Level.OK]
+    assert [finding.level for finding in findings(places, "database")] == [Level.OK]
     places.state.books.write_bytes(b"no books" * 1000)
-    assert [one.level for one in findings(places, "database")] == [Level.PROBLEM]
+    assert [finding.level for finding in findings(places, "database")] == [Level.PROBLEM]
 
 
 def test_silent_agent_is_a_problem(places):
     lock = hold(places.state.agent("um2-01") / AGENT_LOCK)
     try:
-        (agent,) = (one for one in findings(places, "agents") if one.text.startswith("um2-01:"))
+        (agent,) = (finding for finding in findings(places, "agents") if finding.text.startswith("um2-01:"))
     finally:
         os.close(lock)
     assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent is running but does not answer")
@@ -90,7 +91,7 @@ def test_command_prints_every_check_and_exits_with_1_on_problems(places):
     run = CliRunner().invoke(app, ["doctor", "--json", *options])
     answer = json.loads(run.stdout)
     assert (run.exit_code, answer["schema"]) == (1, 1)
-    checks = {one["check"] for one in answer["findings"]}
+    checks = {finding["check"] for finding in answer["findings"]}
     assert {
         "fleet",
         "user",
@@ -103,7 +104,7 @@ def test_command_prints_every_check_and_exits_with_1_on_problems(places):
         "clock",
         "room",
     } <= checks
-    assert all(one["action"] for one in answer["findings"] if one["level"] != "ok")
+    assert all(finding["action"] for finding in answer["findings"] if finding["level"] != "ok")
     lines = CliRunner().invoke(app, ["doctor", *options]).stdout.splitlines()
     assert any(line.startswith("problem  database: ") for line in lines)
     assert any(line.startswith("warning  daemon: ") for line in lines)

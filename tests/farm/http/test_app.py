@@ -162,11 +162,11 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
 
 def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
     """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
-    words = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
+    messages = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
     body_bytes = []
 
     async def receive():
-        return words.pop(0)
+        return messages.pop(0)
 
     async def send(message):
         body_bytes.append(message)

@@ -30,7 +30,7 @@ from same_process import AcceptAll
 
 MODEL = "ultimaker2_plus"
 STRANGER = Person(uid=54321, gid=54321)
-OURS = grp.getgrgid(os.getgid()).gr_name
+GROUP = grp.getgrgid(os.getgid()).gr_name
 NO_GROUP = "no-such-group-here"
 
 
@@ -95,7 +95,7 @@ def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
         assert "nobody is known as the sender" in answer.json()["error"], (method, path)
 
 
-@pytest.mark.parametrize("group", [None, OURS])
+@pytest.mark.parametrize("group", [None, GROUP])
 def test_members_are_operators_or_all_users_without_a_group(tmp_path, group):
     app = make(tmp_path, operators=group)
     member = Person(uid=54321, gid=os.getgid())
@@ -126,24 +126,24 @@ def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):
     monkeypatch.setattr(pwd, "getpwuid", {54321: ann}.__getitem__)
     monkeypatch.setattr(os, "getgrouplist", lambda name, gid: groups)
     assert find_user_role("ann", None) is Role.OPERATE
-    assert find_user_role("ann", OURS) is Role.PRINT
+    assert find_user_role("ann", GROUP) is Role.PRINT
     groups.append(os.getgid())
-    assert find_user_role("ann", OURS) is Role.OPERATE
+    assert find_user_role("ann", GROUP) is Role.OPERATE
     groups.remove(os.getgid())
-    assert find_user_role("ann", OURS) is Role.PRINT
+    assert find_user_role("ann", GROUP) is Role.PRINT
     assert find_user_role("bob", None) is None
-    assert find_user_role(Person(54322, 54322).name, OURS) is Role.PRINT  # the database never knew this user
+    assert find_user_role(Person(54322, 54322).name, GROUP) is Role.PRINT  # the database never knew this user
     assert find_user_role(f"uid {os.getuid()}", NO_GROUP) is Role.OPERATE
 
 
 def test_unknown_operator_group_is_an_error():
     check_operators(None)
-    check_operators(OURS)
+    check_operators(GROUP)
     with pytest.raises(FleetFileError, match="`groupadd no-such-group-here`"):
         check_operators(NO_GROUP)
 
 
-@pytest.mark.parametrize(("group", "mode"), [(OURS, 0o660), (NO_GROUP, 0o600)])
+@pytest.mark.parametrize(("group", "mode"), [(GROUP, 0o660), (NO_GROUP, 0o600)])
 def test_socket_belongs_to_its_group_or_else_its_owner(tmp_path, caplog, group, mode):
     caplog.set_level("INFO")
     path = tmp_path / "farm.sock"
@@ -155,7 +155,7 @@ def test_socket_belongs_to_its_group_or_else_its_owner(tmp_path, caplog, group, 
 def test_unusable_socket_path_is_reported(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(Refused, match="name another --socket"):
-        listen(tmp_path / "file" / "farm.sock", OURS)
+        listen(tmp_path / "file" / "farm.sock", GROUP)
     with listen(tmp_path / "new" / "farm.sock", NO_GROUP):
         assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700
 
@@ -181,8 +181,8 @@ async def post_as(app, *uids):
     serving = asyncio.create_task(server.serve(sockets=[listening]))
     answers = []
     for uid in uids:
-        words = [sys.executable, "-c", ASK, listening.getsockname().hex(), str(uid)]
-        process = await asyncio.create_subprocess_exec(*words, stdout=subprocess.PIPE)
+        command = [sys.executable, "-c", ASK, listening.getsockname().hex(), str(uid)]
+        process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
         answers.append((await process.communicate())[0].decode())
     server.should_exit = True
     await serving

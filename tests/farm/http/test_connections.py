@@ -119,7 +119,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
         unread = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
         for _, writer in unread:
             writer.write(WHOLE.replace(b"/status", b"/large"))
-        while not all(one.flow.write_paused for one in server.server_state.connections):
+        while not all(connection.flow.write_paused for connection in server.server_state.connections):
             await asyncio.sleep(0.001)
         assert b"well" in await ask(path, WHOLE)
         for _, writer in unread:
@@ -220,8 +220,8 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
     with caplog.at_level(logging.WARNING, logger="farm"):
         serve(tmp_path, 4, scenario)
     message = " ".join(record.getMessage() for record in caplog.records)
-    for words in ("no socket", "no room", "no protocol"):
-        assert words in message
+    for error_text in ("no socket", "no room", "no protocol"):
+        assert error_text in message
 
 
 ENDING = """

@@ -15,8 +15,8 @@ NOW_S = 1_000_000.0
 
 def assign(waiting, fleet, start_rules=None, **changes):
     moment = situation(waiting, fleet, start_rules, NOW_S, **changes)
-    given_ = assignment.assign_plates(moment)
-    return given_, assignment.find_holds(moment, given_)
+    assignments = assignment.assign_plates(moment)
+    return assignments, assignment.find_holds(moment, assignments)
 
 
 def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
@@ -30,8 +30,8 @@ def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
     tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
     waiting = [plate(f"1/{number:02d}", "a") for number in range(50)]
     others = [plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
-    given_, _ = assign([*waiting, *others], fleet)
-    assert [item.printer for item in given_] == ["a"]
+    assignments, _ = assign([*waiting, *others], fleet)
+    assert [item.printer for item in assignments] == ["a"]
     assert len(placed) == 1
     assert assign(waiting, fleet[1:])[0] == [] and len(placed) == 1
 
@@ -77,12 +77,12 @@ plates = st.lists(
 
 @given(plates, printers)
 def test_assignment_keeps_its_invariants(waiting, fleet):
-    given_, holds = assign(waiting, fleet)
+    assignments, holds = assign(waiting, fleet)
     by_name = {p.name: p for p in fleet}
     by_id = {p.id: p for p in waiting}
-    used = [a.printer for a in given_]
+    used = [a.printer for a in assignments]
     assert len(used) == len(set(used))
-    for pair in given_:
+    for pair in assignments:
         taken = by_name[pair.printer]
         assert (
             taken.bed is Bed.CLEAR
@@ -92,14 +92,14 @@ def test_assignment_keeps_its_invariants(waiting, fleet):
         )
         assert taken.filament is not FilamentState.UNKNOWN
         assert by_id[pair.plate].requirements.matches(taken.capabilities)
-    assert {a.plate for a in given_} | set(holds) == set(by_id)
-    assert not {a.plate for a in given_} & set(holds)
+    assert {a.plate for a in assignments} | set(holds) == set(by_id)
+    assert not {a.plate for a in assignments} & set(holds)
 
 
 @given(plates, printers)
 def test_no_matching_printer_stays_idle(waiting, fleet):
-    given_, holds = assign(waiting, fleet)
-    used = {a.printer for a in given_}
+    assignments, holds = assign(waiting, fleet)
+    used = {a.printer for a in assignments}
     for waits in (p for p in waiting if p.id in holds):
         left = [p for p in fleet if p.name not in used and p.obstacle() is None]
         assert not [p for p in left if waits.requirements.matches(p.capabilities)]
@@ -114,12 +114,12 @@ def test_assignment_is_independent_of_input_order(waiting, fleet, random):
 
 
 def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
-    given_, _ = assign([plate("1/01", "b")], [printer("a"), printer("b")])
-    assert given_[0].printer == "b"
-    given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("a"), printer("b")])
-    assert given_[0].printer == "a"
-    given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("b")])
-    assert given_[0].printer == "b"
+    assignments, _ = assign([plate("1/01", "b")], [printer("a"), printer("b")])
+    assert assignments[0].printer == "b"
+    assignments, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("a"), printer("b")])
+    assert assignments[0].printer == "a"
+    assignments, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("b")])
+    assert assignments[0].printer == "b"
 
 
 def test_hold_names_the_reason_to_wait():
@@ -135,31 +135,33 @@ def test_hold_names_the_reason_to_wait():
 def test_plate_is_moved_only_to_a_printer_with_enough_room():
     small = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
-    given_, holds = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small])
-    assert given_ == []
+    assignments, holds = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small])
+    assert assignments == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
-    given_, _ = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), printer("b")])
-    assert given_[0].printer == "b"
+    assignments, _ = assign(
+        [plate("1/01", "a", requirements=aside)], [printer("a", booked=True), printer("b")]
+    )
+    assert assignments[0].printer == "b"
 
 
 def test_job_uses_at_most_the_requested_printers():
     waiting = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
-    given_, holds = assign(waiting, [printer(name) for name in "abcd"])
-    assert len(given_) == 1
+    assignments, holds = assign(waiting, [printer(name) for name in "abcd"])
+    assert len(assignments) == 1
     assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
     assert assign([plate("1/01", "a", places=0)], [printer("a")])[0] == []
 
 
 @given(plates, printers, st.integers(0, 5))
 def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting, fleet, places):
-    given_, _ = assign([replace(waits, places=places) for waits in waiting], fleet)
-    assert len(given_) <= places
+    assignments, _ = assign([replace(waits, places=places) for waits in waiting], fleet)
+    assert len(assignments) <= places
 
 
 def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
     waiting = [plate("1/01", "x", job=1, expected_s=60.0), plate("2/01", "x", job=2, expected_s=6000.0)]
-    given_, _ = assign(waiting, [printer("a")])
-    assert given_[0].plate == "1/01"
+    assignments, _ = assign(waiting, [printer("a")])
+    assert assignments[0].plate == "1/01"
 
 
 def test_gcode_for_another_kind_of_printer_waits():
@@ -171,11 +173,11 @@ def test_gcode_for_another_kind_of_printer_waits():
     sliced = plate(
         "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
     )
-    given_, holds = assign([sliced], [plain])
-    assert not given_
+    assignments, holds = assign([sliced], [plain])
+    assert not assignments
     assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
-    given_, _ = assign([sliced], [plain, plus])
-    assert [a.printer for a in given_] == ["plus"]
+    assignments, _ = assign([sliced], [plain, plus])
+    assert [a.printer for a in assignments] == ["plus"]
 
 
 def named(name, **changes):
@@ -187,11 +189,11 @@ def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
     only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
     fleet = [printer("a"), named("b"), printer("c")]
     first, second = plate("1/01", "a", requirements=only_b), plate("1/02", "a", requirements=only_b)
-    given_, holds = assign([first, second], fleet)
-    assert [(one.plate, one.printer) for one in given_] == [("1/01", "b")]
+    assignments, holds = assign([first, second], fleet)
+    assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
     assert holds["1/02"].text == "needs b: every matching printer got another plate"
-    given_, holds = assign([first], [printer("a"), named("b", bed=Bed.NOT_CLEAR)])
-    assert given_ == []
+    assignments, holds = assign([first], [printer("a"), named("b", bed=Bed.NOT_CLEAR)])
+    assert assignments == []
     assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
     assert assign([first], [printer("a")])[1]["1/01"].text.startswith(
         "no printer of the fleet matches: gener"

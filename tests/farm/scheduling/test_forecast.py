@@ -69,17 +69,17 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, rand
     for name, slots in itertools.groupby(
         sorted(observed.slots, key=lambda s: s.printer), lambda s: s.printer
     ):
-        mine = sorted(slots, key=lambda slot: slot.starts_s)
-        for item, following in itertools.pairwise(mine):
+        ordered = sorted(slots, key=lambda slot: slot.starts_s)
+        for item, following in itertools.pairwise(ordered):
             assert following.starts_s >= item.ends_s + CLEARING_S
         on_reel = by_name[name].grams
-        assert on_reel is None or sum(by_id[slot.plate].grams for slot in mine) <= on_reel
+        assert on_reel is None or sum(by_id[slot.plate].grams for slot in ordered) <= on_reel
     for slot in observed.slots:
-        what, where = by_id[slot.plate], by_name[slot.printer]
-        assert what.requirements.matches(where.capabilities)
+        plate_view, printer_view = by_id[slot.plate], by_name[slot.printer]
+        assert plate_view.requirements.matches(printer_view.capabilities)
         assert slot.starts_s >= now_s
-        assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(what, where))
-        assert start_rules.find_start(what, where, slot.starts_s).at_s == slot.starts_s
+        assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(plate_view, printer_view))
+        assert start_rules.find_start(plate_view, printer_view, slot.starts_s).at_s == slot.starts_s
         heats = [s for s in observed.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
         assert start_rules.max_heating is None or len(heats) <= start_rules.max_heating
     assert now_s <= observed.lower_bound_s <= observed.ends_s
@@ -94,7 +94,7 @@ def test_bound_is_below_the_end_of_every_order(times, count):
     plates = [plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
     observed = forecast(plates, [printer(name) for name in names], rules(), 0.0)
     best = min(
-        max(sum(t for t, where in zip(times, places, strict=True) if where == name) for name in names)
+        max(sum(t for t, place in zip(times, places, strict=True) if place == name) for name in names)
         for places in itertools.product(names, repeat=len(times))
     )
     assert observed.lower_bound_s <= best * (1 + 1e-9)

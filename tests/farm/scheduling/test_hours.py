@@ -49,9 +49,9 @@ def test_spans_may_cross_midnight_and_the_end_of_the_week():
 def test_windows_may_cover_nothing_or_the_whole_week():
     assert hours().span(at("2026-11-20 22:00")) is None
     assert hours().edge_s(at("2026-11-20 22:00")) is None
-    always = hours("00:00-12:00", "12:00-24:00")
-    assert always.span(at("2026-11-20 22:00"))[1] == math.inf
-    assert always.edge_s(at("2026-11-20 22:00")) is None
+    whole_week = hours("00:00-12:00", "12:00-24:00")
+    assert whole_week.span(at("2026-11-20 22:00"))[1] == math.inf
+    assert whole_week.edge_s(at("2026-11-20 22:00")) is None
 
 
 def test_length_of_a_night_changes_with_daylight_saving():

@@ -44,8 +44,8 @@ def events_of(step, books, number):
 def test_cached_description_equals_a_new_one(steps, away):
     books, builder = make_printing_books(plates=5), SituationBuilder(list_bed_boxes)
     for number, step in enumerate(steps):
-        happened = [] if books.jobs[1].state.ended else events_of(step, books, number)
-        books, _ = apply_events(books, *happened)
+        new_events = [] if books.jobs[1].state.ended else events_of(step, books, number)
+        books, _ = apply_events(books, *new_events)
         snapshots = {**READY, "b": READY["b"].model_copy(update={"link": Link.ABSENT})} if away else READY
         fresh = SituationBuilder(list_bed_boxes)
         assert builder.waiting(books) == fresh.waiting(books)
@@ -71,13 +71,13 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    everybody = builder.printers(FLEET, books, READY)
-    assert [builder.printer(FLEET, name, books, READY) for name in PRINTERS] == list(everybody)
+    views = builder.printers(FLEET, books, READY)
+    assert [builder.printer(FLEET, name, books, READY) for name in PRINTERS] == list(views)
     assert builder.printer(FLEET, "z", books, READY) is None
     off = SECTIONS[0].model_copy(update={"enabled": False})
     smaller = FLEET.model_copy(update={"printers": (off, *SECTIONS[1:])})
     assert builder.printer(smaller, "a", books, READY) is None
-    assert builder.printers(smaller, books, READY) == everybody[1:]
+    assert builder.printers(smaller, books, READY) == views[1:]
 
 
 def test_only_changed_entities_are_described_again():
@@ -109,5 +109,5 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
         ([ev.JobCancelled(at_s=3.0, job=2, by="ann")], [None, None, None]),
     ):
         books, _ = apply_events(books, *events)
-        assert [one.capabilities.named for one in builder.printers(FLEET, books, READY)] == names
+        assert [printer.capabilities.named for printer in builder.printers(FLEET, books, READY)] == names
     assert derive_job_requirements(asking).only == ("b",)

@@ -53,10 +53,10 @@ plates = st.lists(
 def start_plates(moment):
     """Schedule repeatedly, removing started plates from the queue, until nothing starts."""
     starts = []
-    while given_ := assign_plates(moment):
-        starts += given_
-        taken = {item.printer for item in given_}
-        moment = moment.without({item.plate for item in given_}).with_printers(
+    while assignments := assign_plates(moment):
+        starts += assignments
+        taken = {item.printer for item in assignments}
+        moment = moment.without({item.plate for item in assignments}).with_printers(
             tuple(replace(p, booked=True) if p.name in taken else p for p in moment.printers)
         )
     return moment, starts

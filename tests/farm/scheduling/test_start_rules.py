@@ -29,8 +29,8 @@ FRIDAY = at("2026-11-20 17:00")
 
 def assign(waiting, fleet, start_rules, now_s, spares=0):
     moment = situation(waiting, fleet, start_rules, now_s, spares=spares)
-    given_ = assignment.assign_plates(moment)
-    return given_, assignment.find_holds(moment, given_)
+    assignments = assignment.assign_plates(moment)
+    return assignments, assignment.find_holds(moment, assignments)
 
 
 fleets = st.lists(
@@ -64,7 +64,7 @@ plates = st.lists(
     max_size=7,
     unique_by=lambda p: p.id,
 )
-houses = st.builds(
+rule_sets = st.builds(
     rules,
     attended=st.sampled_from(WEEK),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("fri 18:00-24:00",)]),
@@ -74,43 +74,47 @@ houses = st.builds(
 moments = st.floats(FRIDAY, FRIDAY + 7 * 24 * HOUR)
 
 
-@given(plates, fleets, houses, moments, st.integers(0, 2))
+@given(plates, fleets, rule_sets, moments, st.integers(0, 2))
 def test_forbidden_starts_are_refused(waiting, fleet, start_rules, now_s, spares):
-    given_, holds = assign(waiting, fleet, start_rules, now_s, spares)
+    assignments, holds = assign(waiting, fleet, start_rules, now_s, spares)
     by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting}
-    assert len({a.printer for a in given_}) == len(given_)
-    assert {a.plate for a in given_} | set(holds) == set(by_id)
+    assert len({a.printer for a in assignments}) == len(assignments)
+    assert {a.plate for a in assignments} | set(holds) == set(by_id)
     if start_rules.max_heating is not None:
         heating = sum(p.heating for p in fleet)
-        assert not given_ or heating + len(given_) <= start_rules.max_heating
-    for what, where in ((by_id[a.plate], by_name[a.printer]) for a in given_):
-        assert where.bed is Bed.CLEAR
-        assert where.grams is None or what.grams <= where.grams
-        assert what.not_before_s is None or what.not_before_s <= now_s
+        assert not assignments or heating + len(assignments) <= start_rules.max_heating
+    for plate_view, printer_view in ((by_id[a.plate], by_name[a.printer]) for a in assignments):
+        assert printer_view.bed is Bed.CLEAR
+        assert printer_view.grams is None or plate_view.grams <= printer_view.grams
+        assert plate_view.not_before_s is None or plate_view.not_before_s <= now_s
         quiet = start_rules.quiet.span(now_s) or start_rules.quiet.following(now_s)
-        assert quiet is None or now_s + what.expected_s <= quiet[0]
+        assert quiet is None or now_s + plate_view.expected_s <= quiet[0]
         watched = start_rules.attended.span(now_s)
-        if not where.unattended:
-            assert watched is not None and now_s + what.expected_s + ENDED_BEFORE_S <= watched[1]
+        if not printer_view.unattended:
+            assert watched is not None and now_s + plate_view.expected_s + ENDED_BEFORE_S <= watched[1]
         elif start_rules.first_layers_attended:
-            assert watched is not None and now_s + what.first_layer_s <= watched[1]
+            assert watched is not None and now_s + plate_view.first_layer_s <= watched[1]
 
 
-@given(plates, fleets, houses, moments)
+@given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
 def test_start_is_allowed_until_the_latest_start(waiting, fleet, start_rules, now_s):
-    for what, where in ((w, p) for w in waiting for p in fleet):
-        at_s = start_rules.find_start(what, where, now_s).at_s
+    for plate_view, printer_view in ((w, p) for w in waiting for p in fleet):
+        at_s = start_rules.find_start(plate_view, printer_view, now_s).at_s
         if at_s is None:
             continue
-        latest_s = start_rules.latest_start_s(what, where, at_s)
+        latest_s = start_rules.latest_start_s(plate_view, printer_view, at_s)
         for within_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
-            assert within_s < at_s or start_rules.find_start(what, where, within_s).at_s == within_s
+            assert (
+                within_s < at_s or start_rules.find_start(plate_view, printer_view, within_s).at_s == within_s
+            )
         if latest_s < math.inf:
-            assert start_rules.find_start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
-        ends_by_s = start_rules.ends_by_s(where, at_s)
-        assert (ends_by_s is None) == (where.unattended or math.isinf(start_rules.attended.span(at_s)[1]))
-        assert ends_by_s is None or at_s + what.expected_s < ends_by_s
+            assert start_rules.find_start(plate_view, printer_view, latest_s + 1.0).at_s != latest_s + 1.0
+        ends_by_s = start_rules.ends_by_s(printer_view, at_s)
+        assert (ends_by_s is None) == (
+            printer_view.unattended or math.isinf(start_rules.attended.span(at_s)[1])
+        )
+        assert ends_by_s is None or at_s + plate_view.expected_s < ends_by_s
 
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
@@ -126,24 +130,26 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
 
 
-@given(plates, fleets, houses, moments)
+@given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
 def test_window_allows_exactly_the_possible_starts(waiting, fleet, start_rules, now_s):
-    for what, where in ((w, p) for w in waiting for p in fleet):
-        window = start_rules.start_window(where.unattended, now_s)
-        assert window.allows(what) == (start_rules.find_start(what, where, now_s).at_s == now_s)
+    for plate_view, printer_view in ((w, p) for w in waiting for p in fleet):
+        window = start_rules.start_window(printer_view.unattended, now_s)
+        assert window.allows(plate_view) == (
+            start_rules.find_start(plate_view, printer_view, now_s).at_s == now_s
+        )
 
 
-@given(plates, fleets, houses, moments)
+@given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
 def test_every_possible_start_is_made_in_any_order(waiting, fleet, start_rules, now_s):
     """Compare with brute force: the maximum number of plates starts, including the first of the queue."""
     waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
     start_rules = replace(start_rules, max_heating=None)
-    given_, _ = assign(waiting, fleet, start_rules, now_s)
+    assignments, _ = assign(waiting, fleet, start_rules, now_s)
 
-    def can(what, where):
-        return bool(assign([what], [where], start_rules, now_s)[0])
+    def can(plate_view, printer_view):
+        return bool(assign([plate_view], [printer_view], start_rules, now_s)[0])
 
     def most(rest, free):
         if not rest:
@@ -154,16 +160,16 @@ def test_every_possible_start_is_made_in_any_order(waiting, fleet, start_rules, 
         return max(options, key=lambda ids: [p.id in ids for p in rest])
 
     turns = sorted(waiting, key=lambda p: p.priority_key)
-    assert {a.plate for a in given_} == set(most(turns, frozenset(fleet)))
+    assert {a.plate for a in assignments} == set(most(turns, frozenset(fleet)))
 
 
 def test_planned_printer_is_never_a_spare():
     high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    given_, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
-    assert given_[0].printer == "b"
+    assignments, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
+    assert assignments[0].printer == "b"
     broken = printer("b", room=TALL, attention_reason="heater")
-    given_, _ = assign([high], [broken, printer("c", room=TALL)], rules(), FRIDAY, spares=1)
-    assert given_[0].printer == "c"
+    assignments, _ = assign([high], [broken, printer("c", room=TALL)], rules(), FRIDAY, spares=1)
+    assert assignments[0].printer == "c"
 
 
 @given(plates, fleets, st.integers(0, 2))
@@ -175,21 +181,21 @@ def test_every_plate_is_served_eventually(waiting, fleet, spares):
         waiting = [p for p in waiting if p.id in holds]
         fleet = [replace(p, heating=False) for p in fleet]
     stuck = {HoldCode.NO_SUCH_PRINTER, HoldCode.BED_NOT_CLEAR, HoldCode.REEL_TOO_SHORT, HoldCode.UNATTENDED}
-    for plate_ in waiting:
-        if holds[plate_.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
-            own = [p for p in fleet if p.name == plate_.planned]
-            assert not assign([plate_], own, rules(max_heating=4), FRIDAY)[0]
+    for candidate in waiting:
+        if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
+            own = [p for p in fleet if p.name == candidate.planned]
+            assert not assign([candidate], own, rules(max_heating=4), FRIDAY)[0]
         else:
-            assert holds[plate_.id].code in stuck
+            assert holds[candidate.id].code in stuck
 
 
-def only(what, where, start_rules=None, now_s=FRIDAY, **changes):
-    given_, holds = assign([what], [where], start_rules or rules(), now_s, **changes)
-    return holds[what.id] if holds else given_[0].printer
+def only(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
+    assignments, holds = assign([plate_view], [printer_view], start_rules or rules(), now_s, **changes)
+    return holds[plate_view.id] if holds else assignments[0].printer
 
 
 @pytest.mark.parametrize(
-    ("what", "where", "start_rules", "code", "message"),
+    ("plate_view", "printer_view", "start_rules", "code", "message"),
     [
         ({"expected_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
         ({"expected_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
@@ -207,8 +213,8 @@ def only(what, where, start_rules=None, now_s=FRIDAY, **changes):
         ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
-def test_hold_has_a_code_and_a_reason(what, where, start_rules, code, message):
-    hold = only(plate("1/01", "a", **what), printer("a", **where), rules(**start_rules))
+def test_hold_has_a_code_and_a_reason(plate_view, printer_view, start_rules, code, message):
+    hold = only(plate("1/01", "a", **plate_view), printer("a", **printer_view), rules(**start_rules))
     assert hold.code == code
     assert message in hold.text
     assert only(plate("1/01", "a"), printer("a")) == "a"
@@ -245,26 +251,26 @@ def test_hold_of_a_large_plate_names_when_its_printers_are_free():
 
 def test_priority_precedes_order_of_submission():
     early, urgent = plate("1/01", "a", job=1), plate("2/01", "a", job=2, priority=1)
-    given_, holds = assign([early, urgent], [printer("a")], rules(), FRIDAY)
-    assert given_[0].plate == "2/01"
+    assignments, holds = assign([early, urgent], [printer("a")], rules(), FRIDAY)
+    assert assignments[0].plate == "2/01"
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
 
 
 def test_plate_moves_to_an_equivalent_printer():
     low = plate("1/01", "b", expected_s=9 * HOUR)
     high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    given_, _ = assign([low, high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
-    assert {a.plate: a.printer for a in given_} == {"1/01": "a", "1/02": "b"}
+    assignments, _ = assign([low, high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
+    assert {a.plate: a.printer for a in assignments} == {"1/01": "a", "1/02": "b"}
 
 
 def test_spares_are_kept_for_plates_that_failed():
     fleet = [printer("a"), printer("b"), printer("c", room=TALL)]
     waiting = [plate(f"1/0{i}", "a") for i in range(3)]
-    given_, holds = assign(waiting, fleet, rules(), FRIDAY, spares=1)
-    assert {a.printer for a in given_} == {"a", "b"}
+    assignments, holds = assign(waiting, fleet, rules(), FRIDAY, spares=1)
+    assert {a.printer for a in assignments} == {"a", "b"}
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
-    given_, _ = assign([plate("1/01", "a", failed_on=frozenset("ab"))], fleet, rules(), FRIDAY, spares=1)
-    assert given_[0].printer == "c"
+    assignments, _ = assign([plate("1/01", "a", failed_on=frozenset("ab"))], fleet, rules(), FRIDAY, spares=1)
+    assert assignments[0].printer == "c"
 
 
 def test_reel_with_enough_grams_is_accepted():

@@ -73,7 +73,7 @@ def test_real_printer_does_not_report_its_bed():
     assert list(observe_idle_printer(books.printers["a"], message, 5.0)) == []
 
 
-def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
+def report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
     facts = {
         "fault": None,
         "reason": None,
@@ -95,12 +95,12 @@ def assigned():
 
 def test_reconciliation_yields_events_for_changes_only():
     books = assigned()
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], word(), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], report(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
     assert books.prints["x"].started_s == 2.0
     assert books.printers["a"].bed is Bed.NOT_CLEAR
-    assert list(reconcile_print(books.prints["x"], word(), 4.0)) == []
-    last = word(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    assert list(reconcile_print(books.prints["x"], report(), 4.0)) == []
+    last = report(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], last, 100.0))
     assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
 
@@ -111,7 +111,7 @@ def test_start_is_repeated_and_a_forgotten_print_is_lost():
     assert list(list_pending_instructions(books.prints["x"], empty())) == [
         ev.SendStart(print_id="x", printer="a")
     ]
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], word(), 3.0))
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], report(), 3.0))
     assert list(list_pending_instructions(books.prints["x"], empty())) == []
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
@@ -147,12 +147,12 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     assert list(reconcile_print(books.prints["x"], stale, 4.0)) == []
     # It began all the same, and is ended: its plate is free then, and nobody is to blame.
     began, _ = apply_events(
-        books, *reconcile_print(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0)
+        books, *reconcile_print(books.prints["x"], report(state=PrintState.HEATING, extruded=False), 5.0)
     )
     assert [
-        type(item) for item in list_pending_instructions(began.prints["x"], word(state=PrintState.HEATING))
+        type(item) for item in list_pending_instructions(began.prints["x"], report(state=PrintState.HEATING))
     ] == [ev.SendCancel]
-    last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
+    last = report(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
     began, _ = apply_events(began, *reconcile_print(began.prints["x"], last, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
     # Or it never did.
@@ -187,12 +187,12 @@ def restored(*states):
 def test_restored_books_adopt_the_print_of_an_agent(state):
     books = restored(state)
     assert list(list_pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
-    message = word("a")
+    message = report("a")
     books, sent = apply_events(books, *reconcile_print(books.prints["a"], message, 51.0))
     assert (sent, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
     assert list(reconcile_print(books.prints["a"], message, 52.0)) == []
-    last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    last = report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = apply_events(books, *reconcile_print(books.prints["a"], last, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
@@ -216,21 +216,21 @@ def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
 def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     books = assigned()
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
-    heating = word(state=PrintState.HEATING, extruded=False)
+    heating = report(state=PrintState.HEATING, extruded=False)
     reported = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(item) for item in reported] == [ev.SendCancel]
-    for message in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
+    for message in (report(), report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
         doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], message, 4.0)
         assert apply_events(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
 
 
 def test_unknown_print_continues_and_makes_the_bed_unknown():
     books, _ = apply_events(Books(), *make_fleet_events())
-    reported = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
+    reported = list(handle_unknown_print(books.printers["a"], None, report("stranger"), 4.0))
     assert [type(item) for item in reported] == [ev.BedBecameUnknown]
     books, _ = apply_events(books, *reported)
     assert books.printers["a"].bed is Bed.UNKNOWN
-    last = word("stranger", state=PrintState.DONE, ended_s=9.0)
+    last = report("stranger", state=PrintState.DONE, ended_s=9.0)
     assert list(handle_unknown_print(books.printers["a"], None, last, 9.0)) == [
         ev.SendForget(print_id="stranger", printer="a")
     ]
@@ -250,7 +250,7 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
 def test_unconfirmed_pause_is_repeated(expected, state, reported):
     books, sent = apply_events(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected))
     assert sent == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
-    repeated = list(list_pending_instructions(books.prints["x"], word(state=state)))
+    repeated = list(list_pending_instructions(books.prints["x"], report(state=state)))
     assert repeated == (
         [] if reported is None else [ev.SendPause(print_id="x", printer="a", wanted=reported)]
     )

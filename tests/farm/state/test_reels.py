@@ -55,14 +55,16 @@ def test_fleet_shows_the_loaded_reels():
     fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
     abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
     now = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
-    has = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
-    assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
+    shown = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
+    assert shown == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
 
 
 def test_restored_reels_must_be_weighed_before_printing():
     load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
     books, _ = apply_events(make_printing_books(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
-    assert [one.reel and one.reel.uncertain for one in books.printers.values()] == [True, None, None]
+    assert [
+        printer_record.reel and printer_record.reel.uncertain for printer_record in books.printers.values()
+    ] == [True, None, None]
     (item,) = [item for item in list_requests(books, {}) if item.code == "reel"]
     assert item.printers == ["a"]
     books, _ = apply_events(books, load)

@@ -26,7 +26,7 @@ def died(plates=1, at_s=110.0, **facts):
     return apply_events(make_printing_books(plates), *start)[0]
 
 
-def whole(print_id="x", printer="a"):
+def finished_part(print_id="x", printer="a"):
     return ev.BedCleared(at_s=500.0, printer=printer, by="ann", whole=print_id)
 
 
@@ -41,7 +41,7 @@ def list_asked(books):
 def test_complete_part_is_good_and_not_reprinted():
     books = died()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
-    books, reported = apply_events(books, whole())
+    books, reported = apply_events(books, finished_part())
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
@@ -61,7 +61,7 @@ def test_failed_job_is_done_if_its_last_part_is_complete():
         failed = make_end_event(name, PrintState.FAILED, 110.0, **DIED)
         books, _ = apply_events(books, cleared, given("1/01", "a", name), failed)
     assert books.jobs[1].state is JobState.FAILED
-    books, _ = apply_events(books, whole(f"x{ATTEMPTS - 1}"))
+    books, _ = apply_events(books, finished_part(f"x{ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
 
 
@@ -71,15 +71,15 @@ def test_salvaged_part_uses_its_full_filament():
     failed = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
     books, _ = apply_events(books, given("1/01", "a", "x"), failed)
     assert books.printer("a").reel.grams == pytest.approx(98.5)
-    books, _ = apply_events(books, whole())
+    books, _ = apply_events(books, finished_part())
     assert books.printer("a").reel.grams == pytest.approx(97.0)
     assert books.prints["x"].grams == pytest.approx(3.0)
 
 
 def test_reprint_that_has_not_started_is_cancelled():
     books, _ = apply_events(died(), given("1/01", "b", "y", 120.0))
-    books, reported = apply_events(books, whole())
-    assert [type(one) for one in reported] == [ev.SendCancel, ev.SendCleared]
+    books, reported = apply_events(books, finished_part())
+    assert [type(event) for event in reported] == [ev.SendCancel, ev.SendCleared]
     assert (reported[0].print_id, reported[0].printer) == ("y", "b")
     assert list_reprinting_printers(books, books.prints["x"]) == []
     books, _ = apply_events(
@@ -93,11 +93,11 @@ def test_started_reprint_continues_until_a_person_ends_it():
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
     books, _ = apply_events(died(), given("1/01", "b", "y", 120.0), started)
-    books, reported = apply_events(books, whole())
-    assert [type(one) for one in reported] == [ev.SendCleared]
+    books, reported = apply_events(books, finished_part())
+    assert [type(event) for event in reported] == [ev.SendCleared]
     assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
     stopped, reported = apply_events(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
-    assert [(type(one), one.print_id) for one in reported] == [(ev.SendCancel, "y")]
+    assert [(type(event), event.print_id) for event in reported] == [(ev.SendCancel, "y")]
     assert list_reprinting_printers(stopped, stopped.prints["x"]) == []
     assert not stopped.plates["1/01"].cancelled
     for state in (PrintState.DONE, PrintState.FAILED):
@@ -114,7 +114,7 @@ def test_part_recut_before_is_complete_with_all_pieces():
     replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
     books, _ = apply_events(books, replaced, given("1/01a", "b", "y", 120.0))
     assert find_possibly_complete_print(books, "a").id == "x"
-    books, reported = apply_events(books, whole())
+    books, reported = apply_events(books, finished_part())
     assert books.jobs[1].state is JobState.DONE
     assert reported[0].print_id == "y"
 
@@ -141,7 +141,7 @@ def test_task_asks_for_the_verdict_after_an_outage():
         {"at_s": 60.0},  # much sooner than its plate takes
         {"extruded": False},
         {"started_s": None},
-        {"then": (whole(),)},
+        {"then": (finished_part(),)},
         {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
         {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
         {"then": (given("1/01", "b", "y"), make_end_event("y", at_s=300.0))},  # printed meanwhile

@@ -62,13 +62,13 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
 
 def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     books = night_books()
-    attempt = next(one for one in books.prints.values() if one.printer == "um2-01")
+    attempt = next(row for row in books.prints.values() if row.printer == "um2-01")
     stills = {"end": 300.0, "first_layer": 120.0, "failure": 400.0}
     for moment, at_s in stills.items():
         still = Still(moment=moment, at_s=at_s, file=f"{moment}.jpg")
         books, _ = apply_events(books, ev.StillKept(at_s=at_s, print_id=attempt.id, still=still))
     view, rows, now = report_of(books)
-    paths = {still.moment: still.file for one in view.prints for still in one.stills}
+    paths = {still.moment: still.file for row in view.prints for still in row.stills}
     pictures = {paths["end"]: PNG, paths["first_layer"]: b"\xff\xd8\xff"}
     page = render_page(view, rows, now, list_figures(view), pictures, None)
     captions = re.findall(r"<figcaption><b>1/p01 on um2-01</b> ([a-z ]+)<br>", page)
@@ -76,7 +76,7 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     assert page.count("data:image/jpeg;base64,") == page.count("data:image/png;base64,") == 1
     books = books_without_files(books)
     view, *_ = report_of(books)
-    assert [still.file for one in view.prints for still in one.stills] == [None] * 3
+    assert [still.file for row in view.prints for still in row.stills] == [None] * 3
 
 
 def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
@@ -103,9 +103,9 @@ def books_without_files(books):
 
 def test_chart_includes_prints_of_other_jobs():
     view, rows, now = report_of(night_books())
-    theirs = rows[0].model_copy(update={"job": 2, "printer": "um2-05"})
-    assert [bar.kind for bar in list_bars(view, [*rows, theirs], now)].count("another job") == 1
-    later = theirs.model_copy(
+    other_row = rows[0].model_copy(update={"job": 2, "printer": "um2-05"})
+    assert [bar.kind for bar in list_bars(view, [*rows, other_row], now)].count("another job") == 1
+    later = other_row.model_copy(
         update={"started": "1970-01-02T00:00:00+00:00", "ended": "1970-01-02T01:00:00+00:00"}
     )
     assert "another job" not in [bar.kind for bar in list_bars(view, [later], now)]

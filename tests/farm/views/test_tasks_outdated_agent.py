@@ -14,10 +14,10 @@ def test_outdated_agent_is_a_task_to_replace_it(tmp_path: Path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     assert list_tasks(farm.view_context(state)) == []
-    why = "its agent is of an older version: replace it by `farm up --replace a`"
-    farm.ready("a", link=Link.FAULT, outdated=True, reason=why)
+    reason = "its agent is of an older version: replace it by `farm up --replace a`"
+    farm.ready("a", link=Link.FAULT, outdated=True, reason=reason)
     assert [(item.code, item.text) for item in list_tasks(farm.view_context(state))] == [
-        ("replace", f"a {why}")
+        ("replace", f"a {reason}")
     ]
     farm.ready("a")
     assert list_tasks(farm.view_context(state)) == []

@@ -37,7 +37,7 @@ def test_form_does_what_the_api_does_and_says_so_once(farm):
 
 
 @pytest.mark.parametrize(
-    ("path", "fields", "words"),
+    ("path", "fields", "expected"),
     [
         ("/printers/a/pause", {}, "a is not printing"),
         ("/printers/<i>/cleared", {}, "&lt;i&gt;"),
@@ -50,12 +50,12 @@ def test_form_does_what_the_api_does_and_says_so_once(farm):
         ("/outage/confirm", {}, "there is no outage"),
     ],
 )
-def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, words):
+def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, expected):
     session = farm.open_session()
     before = len(farm.store.events())
     assert send(farm, session, path, fields) == "/"
     page = farm.browse("GET", "/", session).text
-    assert words in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
+    assert expected in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
     assert "<i>" not in page
     assert len(farm.store.events()) == before
 

@@ -99,8 +99,8 @@ def test_idle_connections_are_closed_for_their_own_client_only():
         assert len(server._list_own("127.0.0.1")) <= 4
         other[1].write(b"Connection: close\r\n\r\n")  # it was not closed for them
         assert b"well" in await other[0].read()
-        for _, one in (*flood, (reader, writer), other):
-            one.close()
+        for _, connection in (*flood, (reader, writer), other):
+            connection.close()
 
     serve(story)
 
@@ -108,14 +108,16 @@ def test_idle_connections_are_closed_for_their_own_client_only():
 def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
     async def story(server, at):
         busy = [await connect(at, "127.0.0.1", SLOW) for _ in range(4)]
-        await wait_until(lambda: sum(one.waiting_since_s is None for one in server.connections) == 4)
+        await wait_until(
+            lambda: sum(connection.waiting_since_s is None for connection in server.connections) == 4
+        )
         reader, refused = await connect(at, "127.0.0.1")
         assert await reader.read() == b""
         reader, writer = await connect(at, "127.0.0.2", WHOLE)
         assert b"well" in await reader.read()
         assert len(server._list_own("127.0.0.1")) == 4
-        for _, one in (*busy, (reader, writer), (reader, refused)):
-            one.close()
+        for _, connection in (*busy, (reader, writer), (reader, refused)):
+            connection.close()
 
     serve(story)
 

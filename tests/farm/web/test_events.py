@@ -29,7 +29,11 @@ def read_stream(text):
     """Return the ids and the events of a stream."""
     parts = [part for part in text.split("\n\n") if part and part != ":"]
     fields = [dict(line.split(": ", 1) for line in part.splitlines()) for part in parts]
-    return [(int(one["id"]), json.loads(one["data"])) for one in fields if "data" in one]
+    return [
+        (int(event_fields["id"]), json.loads(event_fields["data"]))
+        for event_fields in fields
+        if "data" in event_fields
+    ]
 
 
 def test_stream_has_all_events_after_a_number(farm):

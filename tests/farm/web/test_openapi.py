@@ -73,8 +73,10 @@ def test_page_shows_every_operation_and_loads_nothing(farm, document):
     for verb, path in list_operations(document):
         assert f"<code>{verb} {path}</code>" in answer.text
     links = re.findall(r'(?:src|href)="([^"]*)"', answer.text)
-    assert set(re.findall(r'id="([^"]*)"', answer.text)) >= {one[1:] for one in links if one.startswith("#")}
-    assert {one for one in links if not one.startswith("#")} == {SCHEMA}
+    assert set(re.findall(r'id="([^"]*)"', answer.text)) >= {
+        link[1:] for link in links if link.startswith("#")
+    }
+    assert {link for link in links if not link.startswith("#")} == {SCHEMA}
     assert "<script" not in answer.text
     policy = answer.headers["content-security-policy"]
     assert policy.startswith("default-src 'none'; style-src 'sha256-")

@@ -108,7 +108,10 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     file.chmod(0o644)
     assert "chmod 600" in farm.run("status", **there).stderr
     listed = json.loads(farm.ok("key", "--json"))["keys"]
-    assert [(one["name"], one["used"] is not None) for one in listed] == [("laptop", True), ("ann", True)]
+    assert [(listed_key["name"], listed_key["used"] is not None) for listed_key in listed] == [
+        ("laptop", True),
+        ("ann", True),
+    ]
     link = json.loads(farm.ok("web", "--json"))
     assert link["url"].startswith(f"https://{socket.gethostname()}:{port}/login/")
     session = open_session(url + "/login/" + link["url"].rpartition("/")[2], url, context)

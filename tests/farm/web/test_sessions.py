@@ -35,7 +35,7 @@ def list_sessions(farm):
 def read_cookie(answer):
     """Return the value of the cookie that an answer sets, and its attributes."""
     pair, *attributes = answer.headers["set-cookie"].split("; ")
-    return pair.partition("=")[2], {one.lower() for one in attributes}
+    return pair.partition("=")[2], {attribute.lower() for attribute in attributes}
 
 
 def test_link_is_used_by_its_button_only_and_once(farm):
@@ -84,7 +84,7 @@ def test_cookie_over_https_is_secure_and_of_this_host_alone(tmp_path, web):
     assert opened.headers["set-cookie"].startswith("__Host-farm-8467=session_")
     text, attributes = read_cookie(opened)
     assert {"secure", "path=/"} <= attributes
-    assert not any(one.startswith("domain") for one in attributes)
+    assert not any(attribute.startswith("domain") for attribute in attributes)
     assert farm.browse("GET", "/", text).status_code == 200
     without_prefix = {"cookie": f"farm-8467={text}"}
     assert farm.ask("GET", "/", headers=without_prefix).status_code == 401

@@ -33,9 +33,9 @@ def test_first_page_of_a_hundred_printers_is_light(tmp_path):
     page = publish_page(
         render_home(status.model_copy(update={"printers": printers}), Reader("a", Role.OPERATE))
     )
-    loaded = [one for name, one in load_static_files().items() if f"/static/{name}?" in page]
+    loaded = [file for name, file in load_static_files().items() if f"/static/{name}?" in page]
     assert len(loaded) >= 4  # style sheet, icon and scripts
-    weight = len(gzip.compress(page.encode())) + sum(len(one.compressed) for one in loaded)
+    weight = len(gzip.compress(page.encode())) + sum(len(file.compressed) for file in loaded)
     assert weight < FIRST_PAGE_BYTES
 
 

@@ -83,8 +83,10 @@ def test_columns_equal_those_of_a_line_reader(lines, spaced):
             if line.startswith("G92"):
                 here |= {"X": 1.0, "E": 0.0}
             continue
-        words = [f"{letter}{number:.3f}" for letter, number in line.items()]
-        text.append(" ".join(["G1", *words]) if spaced else "G1" + "".join(words).replace("E", " E"))
+        line_words = [f"{letter}{number:.3f}" for letter, number in line.items()]
+        text.append(
+            " ".join(["G1", *line_words]) if spaced else "G1" + "".join(line_words).replace("E", " E")
+        )
         here |= {letter: number for letter, number in line.items() if letter != "F"}
         expected.append(list(here.values()))
     after = read_toolpath("\n".join(text).encode()).after

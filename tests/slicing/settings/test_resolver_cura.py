@@ -35,12 +35,12 @@ def resources_of(version):
     return result
 
 
-def same(ours, cura):
+def same(resolved, cura):
     """Normalise a value as the engine reads it: numbers without their last digit, words in lower case."""
     try:
-        return math.isclose(float(ours), float(cura), rel_tol=1e-9)
+        return math.isclose(float(resolved), float(cura), rel_tol=1e-9)
     except ValueError:
-        return ours.lower() == cura.lower()
+        return resolved.lower() == cura.lower()
 
 
 @pytest.mark.parametrize(
@@ -59,6 +59,8 @@ def test_every_setting_equals_that_of_cura(version, number):
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for scope in Scope:
         values = {key: row[number] for key, row in recorded[scope].items() if row[number] is not None}
-        ours = {key: str(resolver.value(scope, key)) for key in resolver.keys(scope)}
-        assert ours.keys() == values.keys()
-        assert {key: (ours[key], value) for key, value in values.items() if not same(ours[key], value)} == {}
+        resolved = {key: str(resolver.value(scope, key)) for key in resolver.keys(scope)}
+        assert resolved.keys() == values.keys()
+        assert {
+            key: (resolved[key], value) for key, value in values.items() if not same(resolved[key], value)
+        } == {}

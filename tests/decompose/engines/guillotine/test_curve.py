@@ -57,16 +57,18 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
     first, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
     odd = np.where(rng.random((2, len(first.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
-    own = replace(first, seconds=first.seconds * odd[0])
+    scaled_tables = replace(first, seconds=first.seconds * odd[0])
     other = replace(first, seconds=first.seconds * np.float32(quicker) * odd[1])
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
-    points = {p.printers: p.makespan_s for p in makespan_curve([own, other], fleets)}
-    for mine, others in fleets.tolist():
-        least = Partitioner(own, [OtherClass(other, others)]).find_min_makespan(mine, 0.0, tolerance_s=1e-3)
+    points = {p.printers: p.makespan_s for p in makespan_curve([scaled_tables, other], fleets)}
+    for first_count, others in fleets.tolist():
+        least = Partitioner(scaled_tables, [OtherClass(other, others)]).find_min_makespan(
+            first_count, 0.0, tolerance_s=1e-3
+        )
         if least is None or not needed.any():
-            assert mine + others not in points
+            assert first_count + others not in points
         else:
-            assert least - 2e-3 <= points[mine + others] <= (least + 2e-3) / (1.0 - TOLERANCE)
+            assert least - 2e-3 <= points[first_count + others] <= (least + 2e-3) / (1.0 - TOLERANCE)
 
 
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:

@@ -105,11 +105,11 @@ def test_corrected_piece_counts_need_few_solves(
     task = replace(task, effort=Effort(budget_s))
     grid = task.build_grid(task.model)
     boxes = task.price_boxes(grid)
-    once = Partitioner(boxes)
-    assert once.find_min_makespan(len(ROOMS), 1.0) is not None
+    solver = Partitioner(boxes)
+    assert solver.find_min_makespan(len(ROOMS), 1.0) is not None
     search = ExactSearch(task, grid, boxes, 1.0)
     search.run()
-    assert search.solver.sums <= once.sums + 10 * solves * count_cuts(boxes.shape)
+    assert search.solver.sums <= solver.sums + 10 * solves * count_cuts(boxes.shape)
     assert task.effort.cut_short == (budget_s == 0.0)
 
 

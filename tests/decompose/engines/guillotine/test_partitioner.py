@@ -130,7 +130,7 @@ def shares_by_recursion(
     """List all ways to distribute the parts of a partition among the classes, at most `most` to each."""
 
     @cache
-    def ways(box: Box) -> frozenset[Parts]:
+    def find_shares(box: Box) -> frozenset[Parts]:
         inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
         if not len(inside):
             return frozenset([(0,) * len(classes)])
@@ -144,14 +144,14 @@ def shares_by_recursion(
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
-                sides = ways(tuple(near)), ways(tuple(far))  # type: ignore[arg-type]
+                sides = find_shares(tuple(near)), find_shares(tuple(far))  # type: ignore[arg-type]
                 results |= {tuple(np.add(a, b).tolist()) for a in sides[0] for b in sides[1]}
         return frozenset(share for share in results if max(share) <= most)
 
-    return set(ways((0, 0, 0, *classes[0].shape)))
+    return set(find_shares((0, 0, 0, *classes[0].shape)))
 
 
-def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
+def make_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
     """Tables of the same boxes on printers of another speed that have no room for some of them."""
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
@@ -173,11 +173,15 @@ def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], n
 def test_unequal_printers_match_an_exhaustive_distribution(
     shape: Shape, seed: int, share: float, counts: list[int]
 ) -> None:
-    classes, needed = of_classes(shape, seed, 1 + len(counts))
+    classes, needed = make_classes(shape, seed, 1 + len(counts))
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(classes[0], [OtherClass(*item) for item in zip(classes[1:], counts, strict=True)])
-    ways = shares_by_recursion(classes, needed, limit, most=12)
-    within = [way[0] for way in ways if all(n <= m for n, m in zip(way[1:], counts, strict=True))]
+    shares = shares_by_recursion(classes, needed, limit, most=12)
+    within = [
+        parts_by_class[0]
+        for parts_by_class in shares
+        if all(n <= m for n, m in zip(parts_by_class[1:], counts, strict=True))
+    ]
     expected = min(within, default=UNREACHABLE)
     for ties in (False, True):
         assert solver.solve(limit, ties) == expected
@@ -196,7 +200,9 @@ def test_unequal_printers_match_an_exhaustive_distribution(
             cover[x0:x1, y0:y1, z0:z1] += 1
         assert cover.max(initial=0) <= 1
         assert (cover[needed] == 1).all()
-        times = np.array([[own.seconds[i] for own in printers] for i in at]).reshape(len(at), len(printers))
+        times = np.array([[table.seconds[i] for table in printers] for i in at]).reshape(
+            len(at), len(printers)
+        )
         assert not len(at) or assign_bottleneck(np.where(times <= limit, times, np.inf)) is not None
 
 
@@ -205,7 +211,7 @@ def test_unequal_printers_match_an_exhaustive_distribution(
 def test_more_printers_of_another_class_never_end_later(
     shape: Shape, seed: int, printers: int, others: int
 ) -> None:
-    (first, second), _ = of_classes(shape, seed, 2)
+    (first, second), _ = make_classes(shape, seed, 2)
     alone_s = Partitioner(first).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     both = Partitioner(first, [OtherClass(second, others)])
     both_s = both.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
@@ -215,9 +221,7 @@ def test_more_printers_of_another_class_never_end_later(
         assert both.find_min_makespan(printers, 0.0, max_s=0.5 * both_s) is None
 
 
-def random_partition(
-    boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Generator
-) -> list[Box] | None:
+def cut_at_random(boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
     """Make a guillotine partition of a box by random cuts, down to boxes that end in time, or None."""
     at = int(boxes.trimmed[box_index(box, boxes.shape)])
     if at < 0:
@@ -231,7 +235,7 @@ def random_partition(
     axis, plane = cuts[rng.integers(len(cuts))]
     near, far = list(box), list(box)
     near[axis + 3] = far[axis] = plane
-    sides = [random_partition(boxes, tuple(side), limit_s, rng) for side in (near, far)]  # type: ignore[arg-type]
+    sides = [cut_at_random(boxes, tuple(side), limit_s, rng) for side in (near, far)]  # type: ignore[arg-type]
     return None if sides[0] is None or sides[1] is None else sides[0] + sides[1]
 
 
@@ -240,7 +244,7 @@ def random_partition(
 def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: float) -> None:
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
-    result = random_partition(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
+    result = cut_at_random(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
     if result is None or not needed.any():
         reject()
     solver = Partitioner(boxes)
@@ -269,8 +273,8 @@ def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
                 results.append([side for side in (tight(near), tight(far)) if side is not None])
         return results
 
-    whole = tight([0, 0, 0, *boxes.shape])
-    parts = [] if whole is None else [whole]
+    box_of_all = tight([0, 0, 0, *boxes.shape])
+    parts = [] if box_of_all is None else [box_of_all]
     while parts and sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in parts) < printers:
         worst = max(parts, key=seconds)
         cuts = halves(worst)
@@ -305,10 +309,10 @@ def turned(boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, b
         a, b, c = axes
         return lo[a], lo[b], lo[c], hi[a], hi[b], hi[c]
 
-    where = np.array([box_index(place(box_at(i, boxes.shape)), shape) for i in range(len(boxes.seconds))])
+    new_index = np.array([box_index(place(box_at(i, boxes.shape)), shape) for i in range(len(boxes.seconds))])
     result = BoxTables(shape, *(np.empty_like(t) for t in (boxes.seconds, boxes.trimmed, boxes.pieces)))
-    result.seconds[where], result.pieces[where] = boxes.seconds, boxes.pieces
-    result.trimmed[where] = np.where(boxes.trimmed < 0, -1, where[boxes.trimmed])
+    result.seconds[new_index], result.pieces[new_index] = boxes.seconds, boxes.pieces
+    result.trimmed[new_index] = np.where(boxes.trimmed < 0, -1, new_index[boxes.trimmed])
     return result
 
 

@@ -105,10 +105,10 @@ def test_boxes_grow_over_free_empty_cells_only(seed: int, cuts: int) -> None:
 
 def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
-    whole = np.array([[[0.0, 0.0, 0.0], [60.0, 60.0, 60.0]]])
-    assert cells.is_partition(whole)
-    assert not cells.is_partition(whole - np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]]]))
-    assert not cells.is_partition(np.concatenate([whole, whole]))
+    box = np.array([[[0.0, 0.0, 0.0], [60.0, 60.0, 60.0]]])
+    assert cells.is_partition(box)
+    assert not cells.is_partition(box - np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]]]))
+    assert not cells.is_partition(np.concatenate([box, box]))
 
 
 @given(flats=st.lists(st.floats(0.0, 50.0), max_size=6), old=st.floats(0.0, 50.0), new=st.floats(0.0, 50.0))
@@ -137,18 +137,18 @@ def test_only_useful_planes_are_moved() -> None:
     assert moves == pytest.approx([0.0, 0.0])
 
 
-@pytest.mark.parametrize("which", ["longer", "shorter", "step"])
-def test_planes_move_up_to_their_limit(which: str) -> None:
+@pytest.mark.parametrize("direction", ["longer", "shorter", "step"])
+def test_planes_move_up_to_their_limit(direction: str) -> None:
     longer, shorter, step = FREE.copy(), FREE.copy(), FAR
-    if which == "longer":
+    if direction == "longer":
         longer[2, 0] = 1.0
-    elif which == "shorter":
+    elif direction == "shorter":
         shorter[0, 0] = 3.0
     else:
         step = np.array([3.0, 100.0])
     limits = ShiftLimits(longer, shorter, -step, step)
     moves, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, limits)
-    if which == "longer":
+    if direction == "longer":
         assert moves[1] == pytest.approx(-1.0)
         assert seconds == pytest.approx(9.5)
     else:

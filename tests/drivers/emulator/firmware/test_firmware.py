@@ -300,10 +300,10 @@ numbers = st.one_of(
     st.floats(-1e4, 1e4).map(lambda number: f"{number:.3f}"),
     st.sampled_from(["", "0", "-0", "-1", "1e9", "9e99", "1e999", "nan", "-.", "0.0001", "9" * 60]),
 )
-words = st.lists(st.tuples(st.sampled_from("XYZEFSPIJT"), numbers).map("".join), max_size=4)
+argument_lists = st.lists(st.tuples(st.sampled_from("XYZEFSPIJT"), numbers).map("".join), max_size=4)
 
 
-@given(st.lists(st.tuples(codes, words), max_size=25), st.floats(0.01, 1e4))
+@given(st.lists(st.tuples(codes, argument_lists), max_size=25), st.floats(0.01, 1e4))
 @settings(deadline=None)
 def test_no_command_with_any_numbers_crashes_the_firmware(
     commands: list[tuple[str, list[str]]], pause_s: float

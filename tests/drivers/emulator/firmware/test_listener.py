@@ -109,7 +109,7 @@ def test_full_ring_loses_bytes_silently(host: Host) -> None:
     assert host.put("G4 S5") == []
     assert host.put(line, line, line) == []
     message = host.wait(10.0)
-    assert [word[:5] for word in message] == ["ok", "ok T:", "ok T:"]
+    assert [answer[:5] for answer in message] == ["ok", "ok T:", "ok T:"]
 
 
 def test_flipped_bytes_are_refused_and_requested_again() -> None:
@@ -164,10 +164,8 @@ def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None
     for gap in (" ", "  "):
         host = Host()
         host.say("M302 S0")
-        for words in moves:
-            body = gap.join(
-                ["G1", *(f"{a}{v}" for a, v in zip("FXYZE", words, strict=True) if v is not None)]
-            )
+        for move in moves:
+            body = gap.join(["G1", *(f"{a}{v}" for a, v in zip("FXYZE", move, strict=True) if v is not None)])
             host.number(body)
         host.say("M400", 1e4)
         ends.append((host.say("M114"), host.firmware.printing_s, host.board.filament_mm, host.now_s))

@@ -41,18 +41,18 @@ def pressed(tmp_path):
 
 
 def test_results_are_printed_as_they_arrive(pressed):
-    words = [
+    messages = [
         estop_socket.StopReport(printer="a", text="it cools"),
         estop_socket.StopReport(printer="a", text="off", seen_off=True),
     ]
     requested = []
 
-    def stop(printers, say):
+    def stop(printers, report):
         requested.extend(printers)
-        for word in words:
-            say(word)
+        for message in messages:
+            report(message)
 
-    assert pressed(stop, ["a"]) == words
+    assert pressed(stop, ["a"]) == messages
     assert requested == ["a"]
 
 
@@ -68,7 +68,9 @@ def test_error_of_the_server_is_an_error_of_the_client(pressed):
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
 def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
     requested, message = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
-    estop_socket.serve_request(requested, message, lambda printers, say: pytest.fail(f"stopped {printers}"))
+    estop_socket.serve_request(
+        requested, message, lambda printers, report: pytest.fail(f"stopped {printers}")
+    )
     assert '"code":"refused"' in message.getvalue()
 
 

@@ -26,7 +26,7 @@ class Daemon:
         return api.NewKey(id="abcd2345", text=TEXT, role=request.role)
 
     def keys(self):
-        one = api.KeyView(
+        key = api.KeyView(
             id="abcd2345",
             kind=KeyKind.KEY,
             name="ann",
@@ -38,7 +38,7 @@ class Daemon:
             expires="2026-11-30T10:00:00+00:00",
             revoked=None,
         )
-        return api.Keys(now="2026-11-20T11:00:00+00:00", network=self.network, keys=[one])
+        return api.Keys(now="2026-11-20T11:00:00+00:00", network=self.network, keys=[key])
 
     def revoke_key(self, name):
         Daemon.revoked = name
@@ -49,8 +49,8 @@ def daemon(monkeypatch):
     monkeypatch.setattr(keys, "Client", Daemon)
 
 
-def run(*words):
-    result = CliRunner().invoke(cli, ["key", *words])
+def run(*arguments):
+    result = CliRunner().invoke(cli, ["key", *arguments])
     assert result.exit_code == 0, result.output
     return result
 
@@ -74,10 +74,10 @@ def test_keys_are_listed_and_revoked_by_id(daemon):
 
 
 @pytest.mark.parametrize(
-    "words", [["add"], ["add", "ann", "--expires", "soon"], ["add", "ann", "--expires", "0d"]]
+    "arguments", [["add"], ["add", "ann", "--expires", "soon"], ["add", "ann", "--expires", "0d"]]
 )
-def test_invalid_request_is_refused_without_a_call_to_the_daemon(words):
-    result = CliRunner().invoke(cli, ["key", *words])
+def test_invalid_request_is_refused_without_a_call_to_the_daemon(arguments):
+    result = CliRunner().invoke(cli, ["key", *arguments])
     assert result.exit_code == 2
 
 

@@ -45,8 +45,8 @@ def farm(tmp_path, monkeypatch):
         def request(self, method, target, content, headers):
             async def call():
                 transport = httpx.ASGITransport(called_by(DAEMON_USER, daemon))
-                async with httpx.AsyncClient(transport=transport, base_url="http://farm") as way:
-                    return await way.request(method, target, content=content or b"", headers=headers)
+                async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
+                    return await client.request(method, target, content=content or b"", headers=headers)
 
             self._answer = asyncio.run(call())
 
@@ -75,8 +75,8 @@ def expected_text(farm, printer, state, **facts):
     farm.controller.on_snapshot(snapshot)
 
 
-def ask(*words):
-    return CliRunner().invoke(cli, list(words))
+def ask(*arguments):
+    return CliRunner().invoke(cli, list(arguments))
 
 
 def flat(text):
@@ -119,7 +119,7 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
 
 
 @pytest.mark.parametrize(
-    ("words", "expected_text"),
+    ("arguments", "expected_text"),
     [
         (("a", "--good", "1/p02"), "the part on a is 1/p01, not 1/p02"),
         (("a", "--good", "2/p01"), "the part on a is 1/p01, not 2/p01"),
@@ -129,8 +129,8 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
         (("all", "--good", "1/p01"), "exactly one printer"),
     ],
 )
-def test_part_on_another_bed_cannot_be_good(farm, words, expected_text):
-    answer = ask("cleared", *words)
+def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
+    answer = ask("cleared", *arguments)
     assert answer.exit_code != 0
     shown = flat((answer.output + str(answer.exception or "")).replace("│", " "))
     assert expected_text in shown

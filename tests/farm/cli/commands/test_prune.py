@@ -31,8 +31,8 @@ def prune(monkeypatch, capsys, tmp_path):
 
     monkeypatch.setattr(Client, "prune", answer)
 
-    def run(*words):
-        monkeypatch.setattr("sys.argv", ["farm", "prune", "--state", str(tmp_path), *words])
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["farm", "prune", "--state", str(tmp_path), *arguments])
         with pytest.raises(SystemExit) as ended:
             main()
         assert ended.value.code == 0

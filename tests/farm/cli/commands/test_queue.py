@@ -52,7 +52,7 @@ def test_job_is_moved_by_direction_or_before_another(moves):
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         ["3"],
         ["3", "up", "--before", "7"],
@@ -62,6 +62,6 @@ def test_job_is_moved_by_direction_or_before_another(moves):
         ["3", "sideways"],
     ],
 )
-def test_move_without_one_target_is_refused(moves, words):
-    assert CliRunner().invoke(app, ["queue", *words]).exit_code == 2
+def test_move_without_one_target_is_refused(moves, arguments):
+    assert CliRunner().invoke(app, ["queue", *arguments]).exit_code == 2
     assert moves == []

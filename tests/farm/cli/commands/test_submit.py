@@ -77,13 +77,13 @@ class Daemon:
 def run(tmp_path, monkeypatch):
     monkeypatch.setattr(submit, "connect", Daemon)
     monkeypatch.setattr(submission, "show_result", lambda view: typer.echo(f"result {view.id}"))
-    monkeypatch.setattr(submission, "show_timeline", lambda one: typer.echo(f"plan {one.job}"))
+    monkeypatch.setattr(submission, "show_timeline", lambda plan: typer.echo(f"plan {plan.job}"))
     monkeypatch.chdir(tmp_path)
     for name in ("a.stl", "b.stl", "broken.stl", "tall.stl", "c.3mf"):
         (tmp_path / name).write_text("model")
 
-    def invoke(*words):
-        return CliRunner().invoke(app, ["submit", *words])
+    def invoke(*arguments):
+        return CliRunner().invoke(app, ["submit", *arguments])
 
     return invoke
 
@@ -150,7 +150,7 @@ def test_name_note_and_copies_are_sent_with_the_job(run):
 
 
 @pytest.mark.parametrize(
-    ("words", "expected_text"),
+    ("arguments", "expected_text"),
     [
         (("a.stl", "b.stl", "--name", "x"), "--name"),
         (("a.stl", "--copies", "0"), "--copies 0: Input should be greater than or equal to 1"),
@@ -159,7 +159,7 @@ def test_name_note_and_copies_are_sent_with_the_job(run):
         (("a.stl", "--note", "x" * 201), "--note"),
     ],
 )
-def test_invalid_option_values_are_refused(run, words, expected_text):
-    outcome = run(*words)
+def test_invalid_option_values_are_refused(run, arguments, expected_text):
+    outcome = run(*arguments)
     assert outcome.exit_code
     assert expected_text in outcome.stderr + str(outcome.exception)

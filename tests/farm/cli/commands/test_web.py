@@ -33,8 +33,8 @@ def daemon(monkeypatch):
     monkeypatch.setattr(web, "Client", Daemon)
 
 
-def run(*words):
-    result = CliRunner().invoke(cli, ["web", *words])
+def run(*arguments):
+    result = CliRunner().invoke(cli, ["web", *arguments])
     assert result.exit_code == 0, result.output
     return result
 

@@ -7,8 +7,8 @@ from rich.text import Text
 from farm.cli.display.blocks import Block, fit_blocks
 
 
-def block(word, number, rank, least=0):
-    return Block([Text(f"{word} {i}") for i in range(number)], rank=rank, noun=word, least=least)
+def block(name, number, rank, least=0):
+    return Block([Text(f"{name} {i}") for i in range(number)], rank=rank, noun=name, least=least)
 
 
 def shown(blocks, height):

@@ -19,7 +19,7 @@ FLEET = Fleet.model_validate(
 )
 
 
-def word(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
+def snapshot(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
     """Build a snapshot of the agent of a while its print ends."""
     message = AgentPrint(
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
@@ -47,20 +47,20 @@ def apply_report(books, message, at_s=50.0):
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
-    books = apply_report(begun(), word())
-    first = list_tasks(context(books, word()))[0]
+    books = apply_report(begun(), snapshot())
+    first = list_tasks(context(books, snapshot()))[0]
     assert (first.code, first.printers) == ("alarm", ["a"])
     assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
-    assert [thing.printers for thing in list_tasks(context(books, word()))].count(["a"]) == 1
-    observed = describe_printer(context(books, word()), FLEET.printers[0], None)
+    assert [task.printers for task in list_tasks(context(books, snapshot()))].count(["a"]) == 1
+    observed = describe_printer(context(books, snapshot()), FLEET.printers[0], None)
     assert (observed.state, observed.look) == ("look", FOUND)
-    idle = word(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
+    idle = snapshot(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
     assert "(fault, nozzle 271 C" in list_tasks(context(make_printing_books(), idle))[0].text
 
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(hand: str):
-    books = apply_report(begun(), word())
+    books = apply_report(begun(), snapshot())
     if hand == "maintenance":
         books, _ = apply_events(
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
@@ -69,23 +69,23 @@ def test_alarm_precedes_other_states_of_the_printer(hand: str):
         lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
         books, _ = apply_events(books, *lost)
         assert books.outage is not None
-    assert list_tasks(context(books, word()))[0].code == "alarm"
+    assert list_tasks(context(books, snapshot()))[0].code == "alarm"
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
-    books = apply_report(begun(), word())
+    books = apply_report(begun(), snapshot())
     reported = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in reported] == [f"go to a now: {FOUND}"]
-    books = apply_report(books, word(), 51.0)
+    books = apply_report(books, snapshot(), 51.0)
     assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in reported}) == []
-    books = apply_report(books, word(CUT), 52.0)
+    books = apply_report(books, snapshot(CUT), 52.0)
     assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in reported})] == [
         f"go to a now: {CUT}"
     ]
 
 
 def test_alarm_after_a_cleared_one_is_notified():
-    books = apply_report(begun(), word())
+    books = apply_report(begun(), snapshot())
     failed = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,
         ended_s=60.0, extruded=True, filament="unknown",
@@ -97,5 +97,5 @@ def test_alarm_after_a_cleared_one_is_notified():
     assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
         books, 70.0, 70.0, ()
     ) == []
-    books = apply_report(books, word(), 80.0)
+    books = apply_report(books, snapshot(), 80.0)
     assert books.printers["a"].attention_reason == FOUND

@@ -62,11 +62,11 @@ PRINTS = st.builds(
 @given(st.lists(PRINTS, max_size=30))
 def test_groups_add_up_to_the_total_and_every_print_is_counted_once(prints):
     total = sum_figures("all", prints, PLATES)
-    groups = group_figures(prints, PLATES, lambda one: one.printer)
+    groups = group_figures(prints, PLATES, lambda row: row.printer)
     assert total.prints == total.good + total.failed + total.cancelled
     assert total.wasted_grams <= total.grams + 1e-6
     for name in ("prints", "good", "failed", "cancelled", "used_s", "wasted_s", "grams", "expected_s"):
-        assert sum(getattr(one, name) for one in groups) == pytest.approx(getattr(total, name))
+        assert sum(getattr(row, name) for row in groups) == pytest.approx(getattr(total, name))
 
 
 def test_month_is_that_of_the_zone():

@@ -105,7 +105,7 @@ def test_held_job_is_tried_as_if_it_was_approved():
     books = night()
     held = submit(books, 4, 1, held=True)
     assert held.jobs[4].state == "held"
-    (shift,) = (one for one in describe(held, Change(4, moves=True, before=None)).shifts if one.job == 4)
+    (shift,) = (row for row in describe(held, Change(4, moves=True, before=None)).shifts if row.job == 4)
     assert shift.end is None
     assert shift.new_end is not None
 
@@ -131,7 +131,7 @@ def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begi
     week, end_s = hours(*texts), begin_s + length_s
     spans = list_spans(week, begin_s, end_s)
     assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)
-    assert all(one[1] < other[0] for one, other in pairwise(spans))
+    assert all(earlier[1] < later[0] for earlier, later in pairwise(spans))
     for at_s in (begin_s, begin_s + length_s / 2):
         within = any(first_s <= at_s < last_s for first_s, last_s in spans)
         assert within == (week.span(at_s) is not None)

@@ -83,10 +83,10 @@ def main() -> None:
         path.write_text("\n".join(marlin(square(layers=2))) + "\n")
         for name, (place, file_name, options) in CURL.items():
             quoted = '"' + file_name.replace('"', '\\"') + '"'
-            words = [
+            arguments = [
                 option.format(path=path, name=quoted) if option is FILE else option for option in options
             ]
-            record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *words, url + place])
+            record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + place])
         for name, (file_name, fields) in QT.items():
             peer = [os.environ["FARM_INTEROP"], TESTS / "interop/qt_peer.py"]
             record(name, [*peer, url + LOCAL, KEY, path, file_name, *fields])

@@ -99,8 +99,8 @@ def test_viewer_gets_the_page_then_what_changes(page):
         late = follow(pages, version="another")
         await anext(late)
         assert list(parse(await anext(late))[1]) == ["main"]
-        for one in (stream, known, late):
-            await one.aclose()
+        for client in (stream, known, late):
+            await client.aclose()
 
     run(page, scenario)
 
@@ -132,9 +132,9 @@ def test_streams_end_when_the_daemon_does_and_when_the_viewer_may_not_see_the_pa
     async def scenario(pages, streams):
         allowed = [True]
         stream, other = follow(pages), follow(pages, is_allowed=lambda: allowed[0])
-        for one in (stream, other):
-            await anext(one)
-            await anext(one)
+        for client in (stream, other):
+            await anext(client)
+            await anext(client)
         allowed[0] = False
         page.number = 1
         with pytest.raises(StopAsyncIteration):
@@ -199,8 +199,8 @@ def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows
         later = follow(pages, path="/slow", version="of a page that was loaded just now")
         await anext(later)
         assert "2 look" in parse(await anext(later))[1]["main"]
-        for one in (stream, known, later):
-            await one.aclose()
+        for client in (stream, known, later):
+            await client.aclose()
 
     run(page, scenario)
 

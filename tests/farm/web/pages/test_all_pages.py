@@ -79,7 +79,7 @@ def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
     pages = {}
     for path in PAGES:
         fields = {"{name}": printers, "{number}": jobs}
-        field = next((one for one in fields if one in path), "")
+        field = next((name for name in fields if name in path), "")
         for value in fields.get(field, [""]):
             address = path.replace(field, str(value)) if field else path
             if "{" in address:
@@ -110,8 +110,8 @@ def make_gallery(farm, text="reason", name="bracket"):
         books = submit(books, number, 1, NOW_S - 5000.0, name=name)
     for number, state in enumerate(JobState, 2):
         options = books.jobs[number].options.model_copy(update={"note": text, "colour": text})
-        words = {"reason": text, "repairs": (text,), "hold": Hold(code=HoldCode.START_TIME, text=text)}
-        shown = {"state": state, "options": options, "paused": state is JobState.PRINTING, **words}
+        texts = {"reason": text, "repairs": (text,), "hold": Hold(code=HoldCode.START_TIME, text=text)}
+        shown = {"state": state, "options": options, "paused": state is JobState.PRINTING, **texts}
         books = put(books, books.jobs[number].model_copy(update={**shown, "ended_s": NOW_S - 10.0}))
     open_prints = [
         attempt(number, printer, state, pause_requested=state is PrintState.PAUSED)
@@ -127,7 +127,10 @@ def make_gallery(farm, text="reason", name="bracket"):
         for verdict in (None, *Verdict)
     ]
     plate = books.plates["1/01"].model_copy(
-        update={"prints": tuple(one.id for one in (*ended_prints, *open_prints)), "warnings": (text,)}
+        update={
+            "prints": tuple(shown_print.id for shown_print in (*ended_prints, *open_prints)),
+            "warnings": (text,),
+        }
     )
     books = put(books, *ended_prints, *open_prints, plate, Outage(id=1, at_s=NOW_S, printers=(PRINTERS[0],)))
     beds = [*Bed, Bed.CLEAR]

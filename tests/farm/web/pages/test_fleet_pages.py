@@ -53,7 +53,7 @@ def read(farm, path, role=Role.OPERATE, status=200):
 def test_pages_of_a_farm_without_a_print_say_so(farm, path):
     page = read(farm, path, Role.LOOK)
     assert any(
-        words in page for words in ("Nothing was printed", "No print has ended", "It has not printed yet")
+        message in page for message in ("Nothing was printed", "No print has ended", "It has not printed yet")
     )
 
 
@@ -82,7 +82,9 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
 )
 def test_printer_page_has_the_forms_of_the_role(farm, role, actions):
     page = read(farm, "/printers/a", role)
-    found = [one for one in ("cleared", "load", "maintenance") if f'action="/printers/a/{one}"' in page]
+    found = [
+        action for action in ("cleared", "load", "maintenance") if f'action="/printers/a/{action}"' in page
+    ]
     assert found == actions
 
 
@@ -187,7 +189,7 @@ def test_upkeep_of_a_printer_is_shown_from_the_event_log(farm):
     ):
         farm.browse("POST", f"/printers/a/{path}", session, data=data)
     page = read(farm, "/printers/a")
-    words = ["reel loaded", "back in use", "taken out of use", "a new &lt;nozzle&gt;"]
-    places = [page.index(one) for one in words]
+    texts = ["reel loaded", "back in use", "taken out of use", "a new &lt;nozzle&gt;"]
+    places = [page.index(event_text) for event_text in texts]
     assert places == sorted(places)
     assert "<td>ann</td>" in page

@@ -25,7 +25,9 @@ def status(tmp_path_factory):
 def with_printers(status, *changes, todo=()):
     """Return the status with a printer for each of the changes."""
     printer = status.printers[0].model_copy(update={"heaters_off": True})
-    named = [printer.model_copy(update={"name": f"um2-{at}", **one}) for at, one in enumerate(changes, 1)]
+    named = [
+        printer.model_copy(update={"name": f"um2-{at}", **change}) for at, change in enumerate(changes, 1)
+    ]
     return status.model_copy(update={"printers": named, "todo": list(todo)})
 
 
@@ -113,15 +115,15 @@ TASKS = [
 ]
 
 
-@pytest.mark.parametrize(("todo", "words", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
-def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, words, forms):
+@pytest.mark.parametrize(("todo", "expected", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
+def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, expected, forms):
     shown = with_printers(with_job(status, plan="PLAN"), {"look": "it jammed"}, todo=[todo])
     page = render_home(shown, ANN)
-    assert words in page
+    assert expected in page
     for form in forms:
         assert form in page
     looking = render_home(shown, Reader("bob", Role.LOOK))
-    assert words in looking
+    assert expected in looking
     assert 'method="post"' not in looking.partition("<main")[2]
 
 

@@ -99,12 +99,12 @@ def test_files_are_the_open_jobs_of_the_address(farm, key):
     farm.upload(key, "a.gcode")
     farm.upload(key, "b.stl", to="/to/b" + UPLOAD)
     names = {
-        prefix: [one["name"] for one in farm.ask("GET", f"{prefix}/api/files", key).json()["files"]]
+        prefix: [file["name"] for file in farm.ask("GET", f"{prefix}/api/files", key).json()["files"]]
         for prefix in ("", "/to/a", "/to/b")
     }
     assert names == {"": ["a.gcode", "b.stl"], "/to/a": ["a.gcode"], "/to/b": ["a.gcode", "b.stl"]}
-    one = farm.ask("GET", f"/to/b{UPLOAD}/2/b.stl", key).json()
-    assert (one["type"], one["refs"]["resource"]) == ("model", f"http://{HOST}/to/b{UPLOAD}/2/b.stl")
+    file = farm.ask("GET", f"/to/b{UPLOAD}/2/b.stl", key).json()
+    assert (file["type"], file["refs"]["resource"]) == ("model", f"http://{HOST}/to/b{UPLOAD}/2/b.stl")
     missing = farm.ask("GET", f"{UPLOAD}/c.gcode", key)
     assert (missing.status_code, missing.headers["content-type"]) == (404, "text/plain")
 
