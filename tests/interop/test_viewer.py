@@ -62,11 +62,11 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
         assert await browser.evaluate("document.querySelector('#viewer img')") is None
         assert await browser.evaluate(COLOURS) == "printing,waiting"
         await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[1].click()")
-        assert await browser.evaluate(COLOURS) == "a,b"
+        assert await browser.evaluate(COLOURS) == "a"  # which the forecast has for both
         await browser.evaluate("document.querySelector('#p02 th button').click()")
         picked = "document.querySelector('tr.picked').id"
         assert await browser.evaluate(picked) == "p02"
-        assert await browser.evaluate(STATUS_TEXT) == "p02: waiting, b"
+        assert await browser.evaluate(STATUS_TEXT) == "p02: waiting, a"
         await browser.evaluate("document.querySelector('#viewer').scrollIntoView()")
         area = "document.querySelector('#viewer canvas').getBoundingClientRect()"
         left, top, width, height = [
@@ -78,6 +78,19 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
         assert await browser.evaluate("document.querySelector('tr.picked')") is None
 
     browse(tmp_path, act, glb=glb)
+
+
+def test_part_of_a_job_with_copies_has_a_row_for_each(tmp_path, glb):
+    async def act(browser, base, _):
+        await browser.open(f"{base}/jobs/1")
+        await browser.wait_for("document.querySelector('#viewer canvas') !== null")
+        await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[0].click()")
+        assert await browser.evaluate(COLOURS) == "copies with several states,waiting"
+        await browser.evaluate("document.querySelector('tr[data-part=\"p02.2\"] th button').click()")
+        assert await browser.evaluate("document.querySelector('tr.picked').id") == "p02.2"
+        assert (await browser.evaluate(STATUS_TEXT)).startswith("p02.2: ")
+
+    browse(tmp_path, act, glb=glb, copies=2)
 
 
 def test_view_stays_while_the_state_of_the_job_changes(tmp_path, glb):

@@ -30,5 +30,25 @@ def plan_job(farm, by="ann", glb=None, **options):
         (farm.state.files / name).write_bytes(content)
     sha256 = hashlib.sha256(GCODE).hexdigest()
     plates = tuple(plate.model_copy(update={"sha256": sha256}) for plate in event.plates)
-    farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, **files))
+    parts = event.parts
+    if "copies" in options:
+        parts, plates = copy_parts(parts, plates, options["copies"])
+    farm.controller.on_plan(number, Plan(parts, plates, (), 1.0, 500.0, 100.0, **files))
     return number
+
+
+def copy_parts(parts, plates, copies):
+    """Return parts and plates for each of the copies, named as the planning does."""
+    numbers = range(1, copies + 1)
+    names = [
+        (n, part, {"id": f"{part.id}.{n}", "plate": f"{part.plate}.{n}"}) for n in numbers for part in parts
+    ]
+    copied_parts = [part.model_copy(update={**own, "copy_number": n}) for n, part, own in names]
+    copied_plates = [
+        plate.model_copy(
+            update={"id": f"{plate.id}.{n}", "parts": tuple(f"{one}.{n}" for one in plate.parts)}
+        )
+        for n in numbers
+        for plate in plates
+    ]
+    return tuple(copied_parts), tuple(copied_plates)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from datetime import datetime
 from functools import cache, partial
@@ -47,6 +48,7 @@ _GLYPHS = {
     "absent": "✕",
 }
 _OTHER_GLYPH = "•"
+_LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
 
 
 def render_page(
@@ -136,7 +138,11 @@ def format_time_element(at: str | None, now: str) -> Markup:
 
 
 def format_commands(text: str) -> Markup:
-    """Format a sentence whose commands stand in backticks."""
+    """Format a sentence whose commands stand in backticks.
+
+    The command that it ends with is left out: on pages a button does it.
+    """
+    text = _LAST_COMMAND.sub("", text)
     pieces = text.split("`")
     if len(pieces) % 2 == 0:  # a backtick of its own, as in the name of a model
         return escape(text)

@@ -14,6 +14,9 @@ const STEP_S = 1.5; // of each step in the animation (decompose/export/glb.py)
 /** Return the rows of the parts by name. */
 const findRows = () => new Map([...document.querySelectorAll("tr[data-part]")].map((row) => [row.dataset.part, row]));
 
+/** Return the name of a part in the file, in which dots may be; that of the mesh has none. */
+const nameOf = (mesh) => mesh.userData.name ?? mesh.name;
+
 const hueOf = (number) => new Color().setHSL((number * GOLDEN) % 1, 0.5, 0.55);
 
 /** Add an input with its label. */
@@ -37,7 +40,7 @@ class JobView {
       if (!mesh.isMesh) return;
       mesh.material = mesh.material.clone();
       const centre = new Box3().setFromBufferAttribute(mesh.geometry.attributes.position).getCenter(new Vector3());
-      this.parts.set(mesh.name, { mesh, centre, home: mesh.position.clone() });
+      this.parts.set(nameOf(mesh), { mesh, centre, home: mesh.position.clone() });
     });
     const middle = new Vector3();
     for (const { centre } of this.parts.values()) middle.addScaledVector(centre, 1 / this.parts.size);
@@ -47,12 +50,13 @@ class JobView {
     this.mixer?.clipAction(this.clip).play();
     const kinds = new Set([...this.rows.values()].map((row) => row.dataset.kind));
     this.by = kinds.size > 1 ? "state" : "printer"; // before it starts all are waiting
-    this.picked = null;
+    this.picked = null; // a part of the model
+    this.copy = null; // of its copies, the one whose row was chosen
     this.addControls(place);
     this.setApart(0.35);
     this.paint();
     this.stage.frame();
-    this.stage.onPick((mesh) => this.pick(mesh?.name ?? null, true));
+    this.stage.onPick((mesh) => this.pick(mesh ? nameOf(mesh) : null));
   }
 
   addControls(place) {
@@ -91,22 +95,20 @@ class JobView {
   /** Make the name of a part a button that shows it. */
   addButton(name, row) {
     const cell = row.querySelector("th");
-    if (!cell || !this.parts.has(name) || cell.querySelector("button")) return;
+    if (!cell || !this.parts.has(this.findPart(name)) || cell.querySelector("button")) return;
     const button = document.createElement("button");
     button.type = "button";
     button.className = "plain";
     button.append(...cell.childNodes);
-    button.addEventListener("click", () => this.pick(name, false));
+    button.addEventListener("click", () => this.pick(this.findPart(name), name));
     cell.append(button);
   }
 
   /** Follow rows that were replaced, or changed their state. */
   follow() {
     this.rows = findRows();
-    for (const [name, row] of this.rows) {
-      this.addButton(name, row);
-      row.classList.toggle("picked", name === this.picked);
-    }
+    for (const [name, row] of this.rows) this.addButton(name, row);
+    this.markRows();
     this.paint();
   }
 
@@ -127,12 +129,12 @@ class JobView {
     const printers = [...new Set([...this.rows.values()].map((row) => row.dataset.printer))].sort();
     const meanings = new Map();
     for (const [name, { mesh }] of this.parts) {
-      const row = this.rows.get(name);
-      const kind = row?.dataset.kind ?? "cut into smaller parts";
-      const words = this.by === "state" || !row ? kind : row.dataset.printer;
-      const colour = this.by === "printer" && row
-        ? hueOf(printers.indexOf(row.dataset.printer))
-        : readColour(STATES[kind] ?? "--part-cancelled");
+      const found = new Set(this.rowsOf(name).map((row) => row.dataset[this.by === "state" ? "kind" : "printer"]));
+      const [first = "cut into smaller parts"] = found;
+      const words = found.size > 1 ? `copies with several ${this.by}s` : first;
+      const colour = this.by === "printer" && found.size === 1
+        ? hueOf(printers.indexOf(first))
+        : readColour(STATES[words] ?? "--part-cancelled");
       meanings.set(words, colour);
       mesh.material.color.copy(colour);
       mesh.material.emissive.set(name === this.picked ? 0x555522 : 0);
@@ -147,15 +149,31 @@ class JobView {
     this.stage.requestFrame();
   }
 
-  /** Mark a part here and in the table; null for none. */
-  pick(name, shouldScroll) {
-    this.rows.get(this.picked)?.classList.remove("picked");
-    this.picked = name;
-    const row = this.rows.get(name);
-    row?.classList.add("picked");
-    if (shouldScroll) row?.scrollIntoView({ block: "nearest" });
-    this.words.textContent = row ? `${name}: ${row.dataset.kind}, ${row.dataset.printer}` : name ?? "";
+  /** Mark a part here and in the table, with the row of one copy or with all of its rows; null for none. */
+  pick(name, copy = null) {
+    [this.picked, this.copy] = [name, copy];
+    const rows = this.markRows();
+    if (!copy) rows[0]?.scrollIntoView({ block: "nearest" });
+    const words = rows.map(({ dataset }) => `${dataset.part}: ${dataset.kind}, ${dataset.printer}`);
+    this.words.textContent = words.join("; ") || (name ?? "");
     this.paint();
+  }
+
+  /** Mark the rows of what is picked, no others, and return them. */
+  markRows() {
+    const rows = this.copy ? [this.rows.get(this.copy)].filter(Boolean) : this.rowsOf(this.picked);
+    for (const row of this.rows.values()) row.classList.toggle("picked", rows.includes(row));
+    return rows;
+  }
+
+  /** Return the part of the model that a row is about: the names of copies have a number behind a dot. */
+  findPart(name) {
+    return this.parts.has(name) ? name : name.split(".")[0];
+  }
+
+  /** Return the rows of a part: one, one for each copy, or none where it was cut again. */
+  rowsOf(name) {
+    return [...this.rows].filter(([part]) => this.findPart(part) === name).map(([, row]) => row);
   }
 }
 

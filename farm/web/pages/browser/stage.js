@@ -15,7 +15,7 @@ export const readColour = (name) => new Color(getComputedStyle(document.document
 export class Stage {
   /** @param {HTMLElement} place element that is filled; its text describes the view. */
   constructor(place, label) {
-    this.renderer = new WebGLRenderer({ antialias: true });
+    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // else it is blank on paper
     this.canvas = this.renderer.domElement;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -43,9 +43,13 @@ export class Stage {
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
-      this.scene.background = readColour("--card");
-      this.renderer.render(this.scene, this.camera);
+      this.draw();
     });
+  }
+
+  draw() {
+    this.scene.background = readColour("--card");
+    this.renderer.render(this.scene, this.camera);
   }
 
   resize() {
@@ -55,7 +59,7 @@ export class Stage {
     this.renderer.setSize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.requestFrame();
+    this.draw(); // its new size has cleared it
   }
 
   /** Move the camera so that the content fills the view. */

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime, tzinfo
 
 from drivers.messages import WireLine
+from drivers.printers import PROFILES
 from farm.views.dashboard import PrinterPage
 from farm.web.notes import Note, Reader
 from farm.web.pages.rendering import render_page
@@ -37,7 +38,9 @@ def render_printer(page: PrinterPage, farm: str, zone: str, reader: Reader, note
         Message about the reader's last action.
     """
     path = f"/printers/{page.printer.name}"
-    return render_page("printer.html", farm, path, reader, note, page=page, zone=zone, upkeep_words=UPKEEP)
+    title = PROFILES[page.model].title if page.model in PROFILES else page.model
+    values = {"page": page, "title": title, "zone": zone, "upkeep_words": UPKEEP}
+    return render_page("printer.html", farm, path, reader, note, **values)
 
 
 @dataclass(frozen=True, slots=True)

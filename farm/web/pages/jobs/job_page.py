@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from markupsafe import Markup
+
 from farm import api
 from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate
-from farm.text import format_count, format_duration, format_mass, format_moment
+from farm.text import format_count, format_duration, format_mass
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
 from farm.views.report import list_figures
 from farm.views.report.decomposition import Report
@@ -16,7 +18,7 @@ from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import list_job_actions, may_report_assembly
 from farm.web.pages.jobs.curve import Curve, draw_curve
 from farm.web.pages.jobs.parts import list_part_rows
-from farm.web.pages.rendering import render_page
+from farm.web.pages.rendering import format_time_element, render_page
 from farm.wording import format_planning, group_holds, shorten_names
 
 _FILES = {
@@ -75,8 +77,7 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
     """
     job, timeline = data.job, data.timeline
     now = datetime.fromisoformat(job.now)
-    slots = () if timeline is None else timeline.slots
-    ends = {slot.plate: slot.ends for slot in slots}  # of several, the last
+    slots = {} if timeline is None else {slot.plate: slot for slot in timeline.slots}  # of several, the last
     return render_page(
         "job.html",
         farm,
@@ -84,17 +85,17 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
         reader,
         note,
         job=job,
-        summary=summarise_job(job, timeline, now),
+        summary=summarise_job(job, timeline),
         share=None if job.progress is None else estimate_share(job.progress),
         is_planning=job.state in (JobState.QUEUED, JobState.PLANNING),
         actions=list_job_actions(job, reader.role),
-        rows=list_part_rows(job, data.printers, ends, reader.role),
+        rows=list_part_rows(job, data.printers, slots, reader.role),
         reasons=list_reasons(job, timeline),
         changes=list_changes(job),
         gantt=draw_job_gantt(data, now),
         curve=draw_job_curve(data, now) if job.options.dry_run else None,
         curve_job=data.curve_job or job.id,
-        figures=[(name, text) for name, text in (*data.gcode, *list_figures(job)) if text != "-"],
+        figures=[*data.gcode, *_list_figures(job)],
         is_glued_here=may_report_assembly(job, reader.role),
         report=data.report,
         model=_MODEL if _MODEL in data.files else None,
@@ -104,7 +105,7 @@ def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None 
     )
 
 
-def summarise_job(job: api.JobView, timeline: api.Timeline | None, now: datetime) -> str:
+def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
     """Say in one or two sentences how far a job is, and what comes next."""
     if job.progress is not None and job.state != JobState.PRINTING:
         return f"{format_planning(job.progress).capitalize()}."
@@ -116,8 +117,8 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None, now: datetime
         return f"{_describe_plan(job, timeline)} Nothing prints before it is approved."
     if job.state == JobState.PRINTING:
         printed = f"{job.printed} of {format_count(len(job.plates), 'part')} printed"
-        ends = "" if job.eta is None else f", ends {_format_end(datetime.fromisoformat(job.eta), now)}"
-        return f"{'Paused: ' if job.paused else ''}{printed}{ends}."
+        ends = "" if job.eta is None else _format_end(job.eta, job.now)
+        return Markup("{}{}{}.").format("Paused: " if job.paused else "", printed, ends)
     if job.state == JobState.PRINTED:
         return "Every part is printed: take the parts off and say which are good."
     if job.state == JobState.DONE:
@@ -138,8 +139,20 @@ def _describe_plan(job: api.JobView, timeline: api.Timeline | None) -> str:
     return f"Planned: {', '.join(words)}."
 
 
-def _format_end(end: datetime, now: datetime) -> str:
-    return f"{format_moment(end, now)}, in {format_duration(max(0.0, (end - now).total_seconds()))}"
+def _format_end(end: str, now: str) -> Markup:
+    left_s = (datetime.fromisoformat(end) - datetime.fromisoformat(now)).total_seconds()
+    words = format_time_element(end, now), format_duration(max(0.0, left_s))
+    return Markup(", ends {}, in {}").format(*words)
+
+
+def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
+    """Yield the known figures of a job; the time of its submission as an element."""
+    for name, text in list_figures(job):
+        if name == "submitted":
+            by = f" by {job.submitted_by}" if job.submitted_by else ""
+            yield name, Markup("{}{}").format(format_time_element(job.submitted, job.now), by)
+        elif text != "-":
+            yield name, text
 
 
 def estimate_share(progress: PlanProgress) -> float | None:

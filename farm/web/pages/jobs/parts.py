@@ -56,7 +56,7 @@ class PartRow:
 def list_part_rows(
     job: api.JobView,
     printers: Sequence[api.PrinterView],
-    ends: Mapping[str, str],
+    slots: Mapping[str, api.SlotView],
     role: Role,
 ) -> list[PartRow]:
     """List the parts of a job.
@@ -67,8 +67,8 @@ def list_part_rows(
         The job.
     printers
         All printers of the fleet.
-    ends
-        Expected ends of the plates that have not ended, by the plate's id.
+    slots
+        Printers and times of the plates, those of waiting ones expected, by the plate's id.
     role
         Role of who looks at them.
     """
@@ -79,17 +79,17 @@ def list_part_rows(
     for part in job.parts:
         plate = plates[part.plate]
         last = part.own_prints[-1] if part.own_prints else None
-        progress = open_prints.get(plate.id)
+        progress, slot = open_prints.get(plate.id), slots.get(plate.id)
         rows.append(
             PartRow(
                 id=part.id,
                 name=part.id.rpartition("/")[2],
-                printer=plate.printer,
+                printer=plate.printer if slot is None else slot.printer,
                 state=_find_state(part, plate),
                 remark=_describe_remark(part, beds.get(part.id)),
                 kind=_find_kind(part, plate),
                 progress=None if progress is None else progress.progress,
-                ends=ends.get(plate.id) or (last.ended if last is not None else None),
+                ends=slot.ends if slot is not None else (last.ended if last is not None else None),
                 expected=format_duration(plate.estimated_s),
                 now=_describe_now(last, progress, job.now),
                 reached=_describe_reached(last, plate.estimated_s),

@@ -17,6 +17,7 @@ const localiseTimes = (root) => {
     if (Number.isNaN(moment.getTime()) || -moment.getTimezoneOffset() === readOffset(iso)) continue;
     const isFar = Math.abs(moment - Date.now()) > 6 * 24 * 3600 * 1000;
     const day = isFar ? { day: "numeric", month: "short" } : { weekday: "short" };
+    document.getElementById("zones").hidden = false;
     element.title = `${element.textContent} in the farm's time zone`;
     element.textContent = moment.toLocaleString([], { ...day, hour: "2-digit", minute: "2-digit", hour12: false });
   }

@@ -19,6 +19,12 @@ const poll = async () => {
   setTimeout(poll, PERIOD_MS);
 };
 
+// What belongs to a choice makes it: a number of printers counts only with its button.
+form.addEventListener("input", ({ target }) => {
+  const choice = target.closest(".choice")?.querySelector("[type=radio]");
+  if (choice && target !== choice) choice.checked = true;
+});
+
 form.addEventListener("submit", () => {
   progress.textContent = "sending";
   setTimeout(poll, PERIOD_MS);

@@ -13,7 +13,7 @@ from farm.text import describe_first_error
 
 UNITS = {"1": "millimetres", "10": "centimetres", "25.4": "inches", "1000": "metres"}
 """Units of a model, each by the factor to millimetres."""
-QUALITIES = ("glue", "paper", "draft", "fast", "normal", "high")
+QUALITIES = ("glue", "paper", "paper-hidden", "draft", "fast", "normal", "high")
 """Qualities to choose from: the farm's, and Cura's."""
 
 
@@ -23,6 +23,7 @@ class Goal(StrEnum):
     AUTO = "auto"  # as many as save time
     COUNT = "count"
     DEADLINE = "deadline"  # the fewest parts that end by then
+    GLUED = "glued"  # the same, with the time to glue them
 
 
 class Start(StrEnum):
@@ -41,15 +42,28 @@ class Next(StrEnum):
     HOLD = "hold"  # plan it, and wait for an approval
 
 
-_COPIED = ("longest_side_mm", "quality", "material", "colour", "copies", "name", "note", "spares", "priority")
+_COPIED = (
+    "longest_side_mm",
+    "quality",
+    "material",
+    "colour",
+    "copies",
+    "pin_mm",
+    "name",
+    "note",
+    "spares",
+    "priority",
+)
 DEFAULTS: Mapping[str, str] = {
     **{field: "" if (value := getattr(JobOptions(), field)) is None else str(value) for field in _COPIED},
     "scale": "1",
     "goal": Goal.AUTO,
     "printers": "",
     "done_by": "",
+    "assembled_by": "",
     "start": Start.NOW,
     "at": "",
+    "marks": "",
 }
 """Values of the fields of an empty form."""
 
@@ -74,8 +88,11 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
         values["printers"] = _require(fields, "printers", "give the number of printers")
     if goal is Goal.DEADLINE:
         values["done_by"] = _require(fields, "done_by", "give the time by which it is done")
+    if goal is Goal.GLUED:
+        values["assembled_by"] = _require(fields, "assembled_by", "give the time by which it is glued")
     if start is Start.AT:
         values["at"] = _require(fields, "at", "give the time at which it starts")
+    values["marks"] = fields.get("marks", "") != ""
     values["overnight"] = start is Start.OVERNIGHT
     values["dry_run"] = following is Next.PLAN
     values["hold"] = following is not Next.PRINT

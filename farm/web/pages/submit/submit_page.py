@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from decompose.files.extras import reads_step
+from decompose.options import MAX_PIN_MM, MIN_PIN_MM
 from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
 from farm.text import format_count
@@ -97,6 +98,8 @@ def render_submit_page(
         values={**DEFAULTS, **values},
         units=UNITS,
         qualities=QUALITIES,
+        least_pin=MIN_PIN_MM,
+        most_pin=MAX_PIN_MM,
         beds=json.dumps([list(bed) for bed in choices.beds_mm]),
         file_types=",".join((_MESHES, *([_STEP] if choices.reads_step else []), _GCODE)),
     )

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from datetime import datetime
 
 import pytest
 
@@ -24,7 +23,6 @@ from farm.web.pages.jobs.job_page import (
 from farm.web.pages.jobs.parts import list_part_rows
 from make_books import apply_events
 
-NOW = datetime.fromisoformat("1970-01-01T07:00:00+00:00")
 REPORT = b"""{"schema": 9, "unknown": 1,
 "joints": [{"a": "p01", "b": "p02", "area_mm2": 450.0, "glued": true}],
 "assembly": {"levels": 1, "locked": [["p04", "p05"]], "steps": [{"number": 1, "moved": ["p02"],
@@ -66,6 +64,41 @@ def test_rows_show_each_part_s_state_and_what_was_expected_and_reached():
     assert (last.progress, last.now, last.reached) == (1.0, "7h00", "")
 
 
+def make_slot(printer="um2-01", plate="1/01"):
+    return api.SlotView(
+        plate=plate,
+        parts=["1/p01"],
+        printer=printer,
+        starts="1970-01-01T08:00:00+00:00",
+        ends="1970-01-01T09:00:00+00:00",
+        grams=3.0,
+        price=None,
+    )
+
+
+def test_row_has_the_printer_and_the_end_of_the_forecast():
+    data = data_of(night_books())
+    slots = {"1/01": make_slot("um2-07")}
+    row = list_part_rows(data.job, data.printers, slots, Role.LOOK)[0]
+    assert (row.printer, row.ends) == ("um2-07", slots["1/01"].ends)
+
+
+def test_times_of_a_job_are_elements_that_a_script_shows_in_the_reader_s_zone():
+    data = data_of(night_books(), eta="1970-01-01T09:00:00+00:00")
+    page = render(data)
+    assert 'printed, ends <time datetime="1970-01-01T09:00:00+00:00">Thu 09:00</time>, in 2h00.' in page
+    assert f'<dt>Submitted</dt><dd><time datetime="{data.job.submitted}">' in page
+
+
+def test_reasons_show_commands_as_such_and_leave_out_the_last_which_has_a_button():
+    data = data_of(night_books())
+    hold = Hold(code=HoldCode.PRINTER_BUSY, text="load `a reel`, then `farm load um2-01`")
+    plates = [data.job.plates[0].model_copy(update={"hold": hold}), *data.job.plates[1:]]
+    page = render(replace(data, job=data.job.model_copy(update={"plates": plates})))
+    assert page.count("load <code>a reel</code><") == 2  # of the job, and of the part
+    assert "`" not in page
+
+
 def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
     books = night_books()
     actions = {
@@ -100,17 +133,7 @@ def test_printing_job_is_paused_or_resumed_and_cancelling_takes_a_second_press()
 def test_dry_run_offers_print_keep_discard_and_its_curve():
     dry = JobOptions(dry_run=True, hold=True)
     data = data_of(night_books(), state=JobState.HELD, options=dry, plan="abc")
-    slots = [
-        api.SlotView(
-            plate="1/01",
-            parts=["1/p01"],
-            printer="um2-01",
-            starts="1970-01-01T08:00:00+00:00",
-            ends="1970-01-01T09:00:00+00:00",
-            grams=3.0,
-            price=None,
-        )
-    ]
+    slots = [make_slot()]
     timeline = api.Timeline(
         job=1,
         now=data.job.now,
@@ -166,7 +189,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
 )
 def test_first_sentence_says_how_far_it_is(changes, text):
     data = data_of(night_books(), **changes)
-    assert summarise_job(data.job, None, NOW) == text
+    assert summarise_job(data.job, None) == text
     assert f"</span> {text}</p>" in render(data)
 
 

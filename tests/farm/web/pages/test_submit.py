@@ -29,6 +29,11 @@ def test_empty_form_asks_for_a_plan_with_the_defaults_of_the_command():
         ({"goal": "count", "printers": "3"}, {"printers": 3}),
         ({"goal": "auto", "printers": "3"}, {}),
         ({"goal": "deadline", "done_by": "2026-11-25T07:00"}, {"done_by": "2026-11-25T07:00"}),
+        (
+            {"goal": "glued", "assembled_by": "2026-11-25T07:00"},
+            {"assembled_by": "2026-11-25T07:00"},
+        ),
+        ({"pin_mm": "2.85", "marks": "true"}, {"pin_mm": 2.85, "marks": True}),
         ({"start": "overnight", "at": "2026-11-25T07:00"}, {"overnight": True}),
         ({"start": "at", "at": "2026-11-25T07:00"}, {"at": "2026-11-25T07:00"}),
         ({"scale": "25.4"}, {"scale": 25.4}),
@@ -51,6 +56,7 @@ def test_fields_become_options(fields, options):
         ({"goal": "count"}, "give the number of printers"),
         ({"goal": "count", "printers": "0"}, "printers"),
         ({"goal": "deadline"}, "give the time by which it is done"),
+        ({"goal": "glued"}, "give the time by which it is glued"),
         ({"start": "at"}, "give the time at which it starts"),
         ({"goal": "x"}, "send the form again"),
         ({"next": "x"}, "send the form again"),
@@ -75,7 +81,7 @@ def test_page_offers_what_the_fleet_has():
 def test_every_field_has_a_label():
     page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
     form = page[page.index('<form id="submit"') :]
-    labels = re.findall(r"<label>(.*?)</label>", form, re.DOTALL)
+    labels = re.findall(r"<label[^>]*>(.*?)</label>", form, re.DOTALL)
     named = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
     assert named == {*DEFAULTS, "file"}
     assert all(any(f'name="{name}"' in label for label in labels) for name in named)
