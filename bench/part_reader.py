@@ -69,7 +69,7 @@ def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> lis
     """
     mesh = trimesh.load_mesh(path)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    texts = [f"{own}-{other}" for other in others]
+    texts = [code for other in others for code in (f"{own}-{other}", f"-{other}")]
     found = []
     for normal, offset_mm, triangles in find_flats(vertices, faces):
         axes = choose_plane_axes(normal)  # text reads from outside

@@ -172,7 +172,7 @@ def collect(
         for hole in face.holes
     ]
     arrows = {
-        "-".join(sorted(text.split("-"))): turn @ arrow
+        "-".join(sorted((name, text.split("-")[1]))): turn @ arrow
         for face, name, turn, _ in chosen
         for text, arrow in face.codes.items()
         if arrow is not None and (name, text) in wanted

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.connectors.pins import DEPTHS, END_MM
+from decompose.connectors.pins import END_MM, choose_depths_mm
 from decompose.connectors.records import Mark, Tool
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes
 from decompose.connectors.tools import make_groove, make_hole
@@ -52,10 +52,10 @@ def make_coupon(pin_mm: float) -> Coupon:
     The holes on top are printed as those that open upwards, those in front as those that lie: with a roof.
     """
     pitch_mm = pin_mm + 2.0 * GAP_MM + 1.5
-    deep_mm = DEPTHS[0] * pin_mm
-    long_mm, short_mm = (round(2.0 * (share * pin_mm - END_MM), 1) for share in DEPTHS)
+    depths_mm = choose_depths_mm(pin_mm)
+    long_mm, short_mm = (2.0 * (depth_mm - END_MM) for depth_mm in depths_mm)
     height_mm = max(long_mm + GAP_MM, 2.0 * pin_mm + LETTERS_MM + 3.0 * GAP_MM)
-    depth_mm = deep_mm + 2.0 * pin_mm + LETTERS_MM + 3.0 * GAP_MM
+    depth_mm = depths_mm[0] + 2.0 * pin_mm + LETTERS_MM + 3.0 * GAP_MM
     count = len(FITS_MM) + 2
     block = Solid.box((0.0, 0.0, 0.0), (pitch_mm * count, depth_mm, height_mm))
     letters_y_mm, holes_y_mm = GAP_MM + LETTERS_MM / 2.0, depth_mm - GAP_MM - pin_mm
@@ -68,12 +68,12 @@ def make_coupon(pin_mm: float) -> Coupon:
         middle = np.array([pitch_mm * (n + 0.5), letters_y_mm, height_mm])
         return _write(text, middle, np.array([0.0, 1.0, 0.0]), DOWNWARDS)
 
-    holes = [drill_top(n, fit_mm, deep_mm) for n, fit_mm in enumerate(FITS_MM)]
+    holes = [drill_top(n, fit_mm, depths_mm[0]) for n, fit_mm in enumerate(FITS_MM)]
     marks = [write_top(n, text) for n, text in enumerate(_name_fits())]
     for n, text in enumerate(_name_fits()):
         x_mm = pitch_mm * (n + 0.5)
         at = np.array([x_mm, 0.0, GAP_MM + pin_mm])
-        holes.append(_drill(at, INWARDS, pin_mm + FITS_MM[n], deep_mm))
+        holes.append(_drill(at, INWARDS, pin_mm + FITS_MM[n], depths_mm[0]))
         middle = np.array([x_mm, 0.0, height_mm - GAP_MM - LETTERS_MM / 2.0])
         marks.append(_write(text, middle, UP, INWARDS))
     for n, length_mm in enumerate((long_mm, short_mm), len(FITS_MM)):

@@ -1,4 +1,7 @@
-"""Places of marks: on both faces of each joint the numbers of its parts, and an arrow up."""
+"""Places of marks: on both faces of each joint the number of the other part, and an arrow up.
+
+On faces that are printed upright, the own number stands before it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,8 @@ from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
 from decompose.connectors.tools import GROOVE_SIN, LIP_MM, RIDGE_MM, make_groove
 from decompose.pieces import Joint, list_polygons
 
-SIZES_MM = ((8.0, 0.6), (6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves
+SIZES_MM = ((6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves
+SLOPED = 0.5  # sine of the angle between a face and the vertical of the pose, from which it counts as level
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 DOTS = 3
@@ -68,7 +72,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
     best: list[Mark] = []
     for pair in pairs:
         marks = [
-            _place(room, side, _write(room.blanks[side.part].name, room.blanks[other.part].name))
+            _place(room, side, _write(room, side, room.blanks[other.part].name))
             for side, other in (pair, pair[::-1])
         ]
         placed = [mark for mark in marks if mark is not None]
@@ -85,11 +89,11 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
 
 
 def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
-    """Write the part's own number where no mark of it has letters."""
-    lettered = {mark.part for mark in marks if mark.text.strip(".")}
+    """Write the part's own number where no mark of it does."""
+    numbered = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
     added = []
     for part, blank in enumerate(room.blanks):
-        if part in lettered:
+        if part in numbered:
             continue
         sides = [
             side
@@ -100,8 +104,8 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
             if side.part == part
         ]
         texts = [_lay_out(blank.name, size, "") for size in SIZES_MM]
-        for side in sorted(sides, key=lambda side: -side.face.area_mm2):
-            mark = _place(room, side, texts)
+        for side in sorted(sides, key=lambda side: (_is_level(room, side), -side.face.area_mm2)):
+            mark = _place(room, side, texts[-1:] if _is_level(room, side) else texts)
             if mark is not None:
                 room.tools += mark.grooves
                 added.append(mark)
@@ -109,10 +113,17 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
     return added
 
 
-def _write(own: str, neighbour: str) -> list[_Text]:
-    """List the ways to write a code, the most legible first."""
-    code = f"{own}-{neighbour}"
-    return [*(_lay_out(code, size, ARROW) for size in SIZES_MM), _lay_out(code, SIZES_MM[-1], "")]
+def _write(room: Room, side: Side, neighbour: str) -> list[_Text]:
+    """List the ways to write a code on a side, the most legible first."""
+    is_level = _is_level(room, side)
+    code = f"-{neighbour}" if is_level else f"{room.blanks[side.part].name}-{neighbour}"
+    sizes = SIZES_MM[-1:] if is_level else SIZES_MM
+    return [*(_lay_out(code, size, ARROW) for size in sizes), _lay_out(code, sizes[-1], "")]
+
+
+def _is_level(room: Room, side: Side) -> bool:
+    """Check whether strokes on a side are rings of its layers, which take longer than bends of a wall."""
+    return abs(float(side.into @ room.blanks[side.part].up)) > SLOPED
 
 
 def _lay_out(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:

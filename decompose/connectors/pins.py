@@ -20,7 +20,11 @@ from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
 from decompose.connectors.tools import make_hole
 from decompose.pieces import Joint, list_polygons
 
-DEPTHS = (2.45, 1.4)  # of the two holes in diameters of the pin
+SHALLOW, SHALLOWEST_MM = (
+    1.05,
+    2.5,
+)  # depth of the shallow hole of a pair, in diameters of the pin, and at least
+DEEPER_MM = 3.0  # of the other: turned half around, a body stays open by this less both ends and their tips
 END_MM = 0.5  # free at each end of a pin
 DISTINCT_MM = 0.7  # least difference between the distances of two pairs, besides twice the fit
 NEAREST_PAIR_MM = 8.0  # nearer to each other, two pins fix no angle
@@ -43,6 +47,15 @@ class _Site:
 
     moved: Side
     fixed: Side
+
+
+def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
+    """Choose the depths of the deep and the shallow hole for a pin, in half millimetres.
+
+    A hole costs print time by its depth. Pins only align the faces, which the glue holds.
+    """
+    shallow_mm = max(SHALLOWEST_MM, round(2.0 * SHALLOW * pin_mm) / 2.0)
+    return shallow_mm + DEEPER_MM, shallow_mm
 
 
 def place_pins(
@@ -124,7 +137,7 @@ class _Placer:
 
     def _size_mm(self, side: Side, index: int) -> tuple[float, float]:
         """Width across the flats and depth of the deep hole (0) or the shallow one (1) in a part."""
-        return self.pin_mm + self.room.blanks[side.part].pin_fit_mm, DEPTHS[index] * self.pin_mm
+        return self.pin_mm + self.room.blanks[side.part].pin_fit_mm, choose_depths_mm(self.pin_mm)[index]
 
     def _find_places(self, index: int) -> list[shapely.Geometry]:
         """Find for each site where the axis of a pin may be, in the coordinates of its face."""
@@ -260,7 +273,7 @@ class _Placer:
     def _make_pin(self, number: int, at: Floats, index: int, slot: Floats) -> Pin | None:
         """Make a pin with its holes; None where one does not print without support, or has no room."""
         site = self.sites[number]
-        depth_mm = DEPTHS[index] * self.pin_mm
+        depth_mm = choose_depths_mm(self.pin_mm)[index]
         holes: list[Tool] = []
         for side, stretch in ((site.moved, slot), (site.fixed, np.zeros(3))):
             hole = make_hole(side.part, at, side.into, self._up(side), self._size_mm(side, index), stretch)

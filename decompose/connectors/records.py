@@ -77,8 +77,9 @@ class Mark:
     part, joint
         Numbers of the part that carries it, and of the joint.
     text
-        Numbers of the part and its neighbour, and `^`, which points to the top of the model (on level faces,
-        to its back); or only full stops: as many dots on both faces of a joint, where no digits fit.
+        Numbers of the part and its neighbour (`10-14`, or `-14` where the face is printed level), and `^`,
+        which points to the top of the model (on level faces, to its back); the part's number alone; or only
+        full stops: as many dots on both faces of a joint, where no digits fit.
     height_mm
         Height of its letters.
     lines_mm

@@ -10,7 +10,7 @@ from decompose.files.names import short_label
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
 
-HOLE_S, MARK_S = 45.0, 30.0  # print time of a hole, and of a mark
+HOLE_S, MARK_S = 30.0, 20.0  # print time of a hole, and of a mark
 
 
 def connect_parts(decomposition: Decomposition) -> Decomposition:

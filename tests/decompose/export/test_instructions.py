@@ -137,7 +137,7 @@ def test_pins_and_codes_are_listed_in_their_steps(drilled: Decomposition, page: 
         for mark in marks:
             assert f">{mark.text.replace('^', ' ↑').replace('.', '●')}</span> on {mark.part + 1}" in section
     lengths = [round(pin.length_mm) for pin in drilled.connectors.pins]
-    for length_mm in (13, 7):
+    for length_mm in (11, 5):
         cells = f'<td class="number">{length_mm}</td><td class="number">{lengths.count(length_mm)}</td>'
         assert cells in page
 

@@ -140,7 +140,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
     assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
-    assert report["cut_list"] == [{"length_mm": 13.0, "count": 1}, {"length_mm": 7.0, "count": 1}]
+    assert report["cut_list"] == [{"length_mm": 11.0, "count": 1}, {"length_mm": 5.0, "count": 1}]
     assert [pin["kind"] for pin in report["pins"]] == ["round", "round"]
     assert [mark["text"] for mark in report["marks"]] == ["1-2^", "2-1^"]
     assert report["failures"] == report["unpinned"] == report["unmarked"] == []
@@ -172,7 +172,7 @@ def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition)
     )
     pieces = connect_parts(named)
     assert not pieces.connectors.failures
-    assert {mark.text.rstrip("^") for mark in pieces.connectors.marks} == {"1a-1b", "1b-1a"}
+    assert {mark.text.rstrip("^") for mark in pieces.connectors.marks} == {"-1b", "1a", "1b-1a"}
     printed = Solid.union([piece.printed for piece in pieces.parts])
     old = [Solid.hull(tool.points_mm) for tool in stored.connectors.tools if tool.part == 0]
     assert len(old) > 10 and printed.intersect(Solid.union(old)).volume_mm3 < 1e-3

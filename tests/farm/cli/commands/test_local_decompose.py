@@ -25,7 +25,7 @@ def test_coupon_is_a_closed_stl_and_its_fits_are_told(
     local.coupon(out, "3")
     assert trimesh.load_mesh(out).is_watertight
     told = capsys.readouterr().out
-    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in told and "13.7 and 7.4" in told
+    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in told and "11 and 5 mm" in told
 
 
 def test_coupon_needs_a_diameter_and_a_place(tmp_path: Path) -> None:
