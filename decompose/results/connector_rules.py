@@ -13,12 +13,13 @@ import shapely
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, rings_of
-from decompose.connectors.ceilings import closes_in_a_step
 from decompose.errors import Rule
 from decompose.geometry import Solid, choose_plane_axes
 from decompose.pieces import Joint
+from decompose.results.overhangs import measure_ceiling_mm2
 
 EPS_MM3 = 1e-3  # rounding of an operation on solids
+EPS_MM2, SPECK_MM2 = 0.005, 0.3  # ceiling of a layer in a hole, and where strokes of a mark cross
 RIM_MM = 1.15  # least wall around a tool, and between two: the rim of the search less its rounding
 FILM_MM = 0.06  # depth at a face that rounding may leave undecided
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
@@ -91,7 +92,7 @@ class DrilledParts:
             steepest = group.overhang(self.blanks[part].up)
             if steepest > group.limit:
                 yield Rule.SUPPORT_FREE, f"a {group.kind} hangs over by {math.degrees(steepest):.0f} degrees"
-            if any(closes_in_a_step(tool, self.blanks[part].up) for tool in group.tools):
+            if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
@@ -146,6 +147,11 @@ class _Group:
     limit: float
     kind: str
 
+    @property
+    def speck_mm2(self) -> float:
+        """Ceiling of a layer that is allowed: where strokes cross, specks are."""
+        return SPECK_MM2 if self.kind == "mark" else EPS_MM2
+
     def _draw_outline(self) -> shapely.Geometry:
         across = choose_plane_axes(self.tools[0].into)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
@@ -173,6 +179,11 @@ class _Group:
             if placed.buffer(FILM_MM).contains(outline):
                 return True
         return False
+
+    def measure_ceiling_mm2(self, up: Floats) -> float:
+        """Measure the area of a layer over the tools that needs support."""
+        first = self.tools[0]
+        return measure_ceiling_mm2([tool.points_mm for tool in self.tools], first.into, first.face_mm, up)
 
     def overhang(self, up: Floats) -> float:
         """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
