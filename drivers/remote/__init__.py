@@ -4,17 +4,26 @@
 """
 
 from drivers.records import AGENT_LOG
-from drivers.remote.client import AgentClient
+from drivers.remote.client import AgentClient, OpenStream, Route
 from drivers.remote.heartbeat import Heartbeat, sample_process
 from drivers.remote.process import (
     RETRY_S,
+    Installation,
     agents_are_units,
     find_agent_pid,
     is_alive,
     kill_agent,
     spawn_agent,
+    start_agent,
 )
-from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask, build_ssh_command, stop_over_ssh
+from drivers.remote.ssh import (
+    NO_AGENT,
+    BridgeRequest,
+    BridgeTask,
+    build_ssh_command,
+    runs_host_service,
+    stop_over_ssh,
+)
 
 __all__ = [
     "AGENT_LOG",
@@ -24,12 +33,17 @@ __all__ = [
     "BridgeRequest",
     "BridgeTask",
     "Heartbeat",
+    "Installation",
+    "OpenStream",
+    "Route",
     "agents_are_units",
     "build_ssh_command",
     "find_agent_pid",
     "is_alive",
     "kill_agent",
+    "runs_host_service",
     "sample_process",
     "spawn_agent",
+    "start_agent",
     "stop_over_ssh",
 ]

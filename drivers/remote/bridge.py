@@ -110,14 +110,25 @@ def _write(data: bytes) -> None:
         data = data[os.write(1, data) :]
 
 
-def main() -> int:
-    """Read the request and execute it."""
+def read_first_line() -> bytes:
+    """Read the first line of stdin, and nothing after it; empty if there is none."""
     line = b""
     while not line.endswith(b"\n"):
         byte = os.read(0, 1)
         if not byte:
-            return 2
+            return b""
         line += byte
+    return line
+
+
+def main() -> int:
+    """Read the request and execute it."""
+    line = read_first_line()
+    return execute(line) if line else 2
+
+
+def execute(line: bytes) -> int:
+    """Execute the request of a first line; return the exit code."""
     try:
         request = BridgeRequest.parse(line)
         folder = find_folder(request.farm, request.start.printer)

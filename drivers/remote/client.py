@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
@@ -25,6 +25,10 @@ from drivers.messages import (
 from drivers.records import AGENT_LOG
 from drivers.remote.process import RETRY_S
 
+Route = tuple[Sequence[str], bytes]
+"""Connection to another host: a command that copies bytes (`build_ssh_command`), and its first line."""
+OpenStream = Callable[[], Awaitable[tuple[asyncio.StreamReader, asyncio.StreamWriter]]]
+"""Opens a stream to the agent on a connection that carries several. Raises AgentError."""
 FIRST_MESSAGE_S = 45.0  # over ssh, to an agent that may have to be started
 _LINE_BYTES = 1024 * 1024
 
@@ -40,8 +44,7 @@ class AgentClient:
     folder
         The agent's folder; for an agent on another host it only contains the log of ssh.
     route
-        Connection to another host: the arguments of a command that copies bytes (`build_ssh_command`), and
-        its first line (`BridgeRequest.line`).
+        Connection to another host; None: the agent is on this one.
     on_message
         Called for every line of the agent, even an unreadable one: the agent is alive.
     """
@@ -49,7 +52,7 @@ class AgentClient:
     def __init__(
         self,
         folder: Path,
-        route: tuple[Sequence[str], bytes] | None = None,
+        route: Route | OpenStream | None = None,
         on_message: Callable[[], None] = lambda: None,
     ) -> None:
         self._on_message = on_message
@@ -82,6 +85,10 @@ class AgentClient:
             No agent listened in time.
         """
         await self.close()
+        if callable(self._route):
+            reader, self._writer = await self._route()
+            self._listen(reader)
+            return
         if self._route is not None:
             await self._connect_by_route(*self._route)
             return

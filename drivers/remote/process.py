@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -16,6 +17,46 @@ from drivers.records import AGENT_LOG, StartFile
 
 UNIT = "FARM_AGENT_UNIT"
 RETRY_S = 0.25  # between two attempts to connect to an agent that starts
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """Installation of farm that an agent runs.
+
+    Parameters
+    ----------
+    python
+        Its interpreter; its folder has no symbolic links, so that a link to the version in use may move.
+    folder
+        Folder that contains `drivers`.
+    """
+
+    python: str
+    folder: str
+
+    @classmethod
+    def of_this_process(cls) -> Installation:
+        """Return the installation that this process runs."""
+        python = Path(sys.executable)
+        folder = Path(drivers.__file__).resolve().parents[1]
+        return cls(str(python.parent.resolve() / python.name), str(folder))
+
+    @classmethod
+    def of_agent(cls, pid: int) -> Installation | None:
+        """Return the installation that an agent runs; None if it has ended."""
+        process = Path("/proc") / str(pid)
+        try:
+            python = process.joinpath("cmdline").read_bytes().split(b"\0")[0]
+            folder = process.joinpath("cwd").readlink()
+        except OSError:
+            return None
+        path = Path(os.fsdecode(python))
+        return cls(str(path.parent.resolve() / path.name), str(folder))
+
+    @property
+    def exists(self) -> bool:
+        """True if it has not been deleted."""
+        return Path(self.python).exists() and Path(self.folder).is_dir()
 
 
 def spawn_agent(
@@ -45,17 +86,29 @@ def spawn_agent(
     AgentError
         The process cannot be started.
     """
-    start = StartFile(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd)
-    unit = os.environ.get(UNIT)
-    command = [sys.executable, "-m", "drivers.agent", "--folder", str(folder.absolute())]
+    return start_agent(StartFile(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd), folder)
+
+
+def start_agent(
+    start: StartFile, folder: Path, installation: Installation | None = None
+) -> subprocess.Popen[bytes]:
+    """Start an agent as `spawn_agent` does, of this or another installation of farm.
+
+    Raises
+    ------
+    AgentError
+        The process cannot be started.
+    """
+    installation, unit = installation or Installation.of_this_process(), os.environ.get(UNIT)
+    command = [installation.python, "-m", "drivers.agent", "--folder", str(folder.absolute())]
     if unit:
-        command = ["systemctl", "start", unit.replace("%i", printer)]
+        command = ["systemctl", "start", unit.replace("%i", start.printer)]
     try:
         start.write(folder)
         with _open_log(folder) as log:
             return subprocess.Popen(
                 command,
-                cwd=Path(drivers.__file__).parents[1],
+                cwd=installation.folder,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -63,7 +116,7 @@ def spawn_agent(
             )
     except OSError as error:
         raise AgentError(
-            f"{printer}: its agent does not start ({error}); see {folder / AGENT_LOG}"
+            f"{start.printer}: its agent does not start ({error}); see {folder / AGENT_LOG}"
         ) from error
 
 

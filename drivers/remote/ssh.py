@@ -68,6 +68,11 @@ def build_ssh_command(host: str, command: str, env: Mapping[str, str] = os.envir
     return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
 
 
+def runs_host_service(command: str) -> bool:
+    """Return whether a `host_command` is `farm host`, which carries all agents of its host at once."""
+    return command.split()[-1:] == ["host"]
+
+
 def stop_over_ssh(
     host: str, command: str, farm: str, start: StartFile, timeout_s: float = _STOP_S
 ) -> StopResult:

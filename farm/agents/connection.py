@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections import deque
 from collections.abc import Coroutine, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -28,6 +29,7 @@ from drivers.remote import (
     sample_process,
     spawn_agent,
 )
+from farm.agents.hosts import HostConnection, HostListener
 from farm.agents.protocol_adapter import (
     compute_clock_offset_s,
     to_agent_clock,
@@ -55,8 +57,8 @@ _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
-class AgentListener(Protocol):
-    """Receives the reports of agents."""
+class AgentListener(HostListener, Protocol):
+    """Receives the reports of agents, and what happens to their hosts."""
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle a snapshot."""
@@ -84,8 +86,9 @@ class AgentConnection:
         The farm's state folder and clock.
     listener
         Receives the agent's reports.
-    farm
-        The farm's name, by which an agent on another host knows it.
+    host
+        Connection to the service of its host; or the farm's name, by which an agent on another host that is
+        reached by a connection of its own knows it.
     """
 
     def __init__(
@@ -95,7 +98,7 @@ class AgentConnection:
         state: StateFolder,
         clock: Clock,
         listener: AgentListener,
-        farm: str = "",
+        host: HostConnection | str = "",
     ) -> None:
         self._name = name
         self._log = PrinterLog(log, name)
@@ -103,10 +106,13 @@ class AgentConnection:
         self._folder = state.agent(name)
         self._clock = clock
         self._listener = listener
+        self._host = None if isinstance(host, str) else host
+        farm = host if isinstance(host, str) else host.farm
         route = load_route(self._folder, section, farm, clock)
         self._remote = route is not None
         self._heartbeat = Heartbeat()
-        self._client = AgentClient(self._folder, route, self._heartbeat.reset)
+        way = route if self._host is None else partial(self._host.open, name)
+        self._client = AgentClient(self._folder, way, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._pending: set[tuple[str, str]] = set()  # requests in flight, so that none is sent twice at once
@@ -197,7 +203,9 @@ class AgentConnection:
                 self._log.warning("%s", error)
             except Exception:
                 self._log.exception("listening to its agent")
-            self._report(AgentSnapshot(printer=self._name, link=Link.STARTING))
+            loss = None if self._host is None else self._host.describe_loss()
+            lost = loss is not None
+            self._report(AgentSnapshot(printer=self._name, link=Link.STARTING, reason=loss, host_lost=lost))
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
         """Import the agent's journal if the books are a backup. Returns its latest snapshot."""

@@ -10,10 +10,11 @@ from pathlib import Path
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from drivers.remote import NO_AGENT, AgentClient, is_alive
+from drivers.remote import NO_AGENT, AgentClient, Route, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
+from farm.agents.hosts import Hosts
 from farm.agents.protocol_adapter import make_agent_request
-from farm.agents.remote import Route, delete_route, load_route, without_start
+from farm.agents.remote import delete_route, load_route, without_start
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
@@ -29,10 +30,11 @@ class AgentManager:
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: AgentListener) -> None:
         self._state, self._clock, self._listener = state, clock, listener
         self._orphans: asyncio.Task[None] | None = None
+        self.hosts = Hosts(fleet, state, clock, listener)
+        farm = fleet.fleet.name
         self._connections = {
-            section.name: AgentConnection(section.name, section, state, clock, listener, fleet.fleet.name)
-            for section in fleet.printers
-            if section.enabled
+            name: AgentConnection(name, section, state, clock, listener, self.hosts.find(name) or farm)
+            for name, section in ((section.name, section) for section in fleet.printers if section.enabled)
         }
 
     def start(self, printing: Iterable[str]) -> None:
@@ -46,6 +48,7 @@ class AgentManager:
                 self._connections[name] = AgentConnection(
                     name, None, self._state, self._clock, self._listener
                 )
+        self.hosts.start()
         for connection in self._connections.values():
             connection.start()
         self._orphans = asyncio.create_task(self._end_orphans())
@@ -86,9 +89,10 @@ class AgentManager:
             delete_route(folder)
 
     def watch(self) -> None:
-        """Start agents that have died, and replace those that hang."""
+        """Start agents that have died, replace those that hang, and report hosts that are lost."""
         for connection in self._connections.values():
             connection.keep_alive()
+        self.hosts.watch()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
         """Send an instruction to its agent; a lost one is repeated after the agent's next snapshot."""
@@ -119,6 +123,7 @@ class AgentManager:
 
     async def shut_down_agents(self) -> None:
         """End every agent, and switch the simulated printers off."""
+        self.hosts.release_agents()
         await asyncio.gather(*(connection.shut_down() for connection in self._connections.values()))
 
     async def close(self) -> None:
@@ -127,3 +132,4 @@ class AgentManager:
             self._orphans.cancel()
             await asyncio.gather(self._orphans, return_exceptions=True)
         await asyncio.gather(*(connection.close() for connection in self._connections.values()))
+        await self.hosts.close()

@@ -9,23 +9,24 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.errors import AgentError
 from drivers.records import StartFile
-from drivers.remote import BridgeRequest, BridgeTask, build_ssh_command
+from drivers.remote import BridgeRequest, BridgeTask, Route, build_ssh_command
 from farm.config import PrinterSection
 
 ROUTE_FILE = "way.json"  # in the folder of an agent on another host
 
-Route = tuple[list[str], bytes]
-"""Command that forwards bytes to an agent, and the first line to send to it."""
+
+def make_start(section: PrinterSection, clock: Clock) -> StartFile:
+    """Return the start file of a printer's agent."""
+    return StartFile(
+        section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
+    )
 
 
 def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     """Return the route to an agent on another host; None for one on this host."""
     if section.host is None:
         return None
-    start = StartFile(
-        section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
-    )
-    request = BridgeRequest(BridgeTask.SERVE, farm, start)
+    request = BridgeRequest(BridgeTask.SERVE, farm, make_start(section, clock))
     return build_ssh_command(section.host, section.host_command), request.line()
 
 

@@ -153,6 +153,11 @@ COMMANDS = {
             "Write a block with holes of several widths, to find the fit of pins on a printer.",
         ),
         CommandEntry(
+            "host",
+            "daemon.host",
+            "Run the agents of a farm's printers on this host; the daemon starts it over ssh.",
+        ),
+        CommandEntry(
             "worker",
             "local.worker",
             "Run tasks of farms on this computer, as a part of a Dask cluster.",

@@ -55,6 +55,7 @@ class AgentSnapshot(PrinterReadings, Entity):
     bed_clear: bool | None = None  # reported by emulators only
     alarm: str | None = None  # a heater that cannot be switched off: immediate action needed
     bed_unknown_reason: str | None = None  # why bed and filament are unknown, until a person clears the bed
+    host_lost: bool = False  # there is no connection to its host: nothing of it is known
     outdated: bool = False  # its agent has an older version and gets no more prints
     reset_verified: bool = True  # a reset stops its board; otherwise it prints only while attended
     acknowledged_cancel: str | None = None  # id of a print whose cancel request its agent has received

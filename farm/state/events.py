@@ -277,6 +277,21 @@ class PrinterLost(Event):
     printer: str
 
 
+class HostLost(Event):
+    """The connection to a host with printers was lost; their agents may still print."""
+
+    host: str
+    printers: tuple[str, ...]
+    reason: str
+
+
+class HostConnected(Event):
+    """A host that was lost is connected again."""
+
+    host: str
+    printers: tuple[str, ...]
+
+
 class OutageConfirmed(Event):
     """A person has confirmed that an outage is resolved."""
 
@@ -378,6 +393,8 @@ AnyEvent = (
     | MaintenanceStarted
     | MaintenanceEnded
     | PrinterLost
+    | HostLost
+    | HostConnected
     | OutageConfirmed
     | BedCleared
     | ReelLoaded

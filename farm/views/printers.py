@@ -41,7 +41,7 @@ def describe_printer(
         print=_describe_progress(context, attempt) if attempt else None,
         last=_describe_last_print(context, section.name),
         look=entry.attention_reason
-        or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
+        or (snapshot.reason if snapshot.host_lost or snapshot.link in (Link.FAULT, Link.ABSENT) else None),
         maintenance=entry.maintenance,
         hold=hold,
         kept_for=kept_for,
@@ -99,6 +99,8 @@ def _derive_printer_state(
         return "disabled"
     if snapshot.alarm is not None:
         return "look"
+    if snapshot.host_lost:
+        return "unknown"
     if attempt is not None:
         return str(attempt.shown_state)
     if entry.maintenance is not None:

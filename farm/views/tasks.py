@@ -94,7 +94,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
     Parameters
     ----------
     lost
-        Whether it is part of an outage, which is one task for all of its printers.
+        Whether it is part of an outage, which is one task for all of its printers, as is a lost host.
     """
     name = section.name
     entry, snapshot = context.books.printer(name), context.snapshot(name)
@@ -104,7 +104,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         text = f"go to {name} now: {snapshot.alarm} ({state}{_format_heat(snapshot)})"
         yield api.Todo(code="alarm", printers=[name], text=text)
         return
-    if lost or (entry.maintenance is not None and attempt is None):
+    if lost or snapshot.host_lost or (entry.maintenance is not None and attempt is None):
         return
     attention = entry.attention_reason
     reason = attention or (snapshot.reason if snapshot.link is Link.FAULT else None)

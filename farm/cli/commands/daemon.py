@@ -1,4 +1,4 @@
-"""`farm up`, `farm down` and `farm daemon`: start and stop the daemon."""
+"""`farm up`, `farm down` and `farm daemon`: start and stop the daemon; `farm host`."""
 
 from __future__ import annotations
 
@@ -145,6 +145,30 @@ def down(
         f"the daemon (pid {pid}) has not ended within {_STOP_TIMEOUT_S:.0f} s; look at `farm status` and "
         f"at its log {places.state.log}"
     )
+
+
+def host(
+    farm: Annotated[
+        str | None,
+        typer.Option(help="Run the service of this farm in the foreground, as a systemd unit does."),
+    ] = None,
+) -> None:
+    """Run the agents of a farm's printers on this host; the daemon starts it over ssh.
+
+    Its stdin and stdout are the connection to the daemon. The agents go on without it.
+    """
+    if farm is not None:
+        from drivers.host.service import run_service
+
+        raise typer.Exit(run_service(farm))
+    if sys.stdin.isatty():
+        raise typer.BadParameter(
+            "it is run by the daemon over ssh: write it as `host_command` in fleet.yaml; or give --farm",
+            param_hint="stdin",
+        )
+    from drivers.host.program import serve_stdio
+
+    raise typer.Exit(serve_stdio())
 
 
 def _is_running(pid: int) -> bool:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
+from queue import Empty, Queue
 from threading import Lock
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
@@ -26,6 +29,9 @@ if TYPE_CHECKING:
     from drivers.safety import Notify, StopResult, StopTarget
 
     Stop = Callable[[Notify], StopResult]
+    Target: TypeAlias = "Stop | HostTarget"
+
+_POLL_S = 0.2
 
 
 @with_places
@@ -82,18 +88,12 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
     chosen_targets = {name: targets[name] for name in names or targets if name in targets}
     report = serialise_reports(report)
     unconfirmed, moving = [], []
-    with ThreadPoolExecutor(max_workers=max(1, len(chosen_targets))) as pool:
-        stops = [
-            pool.submit(start_stop, partial(_report_progress, report, name))
-            for name, start_stop in chosen_targets.items()
-        ]
-        for stop in as_completed(stops):
-            result = stop.result()
-            report(_describe_outcome(result, began_s))
-            if not result.seen_off:
-                unconfirmed.append(result.printer)
-            elif not result.still:
-                moving.append(result.printer)
+    for result in _run_stops(chosen_targets, report):
+        report(_describe_outcome(result, began_s))
+        if not result.seen_off:
+            unconfirmed.append(result.printer)
+        elif not result.still:
+            moving.append(result.printer)
     unknown = [name for name in names if name not in targets]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
@@ -105,6 +105,35 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
         raise FarmError(
             f"standstill not confirmed: {' '.join(sorted(moving))}: check whether these printers still move"
         )
+
+
+def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopResult]:
+    """Stop printers side by side, those of a host service over one connection; yield results as they come."""
+    by_host: dict[tuple[str, str, str], list[StartFile]] = {}
+    results: Queue[StopResult] = Queue()
+    with ThreadPoolExecutor(max_workers=max(1, len(targets))) as pool:
+        stops = []
+        for name, target in targets.items():
+            if callable(target):
+                stops.append(pool.submit(_run_stop, target, partial(_report_progress, report, name), results))
+            else:
+                by_host.setdefault(target.connection, []).append(target.start)
+        if by_host:
+            from drivers.host.stop import stop_host  # slow to load
+
+            stops += [pool.submit(stop_host, *key, starts, results.put) for key, starts in by_host.items()]
+        for _ in targets:
+            while True:
+                with suppress(Empty):
+                    yield results.get(timeout=_POLL_S)
+                    break
+                for stop in stops:
+                    if stop.done():
+                        stop.result()  # raises its error
+
+
+def _run_stop(stop: Stop, notify: Notify, results: Queue[StopResult]) -> None:
+    results.put(stop(notify))
 
 
 def _describe_outcome(result: StopResult, began_s: float) -> StopReport:
@@ -139,16 +168,33 @@ def serialise_reports(report: Report) -> Report:
     return locked
 
 
-def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
+@dataclass(frozen=True, slots=True)
+class HostTarget:
+    """Printer on a host whose service stops several over one connection.
+
+    Attributes
+    ----------
+    connection
+        The host, the command that runs `farm host` there, and the name of the farm.
+    start
+        Start file of the printer's agent.
+    """
+
+    connection: tuple[str, str, str]
+    start: StartFile
+
+
+def find_targets(places: Places) -> tuple[dict[str, Target], FleetFileError | None]:
     """Find how to stop each printer of the state folder and of `fleet.yaml`.
 
     If `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
     """
     from drivers.records import StartFile  # slow to load
+    from drivers.remote import runs_host_service
     from drivers.safety import StopTarget, list_targets
 
     agents = list_targets(places.state.root / "agents")
-    targets: dict[str, Stop] = {name: _stop_local(target) for name, target in agents.items()}
+    targets: dict[str, Target] = {name: _stop_local(target) for name, target in agents.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
     except FleetFileError as error:
@@ -158,7 +204,8 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
         if section.host is not None:
             start = StartFile(name, section.model, section.port, power_off_cmd=relay)
             remote = (section.host, section.host_command, fleet.fleet.name)
-            targets[name] = _stop_remote(*remote, start)
+            has_service = runs_host_service(section.host_command)
+            targets[name] = HostTarget(remote, start) if has_service else _stop_remote(*remote, start)
         elif section.enabled and name not in targets:
             folder, firmware = places.state.agent(name), find_firmware(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)

@@ -177,7 +177,8 @@ LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
 FARM_WIDE: frozenset[Kind] = frozenset(
     {
         *(ev.ClockSet, ev.BooksRestored, ev.EventsCompacted, ev.OutageConfirmed),
+        *(ev.HostLost, ev.HostConnected),
         *(ev.KeyAdded, ev.KeyRevoked, ev.SessionOpened, ev.SessionExtended),
     }
 )
-"""Events about the farm as a whole, its keys, or sessions; allowed at any time."""
+"""Events about the farm as a whole, its hosts, keys, or sessions; allowed at any time."""

@@ -109,5 +109,15 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 
 @change.register
+def _(event: ev.HostLost, books: Books) -> Result:
+    return books, ()  # its agents go on: only their reports are missing
+
+
+@change.register
+def _(event: ev.HostConnected, books: Books) -> Result:
+    return books, ()
+
+
+@change.register
 def _(event: ev.EventsCompacted, books: Books) -> Result:
     return books, ()  # the store deletes events; the entities stay

@@ -26,7 +26,7 @@ REMOTE = {
     "load": ["a", "pla"],
     "maintenance": ["a", "--why", "cleaning"],
 }
-WITHOUT_FARM = {"coupon", "decompose", "slice", "worker"}
+WITHOUT_FARM = {"coupon", "decompose", "host", "slice", "worker"}
 LOCAL_IN_NEED = {"daemon", "doctor", "discover", "estop"}
 URL = "http://127.0.0.1:9"  # nothing listens on the port `discard`
 

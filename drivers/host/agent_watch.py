@@ -1,0 +1,175 @@
+"""Watch over one agent of a host: its process, its reports, and its end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from drivers import messages as m
+from drivers.errors import AgentError, DriverError
+from drivers.host.messages import AgentPhase, AgentState
+from drivers.host.supervision import Backoff
+from drivers.records import StartFile
+from drivers.remote import (
+    AgentClient,
+    Heartbeat,
+    Installation,
+    agents_are_units,
+    find_agent_pid,
+    is_alive,
+    kill_agent,
+    sample_process,
+    start_agent,
+)
+
+log = logging.getLogger(__name__)
+
+_RETRY_S = 1.0
+_END_S = 30.0
+
+
+class AgentWatch:
+    """Starts the agent of a printer, listens to it, starts it again when it ends, and ends it if it hangs.
+
+    Parameters
+    ----------
+    start
+        Its start file.
+    folder
+        Its folder.
+    kept
+        The installation that it is kept on after an update failed; None: that of this process.
+    on_change
+        Called when its state has changed.
+    """
+
+    def __init__(
+        self, start: StartFile, folder: Path, kept: Installation | None, on_change: Callable[[], None]
+    ) -> None:
+        self.start, self.kept, self.wanted = start, kept, True
+        self.snapshot: m.Snapshot | None = None
+        self._folder, self._on_change = folder, on_change
+        self._heartbeat = Heartbeat()
+        self._client = AgentClient(folder, on_message=self._heartbeat.reset)
+        self._backoff = Backoff()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._starts = 0
+        self._reason: str | None = None
+        self._listening: asyncio.Task[None] | None = None
+        self._phase = AgentPhase.STARTING
+
+    @property
+    def printer(self) -> str:
+        """Name of its printer."""
+        return self.start.printer
+
+    @property
+    def is_alive(self) -> bool:
+        """True while its process runs."""
+        return is_alive(self._folder)
+
+    def describe(self) -> AgentState:
+        """Describe it for the daemon."""
+        pid = find_agent_pid(self._folder)
+        runs = None if pid is None else Installation.of_agent(pid)
+        return AgentState(
+            printer=self.printer,
+            phase=self._find_phase(),
+            pid=pid,
+            restarts=max(0, self._starts - 1),
+            installation="" if runs is None else runs.folder,
+            reason=self._reason,
+        )
+
+    def find_installation(self) -> Installation | None:
+        """Return the installation that the agent runs; None if none runs."""
+        pid = find_agent_pid(self._folder)
+        return None if pid is None else Installation.of_agent(pid)
+
+    def _find_phase(self) -> AgentPhase:
+        if not self.wanted:
+            return AgentPhase.ENDING
+        if self.snapshot is None:
+            return AgentPhase.STARTING if self.is_alive else AgentPhase.WAITING
+        return AgentPhase.PRINTING if self.snapshot.print is not None else AgentPhase.IDLE
+
+    def keep_alive(self) -> None:
+        """Start the agent if none runs and its wait is over; kill one that hangs."""
+        if self._listening is None:
+            self._listening = asyncio.create_task(self._listen())
+        if self._process is not None and self._process.poll() is not None:
+            if self._process.returncode or not agents_are_units():  # else systemd has started it
+                self._reason = f"its agent ended with {self._process.returncode}"
+                log.warning("%s: %s", self.printer, self._reason)
+            self._process = None
+        if self._process is not None or self.is_alive:
+            self._kill_if_hung()
+        elif self.wanted and self._backoff.may_start(time.monotonic()):
+            self._start()
+        phase = self._find_phase()
+        if phase is not self._phase:
+            self._phase = phase
+            self._on_change()
+
+    def restart(self) -> None:
+        """Start the agent without a wait if it has ended."""
+        self._backoff = Backoff()
+
+    def _start(self) -> None:
+        self._backoff = self._backoff.start(time.monotonic())
+        self._heartbeat.reset()
+        self._starts += 1
+        try:
+            kept = self.kept if self.kept is not None and self.kept.exists else None
+            self._process = start_agent(self.start, self._folder, kept)
+            log.info("%s: agent started, pid %d", self.printer, self._process.pid)
+        except DriverError as error:
+            self._reason = str(error)
+            log.error("%s", error)
+
+    def _kill_if_hung(self) -> None:
+        pid = find_agent_pid(self._folder)
+        if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
+            log.error("%s: its agent (pid %d) hangs: replacing it", self.printer, pid)
+            self._reason = "its agent was hung, and was replaced"
+            if not kill_agent(self._folder):
+                log.error("%s: its agent cannot be killed; switch the printer off", self.printer)
+
+    async def _listen(self) -> None:
+        while True:
+            with suppress(DriverError):
+                await self._client.connect()
+                async for snapshot in self._client.snapshots():
+                    self.snapshot = snapshot
+            self.snapshot = None
+            await asyncio.sleep(_RETRY_S)
+
+    async def end(self) -> None:
+        """End the agent if it is idle, and wait until it has ended.
+
+        Raises
+        ------
+        AgentError
+            It is printing, or cannot be reached.
+        """
+        reply = await self._client.request(m.Shutdown(id=0))
+        if reply.error:
+            raise AgentError(reply.error)
+        try:
+            async with asyncio.timeout(_END_S):
+                while self.is_alive:
+                    await asyncio.sleep(0.05)
+        except TimeoutError as error:
+            raise AgentError(f"{self.printer}: its agent does not end") from error
+
+    async def close(self) -> None:
+        """Stop watching; the agent goes on."""
+        if self._listening is not None:
+            self._listening.cancel()
+            await asyncio.gather(self._listening, return_exceptions=True)
+        await self._client.close()

@@ -1,0 +1,80 @@
+"""One stream of the daemon's connection, carried to the socket of an agent and back."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from drivers.host.connection import LINE_BYTES, MuxStream
+from drivers.host.supervision import ReportFilter
+from drivers.messages import AGENT_SOCKET
+from drivers.records import AGENT_LOG
+from drivers.remote import RETRY_S
+
+_CONNECT_S = 30.0
+_BYTES = 64 * 1024
+
+
+async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None:
+    """Carry lines of the agent, and bytes to it, until one end closes.
+
+    Parameters
+    ----------
+    stream
+        The stream.
+    folder
+        The agent's folder.
+    report_s
+        See `ReportFilter`.
+    """
+    reader, writer = stream.pair()
+    agent = await _connect(folder)
+    if agent is None:
+        stream.close(f"no agent answers; see {folder / AGENT_LOG} there")
+        return
+    to_daemon = asyncio.create_task(_carry_lines(agent[0], writer, report_s))
+    to_agent = asyncio.create_task(_carry_bytes(reader, agent[1]))
+    try:
+        await asyncio.wait((to_daemon, to_agent), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (to_daemon, to_agent):
+            task.cancel()
+        await asyncio.gather(to_daemon, to_agent, return_exceptions=True)
+        stream.close()
+        agent[1].close()
+        with suppress(OSError):
+            await agent[1].wait_closed()
+
+
+async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:
+    """Connect to an agent that may just be starting; None if none answers in time."""
+    deadline_s = time.monotonic() + _CONNECT_S
+    while time.monotonic() < deadline_s:
+        with suppress(OSError):
+            descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
+            try:
+                path = f"/proc/self/fd/{descriptor}/{AGENT_SOCKET}"
+                return await asyncio.open_unix_connection(path, limit=LINE_BYTES)
+            finally:
+                os.close(descriptor)
+        await asyncio.sleep(RETRY_S)
+    return None
+
+
+async def _carry_lines(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, report_s: float) -> None:
+    chosen = ReportFilter(report_s)
+    with suppress(OSError, ValueError):  # ValueError: a line that is too long; the daemon connects again
+        while line := await reader.readline():
+            if chosen.passes(line, time.monotonic()):
+                writer.write(line)
+                await writer.drain()
+
+
+async def _carry_bytes(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with suppress(OSError):
+        while data := await reader.read(_BYTES):
+            writer.write(data)
+            await writer.drain()

@@ -1,0 +1,195 @@
+"""Connection to a host, or to a daemon: a `Mux` between a reader and a writer of asyncio."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+
+from drivers.errors import AgentError
+from drivers.host.mux import Closed, Message, Mux, Opened, Received
+
+LINE_BYTES = 1024 * 1024
+"""Longest line of an agent."""
+_READ_BYTES = 128 * 1024
+_HIGH_BYTES, _LOW_BYTES = 128 * 1024, 32 * 1024  # bytes of a stream above which its writer waits
+
+
+class MuxStream(asyncio.Transport):
+    """One stream, as a transport: asyncio's own reader and writer sit on it."""
+
+    def __init__(self, owner: MuxConnection, number: int) -> None:
+        super().__init__()
+        self._owner, self._number = owner, number
+        self._reader = asyncio.StreamReader(LINE_BYTES)
+        self._protocol = asyncio.StreamReaderProtocol(self._reader)
+        self._protocol.connection_made(self)
+        self._closing = self._reading_paused = self._writing_paused = False
+        self._unconsumed = 0
+
+    def pair(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Return its reader and its writer."""
+        loop = asyncio.get_running_loop()
+        return self._reader, asyncio.StreamWriter(self, self._protocol, self._reader, loop)
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Send bytes in their turn."""
+        self._owner.write(self._number, bytes(data))
+        if not self._writing_paused and self._owner.count_waiting(self._number) > _HIGH_BYTES:
+            self._writing_paused = True
+            self._protocol.pause_writing()
+
+    def on_sent(self) -> None:
+        """Let the writer go on after bytes were sent."""
+        if self._writing_paused and self._owner.count_waiting(self._number) <= _LOW_BYTES:
+            self._writing_paused = False
+            self._protocol.resume_writing()
+
+    def on_data(self, data: bytes) -> None:
+        """Give received bytes to the reader."""
+        self._protocol.data_received(data)
+        if self._reading_paused:
+            self._unconsumed += len(data)
+        else:
+            self._owner.consume(self._number, len(data))
+
+    def on_closed(self, reason: str) -> None:
+        """End the reader: the other end has closed the stream, or the connection is lost."""
+        self._closing = True
+        self._protocol.connection_lost(ConnectionError(reason) if reason else None)
+
+    def pause_reading(self) -> None:
+        """Let no more bytes follow."""
+        self._reading_paused = True
+
+    def resume_reading(self) -> None:
+        """Let bytes follow again."""
+        self._reading_paused = False
+        self._owner.consume(self._number, self._unconsumed)
+        self._unconsumed = 0
+
+    def is_closing(self) -> bool:
+        """Return whether it is closed."""
+        return self._closing
+
+    def close(self, reason: str = "") -> None:
+        """Close the stream after the bytes that wait, and tell the other end why."""
+        if not self._closing:
+            self._closing = True
+            self._owner.close_stream(self._number, reason)
+            asyncio.get_running_loop().call_soon(self._protocol.connection_lost, None)
+
+
+class MuxConnection:
+    """Carries streams and messages until the connection breaks.
+
+    Parameters
+    ----------
+    reader, writer
+        The connection.
+    on_message
+        Called with each message about the host itself.
+    on_stream
+        Called with each stream that the other end opens, and the name that it gives; None: it opens none.
+    """
+
+    def __init__(
+        self,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        on_message: Callable[[bytes], None],
+        on_stream: Callable[[MuxStream, str], None] | None = None,
+    ) -> None:
+        self._reader, self._writer = reader, writer
+        self._on_message, self._on_stream = on_message, on_stream
+        self._mux = Mux()
+        self._streams: dict[int, MuxStream] = {}
+        self._output = asyncio.Event()
+        self.lost = False
+
+    def open(self, name: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Open a stream to the agent of a printer. Raises AgentError if the connection is lost."""
+        if self.lost:
+            raise AgentError("the connection to its host is lost")
+        number = self._mux.open(name)
+        stream = self._streams[number] = MuxStream(self, number)
+        self._output.set()
+        return stream.pair()
+
+    def send_message(self, data: bytes) -> None:
+        """Send a message about the host itself."""
+        self._mux.send_message(data)
+        self._output.set()
+
+    async def run(self) -> None:
+        """Carry bytes until the connection ends. Raises OSError or MessageError."""
+        sending = asyncio.create_task(self._send())
+        try:
+            while data := await self._reader.read(_READ_BYTES):
+                self._receive(data)
+        finally:
+            self.lost = True
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+            self._writer.close()
+            with suppress(OSError):
+                await self._writer.wait_closed()
+            for stream in list(self._streams.values()):
+                stream.on_closed("the connection to its host is lost")
+            self._streams.clear()
+
+    async def _send(self) -> None:
+        with suppress(OSError):  # the reader of this connection ends too
+            while True:
+                await self._output.wait()
+                self._output.clear()
+                while data := self._mux.take():
+                    self._writer.write(data)
+                    await self._writer.drain()
+                    for stream in list(self._streams.values()):
+                        stream.on_sent()
+
+    def _receive(self, data: bytes) -> None:
+        for event in self._mux.receive(data):
+            match event:
+                case Message():
+                    self._on_message(event.data)
+                case Opened():
+                    self._accept(event)
+                case Received():
+                    if event.stream in self._streams:
+                        self._streams[event.stream].on_data(event.data)
+                case Closed():
+                    stream = self._streams.pop(event.stream, None)
+                    if stream is not None:
+                        stream.on_closed(event.reason)
+        self._output.set()  # credit may have come, or is to be given
+
+    def _accept(self, event: Opened) -> None:
+        if self._on_stream is None:
+            self._mux.close(event.stream, "no streams are opened in this direction")
+            return
+        stream = self._streams[event.stream] = MuxStream(self, event.stream)
+        self._on_stream(stream, event.name)
+
+    # -- for its streams --------------------------------------------------------------------------------
+
+    def write(self, number: int, data: bytes) -> None:
+        """Send bytes on a stream."""
+        self._mux.write(number, data)
+        self._output.set()
+
+    def count_waiting(self, number: int) -> int:
+        """Return the bytes of a stream that have not been sent."""
+        return self._mux.count_waiting(number)
+
+    def consume(self, number: int, count: int) -> None:
+        """Let the other end send more on a stream."""
+        self._mux.consume(number, count)
+        self._output.set()
+
+    def close_stream(self, number: int, reason: str) -> None:
+        """Close a stream."""
+        self._streams.pop(number, None)
+        self._mux.close(number, reason)
+        self._output.set()

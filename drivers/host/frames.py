@@ -1,0 +1,65 @@
+"""Frames of the connection to a host: kind, stream, length, payload. Pure."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+from drivers.errors import MessageError
+
+MAX_PAYLOAD_BYTES = 1024 * 1024
+"""Largest payload that is accepted: far more than a state of a host with a hundred printers."""
+_HEAD = struct.Struct(">BII")
+
+
+class FrameKind(IntEnum):
+    """Kind of a frame. The numbers are fixed: hosts of other versions use them."""
+
+    MESSAGE = 0  # JSON about the host itself; its stream is 0
+    OPEN = 1  # the payload names the printer
+    DATA = 2
+    CREDIT = 3  # bytes that the other end may send on this stream besides
+    CLOSE = 4  # the payload is the reason, if any
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame."""
+
+    kind: FrameKind
+    stream: int
+    payload: bytes = b""
+
+    def encode(self) -> bytes:
+        """Return its bytes on the wire."""
+        return _HEAD.pack(self.kind, self.stream, len(self.payload)) + self.payload
+
+
+class FrameReader:
+    """Splits received bytes into frames, wherever they were cut."""
+
+    def __init__(self) -> None:
+        self._received = bytearray()
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Return the frames that are complete with these bytes.
+
+        Raises
+        ------
+        MessageError
+            The bytes are no frames: the connection is of no use any more.
+        """
+        received, frames, at = self._received, [], 0
+        received += data
+        while len(received) - at >= _HEAD.size:
+            kind, stream, size = _HEAD.unpack_from(received, at)
+            if kind not in FrameKind.__members__.values() or size > MAX_PAYLOAD_BYTES:
+                raise MessageError(f"not a frame: kind {kind}, {size} bytes; is it farm's host service?")
+            end = at + _HEAD.size + size
+            if end > len(received):
+                break
+            frames.append(Frame(FrameKind(kind), stream, bytes(received[at + _HEAD.size : end])))
+            at = end
+        del received[:at]
+        return frames

@@ -1,0 +1,166 @@
+"""Files of a host's service, beside the folders of its agents, and its start."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from drivers.errors import AgentError
+from drivers.locks import find_holder, is_held, kill_holder
+from drivers.records import StartFile
+from drivers.remote import RETRY_S, Installation
+from drivers.remote.bridge import find_folder
+
+_FOLDER = ".host"  # no printer's name begins with a dot
+_START_S = 30.0
+_END_S = 5.0
+
+
+def read_version() -> str:
+    """Return the version of farm that is installed; empty if it is not known."""
+    try:
+        return version("farm")
+    except PackageNotFoundError:
+        return ""
+
+
+class HostPlaces:
+    """Files of the service of one farm on this host.
+
+    Parameters
+    ----------
+    farm
+        Name of the farm.
+    env
+        Environment, which names the state folder.
+    """
+
+    def __init__(self, farm: str, env: Mapping[str, str] = os.environ) -> None:
+        self.farm, self._env = farm, env
+        self.folder = find_folder(farm, _FOLDER, env)
+        self.lock = self.folder / "lock"
+        self.log = self.folder / "host.log"
+        self._agents = self.folder / "agents.json"
+        self._version = self.folder / "version.json"
+
+    def agent(self, printer: str) -> Path:
+        """Return the folder of an agent. Raises AgentError if the name points elsewhere."""
+        if printer.startswith("."):
+            raise AgentError(f"{printer!r}: not a name of a printer")
+        return find_folder(self.farm, printer, self._env)
+
+    def make(self) -> None:
+        """Make the folder, for its user only."""
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    @contextmanager
+    def socket_path(self) -> Iterator[str]:
+        """Yield a path of the socket: that of a deep folder would be too long."""
+        descriptor = os.open(self.folder, os.O_PATH | os.O_DIRECTORY)
+        try:
+            yield f"/proc/self/fd/{descriptor}/host.sock"
+        finally:
+            os.close(descriptor)
+
+    def read_agents(self) -> dict[str, tuple[StartFile, Installation | None]]:
+        """Read the agents that this host runs, each with the installation that it is kept on, if any."""
+        with suppress(OSError, ValueError, TypeError, KeyError):
+            rows = json.loads(self._agents.read_text())
+            return {
+                row["start"]["printer"]: (
+                    StartFile(**row["start"]),
+                    Installation(**row["kept"]) if row["kept"] else None,
+                )
+                for row in rows
+            }
+        return {}
+
+    def write_agents(self, agents: Sequence[tuple[StartFile, Installation | None]]) -> None:
+        """Store the agents that this host runs. Raises OSError."""
+        rows = [{"start": asdict(start), "kept": asdict(kept) if kept else None} for start, kept in agents]
+        _replace(self._agents, json.dumps(rows))
+
+    def write_version(self) -> None:
+        """Store the version that the running service has. Raises OSError."""
+        _replace(self._version, self._describe_version())
+
+    def _describe_version(self) -> str:
+        return json.dumps([read_version(), *asdict(Installation.of_this_process()).values()])
+
+    def has_this_version(self) -> bool:
+        """Return whether the running service is of this version and installation."""
+        with suppress(OSError):
+            return self._version.read_text() == self._describe_version()
+        return False
+
+
+def _replace(path: Path, text: str) -> None:
+    new = path.with_name(f".{path.name}.new")
+    new.write_text(text)
+    new.replace(path)
+
+
+def reach_service(places: HostPlaces) -> socket.socket:
+    """Connect to the service of this host; start it if none runs, or one of another version.
+
+    Raises
+    ------
+    AgentError
+        It does not start.
+    """
+    if is_held(places.lock) and not places.has_this_version():
+        end_service(places)
+    deadline_s, started = time.monotonic() + _START_S, None
+    while time.monotonic() < deadline_s:
+        if not is_held(places.lock) and (started is None or started.poll() is not None):
+            started = _start_service(places)
+        with suppress(OSError), places.socket_path() as path:
+            connection = socket.socket(socket.AF_UNIX)
+            try:
+                connection.connect(path)
+            except OSError:
+                connection.close()
+                raise
+            return connection
+        time.sleep(RETRY_S)
+    raise AgentError(f"{places.folder}: the service of this host does not answer; see {places.log}")
+
+
+def _start_service(places: HostPlaces) -> subprocess.Popen[bytes]:
+    """Start the service in a process session of its own, so that it outlives this connection."""
+    installation = Installation.of_this_process()
+    try:
+        places.make()
+        with places.log.open("ab") as log:
+            return subprocess.Popen(
+                [installation.python, "-m", "drivers.host.service", places.farm],
+                cwd=installation.folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise AgentError(f"{places.folder}: the service of this host does not start ({error})") from error
+
+
+def end_service(places: HostPlaces) -> None:
+    """End the service; its agents go on. Raises AgentError if it cannot be ended."""
+    pid = find_holder(places.lock)
+    if pid is not None:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGTERM)
+    deadline_s = time.monotonic() + _END_S
+    while is_held(places.lock) and time.monotonic() < deadline_s:
+        time.sleep(RETRY_S / 5)
+    if is_held(places.lock) and not kill_holder(places.lock):
+        raise AgentError(f"{places.folder}: the service of another version cannot be ended; end it by hand")

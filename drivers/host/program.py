@@ -1,0 +1,83 @@
+"""`farm host`: run over ssh by the daemon, it carries bytes between stdin, stdout and this host's service.
+
+The first line on stdin is a `HostRequest`, or a `BridgeRequest`, which is executed as by the bridge. The
+service outlives the connection.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import socket
+import sys
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict
+
+from drivers.errors import AgentError, DriverError
+from drivers.host.messages import HostRequest, HostTask, is_for_host
+from drivers.host.places import HostPlaces, reach_service
+from drivers.records import StartFile
+from drivers.remote import bridge
+from drivers.safety import StopResult, StopTarget, stop_printer
+
+_BYTES = 65536
+
+
+def serve_stdio() -> int:
+    """Read the request of the first line and execute it; return the exit code."""
+    line = bridge.read_first_line()
+    if not line:
+        return 2
+    if not is_for_host(line):
+        return bridge.execute(line)
+    try:
+        request = HostRequest.parse(line)
+        places = HostPlaces(request.farm)
+        if request.do is HostTask.STOP:
+            _stop_printers(request, places)
+        else:
+            with reach_service(places) as service:
+                service.sendall(line)
+                _carry(service)
+    except BrokenPipeError:
+        return 0
+    except (DriverError, OSError) as error:
+        print(f"farm: {error}", file=sys.stderr)  # noqa: T201 - the daemon logs it
+        return 1
+    return 0
+
+
+def _carry(service: socket.socket) -> None:
+    """Copy bytes until one end closes. A slow end stops only its own direction."""
+    ways = {0: service.fileno(), service.fileno(): 1}
+    waiting = {0: b"", service.fileno(): b""}  # read, and not yet written
+    for descriptor in (1, service.fileno()):
+        os.set_blocking(descriptor, False)
+    while True:
+        readers = [source for source, data in waiting.items() if not data]
+        writers = {ways[source]: source for source, data in waiting.items() if data}
+        readable, writable, _ = select.select(readers, list(writers), [])
+        for source in readable:
+            data = os.read(source, _BYTES)
+            if not data:
+                return
+            waiting[source] = data
+        for target in writable:
+            source = writers[target]
+            waiting[source] = waiting[source][os.write(target, waiting[source]) :]
+
+
+def _stop_printers(request: HostRequest, places: HostPlaces) -> None:
+    """Stop printers side by side; write each result as a line of JSON when it is known."""
+    with ThreadPoolExecutor(max_workers=max(1, len(request.starts))) as pool:
+        for stop in as_completed([pool.submit(_stop, start, places) for start in request.starts]):
+            sys.stdout.write(json.dumps(asdict(stop.result())) + "\n")
+            sys.stdout.flush()
+
+
+def _stop(start: StartFile, places: HostPlaces) -> StopResult:
+    try:
+        return stop_printer(StopTarget.of_agent(start, places.agent(start.printer)))
+    except (AgentError, OSError) as error:
+        return StopResult(start.printer, None, False, f"cannot be stopped: {error}; switch it off")

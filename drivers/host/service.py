@@ -1,0 +1,262 @@
+"""Service of a host with printers: ``python -m drivers.host.service FARM``, started by `farm host`.
+
+It starts the agents of one farm on this host, watches them, and goes on without the daemon. The daemon
+connects to its socket; each stream of that connection leads to the socket of one agent. When the service
+ends, the agents go on, and the next one finds them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+import sys
+import time
+from collections.abc import Coroutine
+from contextlib import suppress
+from typing import Any
+
+from drivers.discovery import list_plugged
+from drivers.errors import AgentError, DriverError
+from drivers.host.agent_watch import AgentWatch
+from drivers.host.carry import carry_stream
+from drivers.host.connection import LINE_BYTES, MuxConnection, MuxStream
+from drivers.host.messages import (
+    SILENCE_S,
+    STATE_S,
+    HostMessage,
+    HostRequest,
+    HostState,
+    PortState,
+)
+from drivers.host.places import HostPlaces, read_version
+from drivers.host.update import AgentsUpdate
+from drivers.locks import hold, write_pid
+from drivers.log_file import rotate_log
+from drivers.records import StartFile
+from drivers.remote import Installation
+
+log = logging.getLogger(__name__)
+
+_WATCH_S = 0.5
+_PORTS_S = 10.0
+_UNUSED_S = 60.0  # wall seconds without agents and daemon after which the service ends
+
+
+class HostService:
+    """Agents of one farm on this host, and the connection to its daemon.
+
+    Parameters
+    ----------
+    places
+        Its files.
+    """
+
+    def __init__(self, places: HostPlaces) -> None:
+        self._places = places
+        self._watches: dict[str, AgentWatch] = {}
+        self._daemon: MuxConnection | None = None
+        self._daemon_writer: asyncio.StreamWriter | None = None
+        self._heard_s = time.monotonic()
+        self._ports: tuple[PortState, ...] = ()
+        self._changed = asyncio.Event()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._report_s = 1.0
+        self._version, self._installation = read_version(), Installation.of_this_process()
+        self._update = AgentsUpdate(self._installation, self._on_update)
+        for start, kept in places.read_agents().values():
+            self._add(start, kept)
+
+    async def run(self) -> None:
+        """Serve until there is nothing left to do."""
+        with self._places.socket_path() as path:
+            server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
+        states = asyncio.create_task(self._send_states())
+        ports = asyncio.create_task(self._list_ports())
+        try:
+            while self._watches or time.monotonic() - self._heard_s < _UNUSED_S:
+                self._watch()
+                await asyncio.sleep(_WATCH_S)
+        finally:
+            server.close()
+            for task in (states, ports, *self._tasks):
+                task.cancel()
+            await asyncio.gather(states, ports, *self._tasks, return_exceptions=True)
+            for watch in self._watches.values():
+                await watch.close()
+
+    # -- agents -----------------------------------------------------------------------------------------
+
+    def _watch(self) -> None:
+        for watch in list(self._watches.values()):
+            watch.keep_alive()
+            if not watch.wanted and not watch.is_alive:
+                del self._watches[watch.printer]
+                self._spawn(watch.close())
+        self._update.step(list(self._watches.values()), self._spawn)
+        if self._daemon_writer is not None and time.monotonic() - self._heard_s > SILENCE_S:
+            log.warning("the daemon is silent: closing its connection")
+            self._daemon_writer.transport.abort()
+        rotate_log(self._places.log)
+
+    def _set_agents(self, starts: tuple[StartFile, ...]) -> None:
+        """Run these agents from now on; others are ended when they are idle."""
+        for start in starts:
+            if start.printer in self._watches:
+                watch = self._watches[start.printer]
+                watch.start, watch.wanted = start, True
+            else:
+                with suppress(AgentError):
+                    self._add(start, None)
+        names = {start.printer for start in starts}
+        for watch in self._watches.values():
+            if watch.printer not in names and watch.wanted:
+                watch.wanted = False
+                self._spawn(self._retire(watch))
+        self._store()
+        self._watch()
+
+    def _add(self, start: StartFile, kept: Installation | None) -> None:
+        folder = self._places.agent(start.printer)
+        self._watches[start.printer] = AgentWatch(start, folder, kept, self._changed.set)
+
+    async def _retire(self, watch: AgentWatch) -> None:
+        """End an agent that is no longer in the fleet, as soon as it is idle."""
+        while not watch.wanted and watch.is_alive:
+            with suppress(DriverError):
+                await watch.end()
+                log.info("%s is not in the fleet: its agent has ended", watch.printer)
+            await asyncio.sleep(_WATCH_S)
+
+    def _on_update(self) -> None:
+        self._store()  # an agent may be kept on another version now
+        self._changed.set()
+
+    def _store(self) -> None:
+        try:
+            agents = [(watch.start, watch.kept) for watch in self._watches.values() if watch.wanted]
+            self._places.write_agents(agents)
+        except OSError as error:
+            log.error("%s: cannot be written (%s); check its disk", self._places.folder, error)
+
+    # -- daemon -----------------------------------------------------------------------------------------
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            async with asyncio.timeout(SILENCE_S):
+                request = HostRequest.parse(await reader.readline())
+        except (TimeoutError, OSError, ValueError, AgentError) as error:
+            log.warning("a daemon's request cannot be read: %s", error)
+            writer.close()
+            return
+        if self._daemon_writer is not None:
+            self._daemon_writer.transport.abort()  # of a connection whose end has not been noticed yet
+        connection = MuxConnection(reader, writer, self._on_message, self._on_stream)
+        self._daemon, self._daemon_writer = connection, writer
+        self._heard_s, self._report_s = time.monotonic(), request.report_s
+        log.info("the daemon has connected; it names %d printers", len(request.starts))
+        self._set_agents(request.starts)
+        self._changed.set()
+        try:
+            await connection.run()
+        except (OSError, DriverError) as error:
+            log.warning("the connection to the daemon broke: %s", error)
+        else:
+            log.info("the daemon has disconnected")
+        if self._daemon is connection:
+            self._daemon = self._daemon_writer = None
+            self._heard_s = time.monotonic()
+
+    def _on_message(self, data: bytes) -> None:
+        self._heard_s = time.monotonic()
+        try:
+            message = HostMessage.model_validate_json(data)
+        except ValueError as error:
+            log.warning("a message of the daemon cannot be read: %s", error)
+            return
+        if message.do == "agents":
+            self._set_agents(message.starts)
+        elif message.do == "update":
+            self._update.begin()
+        self._changed.set()
+
+    def _on_stream(self, stream: MuxStream, name: str) -> None:
+        watch = self._watches.get(name)
+        if watch is None:
+            stream.close(f"this host has no printer {name}")
+            return
+        self._spawn(carry_stream(stream, self._places.agent(name), self._report_s))
+
+    async def _send_states(self) -> None:
+        """Send the host's state when it changes, and every `STATE_S` as the heartbeat."""
+        while True:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(STATE_S):
+                    await self._changed.wait()
+            self._changed.clear()
+            if self._daemon is not None:
+                self._daemon.send_message(self._describe().encode())
+            await asyncio.sleep(_WATCH_S / 2)  # changes of many agents are one state
+
+    def _describe(self) -> HostState:
+        return HostState(
+            version=self._version,
+            installation=self._installation.folder,
+            pid=os.getpid(),
+            agents=tuple(watch.describe() for watch in self._watches.values()),
+            ports=self._ports,
+            update=self._update.describe(list(self._watches.values())),
+        )
+
+    async def _list_ports(self) -> None:
+        while True:
+            homes = [(watch.printer, watch.start.port) for watch in self._watches.values()]
+            try:
+                devices = await asyncio.to_thread(list_plugged, homes)
+            except OSError as error:
+                log.warning("the ports cannot be listed: %s", error)
+            else:
+                ports = tuple(
+                    PortState(port=str(d.port), description=d.description, printer=d.printer) for d in devices
+                )
+                if ports != self._ports:
+                    self._ports = ports
+                    self._changed.set()
+            await asyncio.sleep(_PORTS_S)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+async def _run(places: HostPlaces) -> None:
+    service = asyncio.ensure_future(HostService(places).run())
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, service.cancel)
+    with suppress(asyncio.CancelledError):
+        await service
+
+
+def run_service(farm: str) -> int:
+    """Run the service of a farm on this host until it ends."""
+    os.umask(0o077)
+    places = HostPlaces(farm)
+    logging.basicConfig(
+        stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
+    )
+    places.make()
+    lock = hold(places.lock)
+    if lock is None:
+        logging.error("%s: another service has this host's agents", places.folder)
+        return 1
+    places.write_version()
+    write_pid(lock)
+    asyncio.run(_run(places))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run_service(sys.argv[1]))

@@ -1,0 +1,71 @@
+"""Emergency stop of printers on another host, over one connection."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from drivers.host.messages import HostRequest, HostTask
+from drivers.records import StartFile
+from drivers.remote import build_ssh_command
+from drivers.safety import StopResult
+
+_STOP_S = 200.0
+
+
+def stop_host(
+    host: str,
+    command: str,
+    farm: str,
+    starts: Sequence[StartFile],
+    take: Callable[[StopResult], None],
+    timeout_s: float = _STOP_S,
+) -> None:
+    """Stop printers on another host. Never raises; each printer has one result.
+
+    Parameters
+    ----------
+    host, command
+        The host, and the command that runs `farm host` there.
+    farm
+        Name of the farm.
+    starts
+        Start files of the printers' agents.
+    take
+        Receives each result as soon as it is known.
+    timeout_s
+        Wall seconds for all results.
+    """
+    request = HostRequest(do=HostTask.STOP, farm=farm, starts=tuple(starts))
+    missing, reason = {start.printer for start in starts}, "no result"
+    try:
+        with subprocess.Popen(
+            build_ssh_command(host, command),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as process:
+            assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+            timer = threading.Timer(timeout_s, process.kill)
+            timer.start()
+            try:
+                with suppress(BrokenPipeError):  # what ssh wrote to stderr is the reason
+                    process.stdin.write(request.line())
+                    process.stdin.close()
+                for line in process.stdout:
+                    result = StopResult(**json.loads(line))
+                    if result.printer in missing:
+                        missing.remove(result.printer)
+                        take(result)
+                errors = process.stderr.read().decode(errors="replace").strip().splitlines()
+                reason = errors[-1] if errors else reason
+            finally:
+                timer.cancel()
+                process.kill()
+    except (OSError, ValueError, TypeError) as error:
+        reason = str(error)
+    for printer in sorted(missing):
+        take(StopResult(printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off"))

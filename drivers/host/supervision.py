@@ -1,0 +1,90 @@
+"""Decisions about the agents of a host: when one is started again, and which reports are carried. Pure."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+_FIRST_WAIT_S = 0.5
+_MAX_WAIT_S = 60.0
+_STEADY_S = 60.0  # an agent that ran as long is started again at once
+_VOLATILE = {
+    "": ("now_s", "starved_s"),
+    "nozzle": ("now_c",),
+    "bed": ("now_c",),
+    "print": ("line", "progress_s", "starved_s", "layer", "z_mm", "feature"),
+}
+"""Fields of a snapshot that change all the time, by the record that they are in."""
+
+
+@dataclass(frozen=True, slots=True)
+class Backoff:
+    """Wait before an agent that ended is started again: nothing at first, then twice as long each time.
+
+    Attributes
+    ----------
+    started_s
+        Last start, on a monotonic clock.
+    wait_s
+        Seconds from that start to the next one.
+    """
+
+    started_s: float = -math.inf
+    wait_s: float = 0.0
+
+    def may_start(self, now_s: float) -> bool:
+        """Return whether the wait is over."""
+        return now_s >= self.started_s + self.wait_s
+
+    def start(self, now_s: float) -> Backoff:
+        """Return the wait after a start at `now_s`."""
+        if now_s - self.started_s > max(_STEADY_S, 2 * self.wait_s):
+            return Backoff(now_s, 0.0 if self.started_s == -math.inf else _FIRST_WAIT_S)
+        return Backoff(now_s, min(_MAX_WAIT_S, max(_FIRST_WAIT_S, 2 * self.wait_s)))
+
+
+class ReportFilter:
+    """Chooses the lines of an agent that the daemon gets.
+
+    Replies, and snapshots that differ in more than temperatures and progress, pass at once; others when
+    `report_s` has passed since the last one. A line that is left out is out of date a second later.
+
+    Parameters
+    ----------
+    report_s
+        Wall seconds.
+    """
+
+    def __init__(self, report_s: float) -> None:
+        self._report_s = report_s
+        self._passed_s = -math.inf
+        self._last: dict[str, Any] | None = None
+
+    def passes(self, line: bytes, now_s: float) -> bool:
+        """Return whether to carry a line that was received at `now_s` of a monotonic clock."""
+        if self._report_s <= 1.0:
+            return True
+        try:
+            fields = _read_fields(line)
+        except (ValueError, TypeError, AttributeError):
+            return True  # the daemon judges it
+        if fields is None:
+            return True
+        if fields == self._last and now_s - self._passed_s < self._report_s:
+            return False
+        self._last, self._passed_s = fields, now_s
+        return True
+
+
+def _read_fields(line: bytes) -> dict[str, Any] | None:
+    """Return a snapshot without what changes all the time; None if it is no snapshot."""
+    fields: dict[str, Any] = json.loads(line)
+    if fields["kind"] != "snapshot":
+        return None
+    for name, volatile in _VOLATILE.items():
+        record = fields if name == "" else fields.get(name) or {}
+        for field in volatile:
+            record.pop(field, None)
+    return fields

@@ -1,0 +1,158 @@
+"""Update of a host's agents to the version of its service: one after another, each when it is idle."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drivers import messages as m
+from drivers.errors import DriverError
+from drivers.host.agent_watch import AgentWatch
+from drivers.host.messages import Update, UpdatePhase
+from drivers.remote import Installation
+
+log = logging.getLogger(__name__)
+
+_PATIENCE_S = 90.0  # wall seconds in which a new agent has to answer; a board takes 10 to connect
+_POLL_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A new agent after the replacement.
+
+    Attributes
+    ----------
+    link_before
+        Link of the old agent; None if it was not known.
+    snapshot
+        Latest report of the new agent; None before the first.
+    is_alive
+        Whether its process runs.
+    waited_s
+        Wall seconds since the replacement.
+    """
+
+    link_before: m.LinkState | None
+    snapshot: m.Snapshot | None
+    is_alive: bool
+    waited_s: float
+
+
+def judge_trial(trial: Trial) -> str | bool:
+    """Judge a new agent: True if it is good, False if that is not known yet, else its fault in words.
+
+    A printer that could not be reached before need not be reached now.
+    """
+    snapshot = trial.snapshot
+    if snapshot is not None and snapshot.link in (m.LinkState.READY, m.LinkState.BUSY, trial.link_before):
+        return True
+    if snapshot is not None and snapshot.link in (m.LinkState.FAULT, m.LinkState.ABSENT):
+        return f"its new agent reports: {snapshot.reason or snapshot.link}"
+    if snapshot is None and not trial.is_alive and trial.waited_s > 1.0:
+        return "its new agent has ended"
+    return trial.waited_s > _PATIENCE_S and f"its new agent was not ready in {_PATIENCE_S:g} s"
+
+
+class AgentsUpdate:
+    """Update of the agents of one host.
+
+    Parameters
+    ----------
+    installation
+        The version that the agents shall have.
+    on_change
+        Called when the state of the update has changed.
+    """
+
+    def __init__(self, installation: Installation, on_change: Callable[[], None]) -> None:
+        self._installation, self._on_change = installation, on_change
+        self._running = False
+        self._reason: str | None = None
+        self._replacing: str | None = None
+
+    def begin(self) -> None:
+        """Begin, or begin again after a fault."""
+        self._running, self._reason = True, None
+
+    def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
+        """Replace the next agent that is idle, unless one is being replaced; end when none is outdated."""
+        if not self._running or self._replacing is not None:
+            return
+        outdated = self._list_outdated(watches)
+        if not outdated:
+            self._running = False
+            self._on_change()
+            return
+        idle = [w for w in outdated if w.snapshot is not None and w.snapshot.print is None]
+        if idle:
+            self._replacing = idle[0].printer
+            spawn(self._replace(idle[0]))
+
+    def describe(self, watches: Sequence[AgentWatch]) -> Update:
+        """Describe the update for the daemon."""
+        if self._reason is not None:
+            return Update(phase=UpdatePhase.FAILED, reason=self._reason)
+        outdated = [watch.printer for watch in self._list_outdated(watches)]
+        if not outdated:
+            return Update()
+        if self._running:
+            return Update(phase=UpdatePhase.RUNNING, reason=f"to be replaced when idle: {' '.join(outdated)}")
+        return Update(phase=UpdatePhase.OUTDATED, reason=f"of another version: {' '.join(outdated)}")
+
+    def _list_outdated(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
+        return [w for w in watches if w.wanted and w.find_installation() not in (None, self._installation)]
+
+    async def _replace(self, watch: AgentWatch) -> None:
+        """Replace an agent; after a fault, start its old version again and end the update."""
+        try:
+            before = watch.snapshot
+            old = watch.find_installation()
+            kept, watch.kept = watch.kept, None
+            try:
+                await watch.end()
+            except DriverError as error:  # it has begun to print, or ends by itself
+                watch.kept = kept
+                log.info("%s: not replaced: %s", watch.printer, error)
+                return
+            watch.snapshot = None
+            fault = await self._await_verdict(watch, None if before is None else before.link)
+            if fault is not None:
+                await self._go_back(watch, old, fault)
+        finally:
+            self._replacing = None
+            self._on_change()
+
+    async def _await_verdict(self, watch: AgentWatch, link_before: m.LinkState | None) -> str | None:
+        begun_s = time.monotonic()
+        while True:
+            runs = watch.find_installation()
+            snapshot = watch.snapshot if runs == self._installation else None
+            waited_s = time.monotonic() - begun_s
+            verdict = judge_trial(Trial(link_before, snapshot, watch.is_alive, waited_s))
+            if verdict is True:
+                log.info("%s: its agent is of this version now", watch.printer)
+                return None
+            if verdict:
+                return str(verdict)
+            await asyncio.sleep(_POLL_S)
+
+    async def _go_back(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:
+        """Start the old version again, and end the update."""
+        self._running = False
+        back = old is not None and old.exists
+        watch.kept = old if back else None
+        result = "its old version runs again" if back else "its old version is gone"
+        self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
+        log.error("%s", self._reason)
+        if back and watch.is_alive:
+            try:
+                await watch.end()
+            except DriverError as error:
+                log.error("%s: the new agent is not ended: %s", watch.printer, error)
+        watch.snapshot = None
+        watch.restart()

@@ -1,0 +1,75 @@
+"""What the daemon knows about a host with printers. In memory: a new daemon connects anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.host import HostState
+
+LOST_S = 10.0
+"""Wall seconds without a connection after which a host is lost; shorter ones are mended without a word."""
+
+
+class HostChange(StrEnum):
+    """Change of a connection that people hear of."""
+
+    LOST = "lost"
+    BACK = "back"
+
+
+@dataclass(slots=True)
+class HostRecord:
+    """A host, and the state of its connection. Times are on the farm's clock.
+
+    Attributes
+    ----------
+    host
+        Its name for ssh.
+    printers
+        Its printers.
+    disconnected_s
+        Since when there is no connection; None while there is one.
+    connected_s
+        Since when there is one; None while there is none.
+    reason
+        Why there is no connection.
+    state
+        Its last state; None before the first.
+    reported
+        Whether its loss has been reported.
+    """
+
+    host: str
+    printers: tuple[str, ...]
+    disconnected_s: float | None
+    connected_s: float | None = None
+    reason: str = "it has not answered yet"
+    state: HostState | None = None
+    reported: bool = False
+
+    def on_state(self, now_s: float, state: HostState) -> None:
+        """Store a state that the host has sent."""
+        self.state = state
+        if self.connected_s is None:
+            self.connected_s, self.disconnected_s = now_s, None
+
+    def on_lost(self, now_s: float, reason: str) -> None:
+        """Store that the connection broke, or that an attempt failed."""
+        self.reason = reason
+        if self.disconnected_s is None:
+            self.connected_s, self.disconnected_s = None, now_s
+
+    def describe_outage(self) -> str:
+        """Describe its loss for people, once for all of its printers."""
+        return (
+            f"{self.host} with {' '.join(self.printers)} does not answer ({self.reason}): its agents print "
+            "on without the farm; check its power and its network"
+        )
+
+    def find_change(self, now_s: float, scale: float) -> HostChange | None:
+        """Return the change that has not been reported; None if there is none."""
+        lost = self.disconnected_s is not None and now_s - self.disconnected_s >= LOST_S * scale
+        if lost and not self.reported:
+            return HostChange.LOST
+        return HostChange.BACK if self.reported and self.disconnected_s is None else None

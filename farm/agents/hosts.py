@@ -1,0 +1,299 @@
+"""Connections to the hosts with printers: one for all agents of a host."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import groupby
+from pathlib import Path
+from typing import Protocol
+
+from drivers.clock import Clock
+from drivers.errors import AgentError, DriverError
+from drivers.host import (
+    LINE_BYTES,
+    SILENCE_S,
+    STATE_S,
+    HostMessage,
+    HostRequest,
+    HostState,
+    HostTask,
+    MuxConnection,
+)
+from drivers.log_file import rotate_log
+from drivers.remote import build_ssh_command, runs_host_service
+from farm.agents.host_record import HostChange, HostRecord
+from farm.agents.remote import make_start
+from farm.config import Fleet, PrinterSection
+from farm.errors import FarmError
+from farm.paths import StateFolder
+from farm.state import events as ev
+
+log = logging.getLogger(__name__)
+
+_FIRST_STATE_S = 45.0  # over ssh, to a service that may have to be started
+_MAX_WAIT_S = 15.0  # between two attempts to connect
+_STEADY_S = 30.0
+_OPEN_S = 60.0
+_REPORTS_PER_S = 200.0
+_MAX_REPORT_S = 5.0
+
+
+class HostListener(Protocol):
+    """Receives what happens to hosts."""
+
+    def handle(self, *events: ev.AnyEvent) -> None:
+        """Record events."""
+
+    def warn(self, topic: str, text: str | None) -> None:
+        """Show a problem to people; None once it is solved."""
+
+
+def compute_report_s(printers: int) -> float:
+    """Return the seconds between two reports of a printing printer, for a fleet of this many.
+
+    Up to 200 printers report every second; beyond that they are carried more rarely, so that the daemon
+    reads as many reports a second, down to one in five seconds.
+    """
+    return min(_MAX_REPORT_S, max(1.0, printers / _REPORTS_PER_S))
+
+
+class HostConnection:
+    """Connection to the service of one host, kept up until it is closed.
+
+    Parameters
+    ----------
+    request
+        Its first line: the farm, and the agents of this host.
+    command
+        Command that runs `farm host` there, with stdin and stdout.
+    log_file
+        Receives what ssh writes to stderr.
+    record
+        What is known about the host.
+    clock
+        The farm's clock.
+    """
+
+    def __init__(
+        self, request: HostRequest, command: Sequence[str], log_file: Path, record: HostRecord, clock: Clock
+    ) -> None:
+        self.record = record
+        self._request, self._command, self._log_file, self._clock = request, command, log_file, clock
+        self._mux: MuxConnection | None = None
+        self._connected = asyncio.Event()
+        self._heard_s = 0.0
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def farm(self) -> str:
+        """Name of the farm."""
+        return self._request.farm
+
+    def describe_loss(self) -> str | None:
+        """Return why the host cannot be reached; None if it is connected."""
+        if self._connected.is_set() and self._mux is not None and not self._mux.lost:
+            return None
+        return f"no connection to its host {self.record.host}: {self.record.reason}"
+
+    def start(self) -> None:
+        """Begin to connect."""
+        if self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._keep_connected())
+
+    async def open(self, printer: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Open a stream to an agent, after waiting for the connection. Raises AgentError."""
+        try:
+            async with asyncio.timeout(_OPEN_S):
+                await self._connected.wait()
+        except TimeoutError:
+            raise AgentError(f"no connection to {self.record.host}: {self.record.reason}") from None
+        assert self._mux is not None
+        return self._mux.open(printer)
+
+    def send(self, message: HostMessage) -> None:
+        """Send a message to the host. Raises AgentError if it is not connected."""
+        if self._mux is None or not self._connected.is_set():
+            raise AgentError(f"{self.record.host} is not connected: {self.record.reason}")
+        self._mux.send_message(message.encode())
+
+    def release_agents(self) -> None:
+        """Let the host end its agents when they are idle, and start none, until the next connection."""
+        with suppress(AgentError):
+            self.send(HostMessage(do="agents"))
+
+    async def close(self) -> None:
+        """Disconnect; the service and its agents go on."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _keep_connected(self) -> None:
+        wait_s = 0.0
+        while True:
+            await asyncio.sleep(wait_s)
+            wait_s = min(2 * wait_s + 1.0, _MAX_WAIT_S)
+            begun_s, reason = time.monotonic(), "it was closed"
+            try:
+                await self._carry()
+            except (OSError, ValueError, DriverError, TimeoutError) as error:
+                reason = str(error) or "time-out"
+            except Exception as error:
+                log.exception("connection to %s", self.record.host)
+                reason = str(error)
+            log.warning("no connection to %s: %s", self.record.host, reason)
+            self.record.on_lost(self._clock.now(), reason)
+            if time.monotonic() - begun_s > _STEADY_S:
+                wait_s = 0.0
+
+    async def _carry(self) -> None:
+        """Connect, and carry bytes until the connection breaks. Raises OSError or DriverError."""
+        self._log_file.parent.mkdir(parents=True, exist_ok=True)
+        rotate_log(self._log_file)
+        with self._log_file.open("ab") as output:
+            process = await asyncio.create_subprocess_exec(
+                *self._command,
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=output,
+                limit=LINE_BYTES,
+                start_new_session=True,
+            )
+        try:
+            reader, writer = process.stdout, process.stdin
+            assert reader is not None and writer is not None
+            writer.write(self._request.line())
+            self._mux = MuxConnection(reader, writer, self._on_message)
+            carrying = asyncio.create_task(self._mux.run())
+            try:
+                await self._watch(carrying)
+            finally:
+                self._connected.clear()
+                carrying.cancel()
+                await asyncio.gather(carrying, return_exceptions=True)
+        finally:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+
+    async def _watch(self, carrying: asyncio.Task[None]) -> None:
+        """Send the heartbeat until the connection ends or the host is silent. Raises AgentError."""
+        begun_s = self._heard_s = time.monotonic()
+        while True:
+            done, _ = await asyncio.wait([carrying], timeout=STATE_S)
+            if done:
+                carrying.result()
+                raise AgentError(_read_last_line(self._log_file))
+            now_s = time.monotonic()
+            limit_s = SILENCE_S if self._connected.is_set() else _FIRST_STATE_S
+            if now_s - max(self._heard_s, begun_s) > limit_s:
+                raise AgentError(f"it has been silent for {limit_s:g} s")
+            if self._connected.is_set():
+                self.send(HostMessage(do="ping"))
+
+    def _on_message(self, data: bytes) -> None:
+        self._heard_s = time.monotonic()
+        try:
+            state = HostState.model_validate_json(data)
+        except ValueError as error:
+            log.warning("%s: a message cannot be read: %s", self.record.host, error)
+            return
+        if not self._connected.is_set():
+            log.info("connected to %s, farm %s, pid %d", self.record.host, state.version, state.pid)
+        self.record.on_state(self._clock.now(), state)
+        self._connected.set()
+
+
+class Hosts:
+    """Connections to all hosts whose command is `farm host`.
+
+    Parameters
+    ----------
+    fleet, state, clock
+        The farm's fleet, state folder and clock.
+    listener
+        Receives what happens to hosts.
+    """
+
+    def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: HostListener) -> None:
+        self._listener, self._clock = listener, clock
+        self._connections: dict[str, HostConnection] = {}
+        self._of_printer: dict[str, HostConnection] = {}
+        report_s = compute_report_s(len(fleet.printers))
+        for (host, command), sections in _group_by_host(fleet):
+            starts = tuple(make_start(section, clock) for section in sections)
+            request = HostRequest(do=HostTask.CARRY, farm=fleet.fleet.name, starts=starts, report_s=report_s)
+            connection = HostConnection(
+                request,
+                build_ssh_command(host, command),
+                state.root / "hosts" / f"{host}.log",
+                HostRecord(host, tuple(section.name for section in sections), clock.now()),
+                clock,
+            )
+            self._connections[host] = connection
+            self._of_printer |= dict.fromkeys((section.name for section in sections), connection)
+
+    @property
+    def records(self) -> list[HostRecord]:
+        """What is known about each host, by name."""
+        return [self._connections[host].record for host in sorted(self._connections)]
+
+    def start(self) -> None:
+        """Begin to connect to all hosts."""
+        for connection in self._connections.values():
+            connection.start()
+
+    def find(self, printer: str) -> HostConnection | None:
+        """Return the connection to the host of a printer; None if it is on no such host."""
+        return self._of_printer.get(printer)
+
+    def watch(self) -> None:
+        """Record hosts that are lost, and those that are back; one that cannot be recorded is tried again."""
+        now_s = self._clock.now()
+        for record in self.records:
+            change = record.find_change(now_s, self._clock.scale)
+            if change is None:
+                continue
+            lost = change is HostChange.LOST
+            try:
+                if lost:
+                    event = ev.HostLost(
+                        at_s=now_s, host=record.host, printers=record.printers, reason=record.reason
+                    )
+                    self._listener.handle(event)
+                else:
+                    event_back = ev.HostConnected(at_s=now_s, host=record.host, printers=record.printers)
+                    self._listener.handle(event_back)
+            except FarmError as error:
+                log.error("%s", error)
+                continue
+            record.reported = lost
+            self._listener.warn(f"host {record.host}", record.describe_outage() if lost else None)
+
+    def release_agents(self) -> None:
+        """Let all hosts end their agents, and start none until the next connection."""
+        for connection in self._connections.values():
+            connection.release_agents()
+
+    async def close(self) -> None:
+        """Disconnect from all hosts; their agents go on."""
+        await asyncio.gather(*(connection.close() for connection in self._connections.values()))
+
+
+def _group_by_host(fleet: Fleet) -> Iterator[tuple[tuple[str, str], list[PrinterSection]]]:
+    """Yield the enabled printers of each host, with its name and its command."""
+    sections = [s for s in fleet.printers if s.enabled and runs_host_service(s.host_command) and s.host]
+
+    def key(section: PrinterSection) -> tuple[str, str]:
+        return str(section.host), section.host_command
+
+    for name, group in groupby(sorted(sections, key=key), key):
+        yield name, list(group)
+
+
+def _read_last_line(path: Path) -> str:
+    lines = path.read_text(errors="replace").strip().splitlines() if path.exists() else []
+    return lines[-1] if lines else "it was closed"

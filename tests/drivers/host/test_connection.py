@@ -1,0 +1,131 @@
+"""Streams between two ends in one process."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import pytest
+
+from drivers.errors import AgentError
+from drivers.host.connection import MuxConnection, MuxStream
+from drivers.host.mux import WINDOW_BYTES
+
+
+def run_pair(
+    scenario: Callable[[MuxConnection, MuxConnection], Awaitable[None]],
+    on_stream: Callable[[MuxStream, str], None],
+    messages: list[bytes] | None = None,
+) -> None:
+    """Run a scenario with both ends of a connection: the daemon's, and the host's."""
+
+    async def run() -> None:
+        ends: list[MuxConnection] = []
+        accepted: asyncio.Future[tuple[asyncio.StreamReader, asyncio.StreamWriter]]
+        accepted = asyncio.get_running_loop().create_future()
+
+        async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            accepted.set_result((reader, writer))
+
+        server = await asyncio.start_server(accept, "127.0.0.1", 0)
+        here = await asyncio.open_connection(*server.sockets[0].getsockname())
+        there = await accepted
+        ends.append(MuxConnection(*here, ([] if messages is None else messages).append))
+        ends.append(MuxConnection(*there, lambda _: None, on_stream))
+        tasks = [asyncio.create_task(end.run()) for end in ends]
+        try:
+            async with asyncio.timeout(30):
+                await scenario(*ends)
+        finally:
+            here[1].close()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            server.close()
+
+    asyncio.run(run())
+
+
+def test_echo_of_several_streams_and_a_message():
+    messages: list[bytes] = []
+
+    async def echo(stream: MuxStream) -> None:
+        reader, writer = stream.pair()
+        while data := await reader.read(5000):
+            writer.write(data)
+            await writer.drain()
+        writer.close()
+
+    tasks = set()
+
+    async def scenario(daemon: MuxConnection, host: MuxConnection) -> None:
+        async def ask(name: str) -> None:
+            reader, writer = daemon.open(name)
+            text = name.encode() * 60_000
+            writer.write(text)
+            assert await reader.readexactly(len(text)) == text
+            writer.close()
+
+        await asyncio.gather(*(ask(name) for name in ("um2-01", "um2-02", "um2-03")))
+        host.send_message(b"{}")
+        while not messages:
+            await asyncio.sleep(0)
+        assert messages == [b"{}"]
+
+    run_pair(scenario, lambda s, _: tasks.add(asyncio.create_task(echo(s))), messages)
+
+
+def test_writer_waits_for_a_reader_that_does_not_read_and_others_do_not():
+    streams: dict[str, tuple[asyncio.StreamReader, asyncio.StreamWriter]] = {}
+
+    async def scenario(daemon: MuxConnection, _: MuxConnection) -> None:
+        slow, fast = daemon.open("slow"), daemon.open("fast")
+        fast[1].write(b"hello\n")
+        while len(streams) < 2:
+            await asyncio.sleep(0)
+        sent = 0
+
+        async def fill() -> None:
+            nonlocal sent
+            while True:
+                slow[1].write(bytes(65536))
+                await slow[1].drain()
+                sent += 65536
+
+        filling = asyncio.create_task(fill())
+        assert await streams["fast"][0].readline() == b"hello\n"
+        before = -1
+        while before != sent:  # until the writer waits
+            before = sent
+            fast[1].write(b"hello\n")
+            assert await streams["fast"][0].readline() == b"hello\n"
+            for _ in range(200):
+                await asyncio.sleep(0)
+        assert sent < 2 * 1024 * 1024 + 3 * WINDOW_BYTES
+        await streams["slow"][0].readexactly(sent)
+        while sent == before:
+            await asyncio.sleep(0)
+        filling.cancel()
+
+    run_pair(scenario, lambda s, name: streams.update({name: s.pair()}))
+
+
+def test_reason_of_the_other_end_is_the_error_of_the_reader():
+    async def scenario(daemon: MuxConnection, _: MuxConnection) -> None:
+        reader, _writer = daemon.open("um2-09")
+        with pytest.raises(ConnectionError, match="no printer um2-09"):
+            await reader.readline()
+
+    run_pair(scenario, lambda s, name: s.close(f"no printer {name}"))
+
+
+def test_lost_connection_ends_all_streams_and_opens_no_more():
+    streams: list[MuxStream] = []
+
+    async def scenario(daemon: MuxConnection, host: MuxConnection) -> None:
+        reader, _writer = daemon.open("a")
+        while not streams:
+            await asyncio.sleep(0)
+        host._writer.transport.abort()
+        with pytest.raises(ConnectionError):
+            await reader.readline()
+        with pytest.raises(AgentError, match="host is lost"):
+            daemon.open("a")
+
+    run_pair(scenario, lambda s, _: streams.append(s))

@@ -1,0 +1,155 @@
+"""Streams on one connection: bytes arrive once and in order, however the connection cuts them."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import MessageError
+from drivers.host.frames import MAX_PAYLOAD_BYTES, Frame, FrameKind, FrameReader
+from drivers.host.mux import FRAME_BYTES, WINDOW_BYTES, Closed, Message, Mux, Opened, Received
+
+FRAMES = st.builds(
+    Frame, st.sampled_from(FrameKind), st.integers(0, 2**32 - 1), st.binary(max_size=300)
+)  # fmt: skip
+
+
+def cut(data: bytes, cuts: list[int]) -> list[bytes]:
+    """Cut bytes into pieces whose lengths are taken from `cuts` in turn."""
+    pieces, at, turn = [], 0, 0
+    while at < len(data):
+        size = cuts[turn % len(cuts)] if cuts else len(data)
+        pieces.append(data[at : at + size])
+        at, turn = at + size, turn + 1
+    return pieces
+
+
+def move(source: Mux, target: Mux, cuts: list[int]) -> list[object]:
+    """Carry everything that one end can send now to the other; return the events there."""
+    events: list[object] = []
+    while data := source.take():
+        for piece in cut(data, cuts):
+            events += target.receive(piece)
+    return events
+
+
+@given(st.lists(FRAMES, max_size=20), st.lists(st.integers(1, 400), max_size=5))
+def test_frames_are_the_same_after_any_cuts(frames, cuts):
+    reader, data = FrameReader(), b"".join(frame.encode() for frame in frames)
+    assert [frame for piece in cut(data, cuts) for frame in reader.feed(piece)] == frames
+
+
+ACTIONS = st.sampled_from(["to host", "to daemon", "consume"])
+STEPS = st.lists(st.tuples(st.integers(0, 2), ACTIONS, st.integers(0, 200_000)), max_size=12)
+
+
+@given(STEPS, st.lists(st.integers(1, 50_000), min_size=1, max_size=4))
+def test_bytes_of_each_stream_arrive_once_and_in_order(steps, cuts):
+    daemon, host = Mux(), Mux()
+    streams = [daemon.open(f"um2-{number}") for number in range(3)]
+    assert [event for event in move(daemon, host, cuts) if isinstance(event, Opened)] == [
+        Opened(stream, f"um2-{number}") for number, stream in enumerate(streams)
+    ]
+    ends = {"to host": (daemon, host), "to daemon": (host, daemon)}
+    sent = {(way, s): b"" for way in ends for s in streams}
+    got = dict.fromkeys(sent, b"")
+
+    def settle() -> None:
+        for way, (source, target) in ends.items():
+            for event in move(source, target, cuts):
+                assert isinstance(event, Received)
+                got[way, event.stream] += event.data
+
+    for at, what, size in steps:
+        stream = streams[at]
+        if what == "consume":
+            for way, (_, target) in ends.items():
+                target.consume(stream, min(size, len(got[way, stream])))
+        else:
+            piece = bytes((len(sent[what, stream]) + i) % 251 for i in range(size))
+            ends[what][0].write(stream, piece)
+            sent[what, stream] += piece
+        settle()
+        assert all(sent[key].startswith(got[key]) for key in sent)
+    for _ in range(1 + sum(size for _, _, size in steps) // (WINDOW_BYTES // 4)):
+        for _, target in ends.values():
+            for stream in streams:
+                target.consume(stream, WINDOW_BYTES)
+        settle()
+    assert got == sent
+
+
+def test_stream_that_nobody_reads_stops_and_the_others_go_on():
+    daemon, host = Mux(), Mux()
+    slow, fast = daemon.open("slow"), daemon.open("fast")
+    list(move(daemon, host, []))
+    host.write(slow, b"s" * (WINDOW_BYTES + 1000))
+    move(host, daemon, [])
+    assert host.count_waiting(slow) == 1000
+    host.write(fast, b"f" * 100)
+    assert move(host, daemon, []) == [Received(fast, b"f" * 100)]
+    daemon.consume(slow, WINDOW_BYTES)
+    move(daemon, host, [])
+    assert move(host, daemon, []) == [Received(slow, b"s" * 1000)]
+
+
+def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
+    daemon, host = Mux(), Mux()
+    long, short = daemon.open("long"), daemon.open("short")
+    daemon.write(long, b"l" * WINDOW_BYTES)
+    daemon.write(short, b"s")
+    events = list(host.receive(daemon.take(3 * FRAME_BYTES)))
+    assert Received(short, b"s") in events
+
+
+def test_stream_closes_after_its_bytes_and_late_bytes_are_dropped():
+    daemon, host = Mux(), Mux()
+    stream = daemon.open("a")
+    move(daemon, host, [])
+    host.write(stream, b"last")
+    host.close(stream, "the agent has ended")
+    daemon.write(stream, b"too late")
+    assert move(host, daemon, []) == [Received(stream, b"last"), Closed(stream, "the agent has ended")]
+    assert move(daemon, host, []) == []
+    assert move(host, daemon, []) == []
+    assert daemon.open("a") != stream
+
+
+def test_close_of_a_full_stream_waits_for_its_bytes():
+    daemon, host = Mux(), Mux()
+    stream = daemon.open("a")
+    move(daemon, host, [])
+    host.write(stream, b"x" * (WINDOW_BYTES + 1))
+    host.close(stream)
+    assert not any(isinstance(event, Closed) for event in move(host, daemon, []))
+    daemon.consume(stream, WINDOW_BYTES)
+    move(daemon, host, [])
+    assert move(host, daemon, []) == [Received(stream, b"x"), Closed(stream, "")]
+
+
+def test_messages_overtake_waiting_data():
+    daemon, host = Mux(), Mux()
+    stream = daemon.open("a")
+    daemon.write(stream, b"x" * 100_000)
+    daemon.send_message(b"{}")
+    assert list(host.receive(daemon.take(1))) == [Opened(stream, "a")]
+    assert list(host.receive(daemon.take(1))) == [Message(b"{}")]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"Welcome to pc-b",
+        Frame(FrameKind.OPEN, 1, b"a").encode() * 2,
+        Frame(FrameKind.OPEN, 1).encode() + Frame(FrameKind.CREDIT, 1, b"1").encode(),
+        Frame(FrameKind.OPEN, 1).encode() + Frame(FrameKind.DATA, 1, bytes(FRAME_BYTES)).encode() * 17,
+        Frame(FrameKind.DATA, 1).encode()[:5] + (MAX_PAYLOAD_BYTES + 1).to_bytes(4, "big"),
+    ],
+)
+def test_other_bytes_than_of_this_protocol_are_an_error(data):
+    with pytest.raises(MessageError):
+        list(Mux().receive(data))
+
+
+def test_message_that_the_other_end_would_refuse_is_an_error_here():
+    with pytest.raises(MessageError):
+        Mux().send_message(bytes(MAX_PAYLOAD_BYTES + 1))

@@ -1,0 +1,216 @@
+"""Printers of another host on one connection, with real processes."""
+
+import asyncio
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers import messages as m
+from drivers.clock import Clock
+from drivers.emulator.launch import control, read_status
+from drivers.emulator.launch import is_running as emulator_is_running
+from drivers.locks import find_holder, is_held
+from drivers.remote import find_agent_pid, is_alive
+from farm.agents import host_record, hosts
+from farm.agents.manager import AgentManager
+from farm.config import Fleet
+from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
+from farm.paths import StateFolder
+from farm.state import events as ev
+from host_pipe import HostPipe
+
+MODEL = "ultimaker2_plus"
+SCALE = 240.0
+DEADLINE_S = 60.0
+NAMES = ("a", "b")
+HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
+TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
+
+
+class RecordingListener:
+    """Listener that keeps the last snapshot of each printer, and the events of hosts."""
+
+    def __init__(self) -> None:
+        self.last: dict[str, AgentSnapshot] = {}
+        self.events: list[ev.AnyEvent] = []
+        self.warnings: dict[str, str | None] = {}
+
+    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
+        self.last[snapshot.printer] = snapshot
+
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+        raise AssertionError(reason)
+
+    def unreported_since_s(self, printer: str) -> float | None:
+        return None
+
+    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        raise AssertionError(prints)
+
+    def handle(self, *events: ev.AnyEvent) -> None:
+        self.events += events
+
+    def warn(self, topic: str, text: str | None) -> None:
+        self.warnings[topic] = text
+
+    def links(self) -> set[Link]:
+        return {self.last[name].link if name in self.last else Link.STARTING for name in NAMES}
+
+
+@pytest.fixture
+def pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HostPipe]:
+    pipe = HostPipe(tmp_path)
+    monkeypatch.setenv("FARM_SSH", pipe.ssh)
+    try:
+        yield pipe
+    finally:
+        pipe.close(*NAMES)
+        for name in NAMES:
+            if emulator_is_running(pipe.places.agent(name) / "emulator"):
+                control(pipe.places.agent(name) / "emulator", "power_off")
+
+
+async def wait_for(holds: Callable[[], object]) -> None:
+    async with asyncio.timeout(DEADLINE_S):
+        while not holds():
+            await asyncio.sleep(0.02)
+
+
+def make_fleet(pipe: HostPipe) -> Fleet:
+    facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": pipe.command}
+    return Fleet.model_validate(
+        {
+            "fleet": {"name": "test", "time_scale": SCALE},
+            "printers": [{"name": name, **facts} for name in NAMES],
+        }
+    )
+
+
+@asynccontextmanager
+async def connected_agents(
+    pipe: HostPipe, state: StateFolder, clock: Clock, listener: RecordingListener
+) -> AsyncIterator[AgentManager]:
+    """Manager of the two agents, watching as the daemon does."""
+    manager = AgentManager(make_fleet(pipe), state, clock, listener)
+
+    async def watch() -> None:
+        while True:
+            manager.watch()
+            await asyncio.sleep(0.05)
+
+    manager.start(())
+    watching = asyncio.create_task(watch())
+    try:
+        yield manager
+    finally:
+        watching.cancel()
+        await manager.close()
+
+
+@pytest.mark.system
+def test_print_survives_the_death_of_the_host_service_and_of_the_network(
+    tmp_path: Path, pipe: HostPipe, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(hosts, "_MAX_WAIT_S", 0.2)
+    monkeypatch.setattr(host_record, "LOST_S", 4.0)  # a service starts in one
+    state, listener, clock = StateFolder(tmp_path / "here"), RecordingListener(), Clock(SCALE, time.time())
+    state.make()
+    moves = "".join(
+        f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5:.2f}\n" for i in range(500)
+    )
+    text = (HEAD + moves + TAIL).encode()
+    (tmp_path / "a.gcode").write_bytes(text)
+
+    async def scenario() -> None:
+        async with connected_agents(pipe, state, clock, listener) as manager:
+            await wait_for(lambda: listener.links() == {Link.READY})
+            assert len(pipe.pids) == 1  # one connection for both printers
+            start = m.StartPrint(
+                id=0,
+                print_id="p-1",
+                gcode=str(tmp_path / "a.gcode"),
+                sha256=hashlib.sha256(text).hexdigest(),
+                print_time_s=900.0,
+                filament=m.Filament.PARKED,
+            )
+            manager._connections["a"].send(start)
+            await wait_for(lambda: is_in(listener, PrintState.PRINTING))
+            before = {name: find_agent_pid(pipe.places.agent(name)) for name in NAMES}
+            service = find_holder(pipe.places.lock)
+            assert service is not None
+            os.kill(service, signal.SIGKILL)
+            await wait_for(lambda: listener.last["a"].host_lost)
+            await wait_for(lambda: not listener.last["a"].host_lost and listener.last["a"].print)
+            assert find_holder(pipe.places.lock) != service
+            assert {name: find_agent_pid(pipe.places.agent(name)) for name in NAMES} == before
+            assert not listener.events  # mended sooner than a person needs to know
+            pipe.cut()
+            await wait_for(lambda: listener.warnings)
+            (lost,) = listener.events
+            assert isinstance(lost, ev.HostLost) and lost.printers == NAMES
+            assert all(listener.last[name].host_lost for name in NAMES)
+            assert is_alive(pipe.places.agent("a")) and is_held(pipe.places.lock)
+            pipe.mend()
+            await wait_for(lambda: listener.last["a"].print and listener.last["a"].print.state.ended)
+            assert is_in(listener, PrintState.DONE), listener.last["a"]
+            assert find_agent_pid(pipe.places.agent("a")) == before["a"]
+            await wait_for(lambda: listener.warnings == {"host pc-b": None})
+            assert isinstance(listener.events[-1], ev.HostConnected)
+
+    asyncio.run(scenario())
+
+
+def is_in(listener: RecordingListener, state: PrintState) -> bool:
+    """Tell whether printer a has a print in this state."""
+    report = listener.last["a"].print
+    return report is not None and report.state is state
+
+
+@pytest.mark.system
+def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_the_farm(
+    tmp_path: Path, pipe: HostPipe
+):
+    state, listener, clock = StateFolder(tmp_path / "here"), RecordingListener(), Clock(SCALE, time.time())
+    state.make()
+    folders = {name: pipe.places.agent(name) for name in NAMES}
+
+    async def until_killed() -> None:
+        async with connected_agents(pipe, state, clock, listener):
+            await wait_for(lambda: listener.links() == {Link.READY})
+        killed = find_agent_pid(folders["a"])
+        assert killed is not None
+        os.kill(killed, signal.SIGKILL)
+        await wait_for(lambda: find_agent_pid(folders["a"]) not in (None, killed))
+
+    asyncio.run(until_killed())
+    fleet = tmp_path / "fleet.yaml"
+    rows = "".join(f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for name in NAMES)
+    fleet.write_text(
+        f"fleet: {{name: test}}\ndefaults: {{host: pc-b, host_command: '{pipe.command}'}}\nprinters:\n{rows}"
+    )
+    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", state.root, "--fleet", fleet]
+    connections = len(pipe.pids)
+    stopped = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert stopped.returncode == 0 and stopped.stdout.count("seen off") == 2, stopped
+    assert len(pipe.pids) == connections + 1
+    assert all(read_status(folder / "emulator").resets for folder in folders.values())
+
+    async def until_ended() -> None:
+        async with connected_agents(pipe, state, clock, listener) as manager:
+            listener.last.clear()
+            await wait_for(lambda: not listener.links() & {Link.STARTING, Link.CONNECTING})
+            await manager.shut_down_agents()
+            await wait_for(lambda: not any(map(is_alive, folders.values())))
+
+    asyncio.run(until_ended())
+    pipe.cut()
+    stopped = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert stopped.returncode == 1 and "b: cannot be stopped: pc-b: no route" in stopped.stdout, stopped

@@ -1,0 +1,53 @@
+"""Stand-in for ssh to another host: the command in a shell on this one; it can be cut and counted."""
+
+import os
+import signal
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from drivers.host.places import HostPlaces, end_service
+from drivers.remote import kill_agent
+
+
+class HostPipe:
+    """Route to a host whose state is in a folder of its own."""
+
+    def __init__(self, folder: Path, farm: str = "test") -> None:
+        self._folder = folder / "pipe"
+        self._folder.mkdir()
+        self._gone = self._folder / "gone"
+        script = self._folder / "ssh.sh"
+        script.write_text(
+            f'#!/bin/sh\n[ -e {self._gone} ] && {{ echo "no route" >&2; exit 255; }}\n'
+            f'echo $$ >> {self._folder}/pids\nfor last; do :; done\nexec sh -c "exec env $last"\n'
+        )
+        script.chmod(0o700)
+        self.ssh = str(script)
+        there = folder / "there"
+        self.command = f"XDG_STATE_HOME={there} {sys.executable} -m farm.cli.main host"
+        self.places = HostPlaces(farm, {"XDG_STATE_HOME": str(there)})
+
+    @property
+    def pids(self) -> list[int]:
+        """The process of each connection so far, oldest first."""
+        path = self._folder / "pids"
+        return [int(number) for number in path.read_text().split()] if path.exists() else []
+
+    def cut(self) -> None:
+        """Lose the connection, and make none."""
+        self._gone.touch()
+        for number in self.pids:
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+
+    def mend(self) -> None:
+        """Allow connections again."""
+        self._gone.unlink()
+
+    def close(self, *printers: str) -> None:
+        """End the service and the agents."""
+        self.cut()
+        end_service(self.places)
+        for printer in printers:
+            kill_agent(self.places.agent(printer))
