@@ -11,10 +11,10 @@ from pathlib import Path
 from farm import api
 from farm.cli.client import Client
 from farm.upkeep.part_pictures import draw_part
-from farm.views.report import list_figures, render_page
+from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import parse_report
 
-_ALL = 100_000
+_MAX_PRINTS = 100_000
 _STILLS_BYTES = 50_000_000  # of all stills on a page
 FindFile = Callable[[str], Path | None]
 """Returns a readable file for a path in the daemon's answer; None if there is none."""
@@ -57,12 +57,14 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
     report = find_file(f"{view.folder}/decomposition.json") if view.folder else None
     text = render_page(
         view,
-        client.history(None, None, _ALL).prints,
+        client.history(None, None, _MAX_PRINTS).prints,
         now,
         list_figures(view),
-        pictures,
-        assembly.read_bytes() if assembly is not None and len(view.parts) > 1 else None,
-        None if report is None else parse_report(report.read_bytes()),
+        JobContents(
+            pictures,
+            assembly.read_bytes() if assembly is not None and len(view.parts) > 1 else None,
+            None if report is None else parse_report(report.read_bytes()),
+        ),
     )
     return Report(text, bool(view.parts) and not pictures and assembly is None)
 

@@ -36,9 +36,9 @@ def check_installation(facts: Facts) -> list[Finding]:
 def check_fleet(facts: Facts) -> Iterator[Finding]:
     """Check that `fleet.yaml` can be read and has printers."""
     if facts.fleet is None:
-        yield problem(
-            "fleet", facts.fleet_error or f"{facts.fleet_path} cannot be read", "correct the fleet file"
-        )
+        error = facts.fleet_error or f"{facts.fleet_path} cannot be read"
+        text, _, action = error.partition("; ")  # some errors say what to do
+        yield problem("fleet", text, action or "correct the fleet file")
     elif not facts.fleet.printers:
         yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` prints their entries")
     else:

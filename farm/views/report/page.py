@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cache
 
@@ -22,6 +22,25 @@ from farm.views.report.decomposition import Report
 
 _SIGNS = str.maketrans({"^": "", ".": "●"})  # of codes, as they are read on parts
 _JPEG = b"\xff\xd8"
+
+
+@dataclass(frozen=True, slots=True)
+class JobContents:
+    """Contents of a job's files; what is missing is left out of its page.
+
+    Attributes
+    ----------
+    pictures
+        PNG of each part, by its id, and stills (PNG or JPEG) by the path of their file.
+    assembly
+        PNG of all parts in an exploded view; None if there is none.
+    decomposition
+        Glued joints, steps and codes; None if they are not known.
+    """
+
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+    assembly: bytes | None = None
+    decomposition: Report | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +65,7 @@ def render_page(
     others: Sequence[api.HistoryRow],
     now: datetime,
     facts: Sequence[tuple[str, str]],
-    pictures: Mapping[str, bytes],
-    assembly: bytes | None,
-    decomposition: Report | None = None,
+    contents: JobContents,
 ) -> str:
     """Render the page.
 
@@ -60,14 +77,10 @@ def render_page(
         Farm time, up to which open prints are drawn.
     facts
         Figures of the job, each with a name, as text.
-    pictures
-        PNG of each part, by its id, and stills (PNG or JPEG) by the path of their file. What is missing
-        is left out.
-    assembly
-        PNG of all parts in an exploded view.
-    decomposition
-        How the parts are glued; None if it is not known.
+    contents
+        Pictures, and the steps of the assembly.
     """
+    pictures, assembly, decomposition = contents.pictures, contents.assembly, contents.decomposition
     template = load_templates().get_template("report.html")
     page = template.render(
         title=f"Job {job.id}: {job.name}, {job.state}",

@@ -20,6 +20,8 @@ from farm.doctor.facts import (
     UserFacts,
 )
 from farm.doctor.finding import Level
+from farm.errors import FarmError
+from farm.fleet_file import load_fleet
 from farm.model import Bed
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
@@ -192,6 +194,15 @@ def test_problem_is_named_with_an_action(changes, level, check, text):
     results = [item for item in wrong if item.check == check and text in item.text]
     assert [item.level for item in results] == [level]
     assert results[0].action
+
+
+def test_action_of_a_missing_fleet_file_is_that_of_its_error(tmp_path):
+    with pytest.raises(FarmError) as error:
+        load_fleet(tmp_path / "fleet.yaml", frozenset())
+    facts = replace(SOUND, fleet=None, fleet_error=str(error.value))
+    (found,) = (item for item in check_installation(facts) if item.check == "fleet")
+    assert found.text == f"{tmp_path}/fleet.yaml: no such file"
+    assert found.action.startswith("write one with the printers that `farm discover` lists")
 
 
 def test_stopped_farm_without_books_is_no_problem():

@@ -24,7 +24,7 @@ from farm.state.storage.backups import list_backups
 from farm.upkeep import upkeep
 from farm.upkeep.upkeep import Upkeep
 from farm.views import ViewContext, describe_job, list_history, list_tasks
-from farm.views.report import render_page
+from farm.views.report import JobContents, render_page
 from old_jobs import DAY_S, NOW_S, books_of, with_prints, write_files
 from recording_controller import PLUS, Farm, RecordedEffects, fleet
 
@@ -99,7 +99,7 @@ def show(state, books, number):
     """Return the views of `farm status JOB` and `farm history`, and lay out `farm report`."""
     context = ViewContext(fleet((PLUS,) * 3), books, {}, state, NOW_S)
     view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
-    page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], {}, None)
+    page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], JobContents())
     assert view.name in page
     return view, rows
 

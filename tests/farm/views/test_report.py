@@ -18,7 +18,7 @@ from farm.state import events as ev
 from farm.upkeep.part_pictures import draw_part
 from farm.views import describe_job, list_history
 from farm.views.charts import COLOURS, Bar, lay_out_gantt, list_bars
-from farm.views.report import list_figures, render_page
+from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import parse_report
 from make_books import apply_events
 from make_stl import stl_bytes
@@ -48,7 +48,7 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
         "um2-04": "failed",
         "um2-05": "printing",
     }
-    svg = render_page(job, others, now, (), {}, None)
+    svg = render_page(job, others, now, (), JobContents())
     picture = ElementTree.fromstring(svg[svg.index("<svg") : svg.index("</svg>") + 6])
     rects = list(picture.iter("rect"))
     assert len(rects) == 5
@@ -70,7 +70,7 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     view, rows, now = report_of(books)
     paths = {still.moment: still.file for row in view.prints for still in row.stills}
     pictures = {paths["end"]: PNG, paths["first_layer"]: b"\xff\xd8\xff"}
-    page = render_page(view, rows, now, list_figures(view), pictures, None)
+    page = render_page(view, rows, now, list_figures(view), JobContents(pictures))
     captions = re.findall(r"<figcaption><b>1/p01 on um2-01</b> ([a-z ]+)<br>", page)
     assert captions == ["first layer", "end"]
     assert page.count("data:image/jpeg;base64,") == page.count("data:image/png;base64,") == 1
@@ -90,11 +90,11 @@ def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
         "connectors": {"pins": [{"id": 1, "length_mm": 6.98}, {"id": 2, "length_mm": 12.965}]},
     }  # fmt: skip
     report = parse_report(json.dumps(decomposition).encode())
-    page = render_page(view, rows, now, list_figures(view), {}, None, report)
+    page = render_page(view, rows, now, list_figures(view), JobContents(decomposition=report))
     cells = re.findall(r"<td>([^<]*)</td>", page[page.index('<table class="steps">') :])
     assert cells == ["1", "p02", "p01", "1-2, ●●", "13, 7", "1,234"]
     assert "1,300 mm of seam are seen" in page and "a rim &lt;is&gt; thin" in page
-    assert "Assembly" not in render_page(view, rows, now, list_figures(view), {}, None)
+    assert "Assembly" not in render_page(view, rows, now, list_figures(view), JobContents())
 
 
 def books_without_files(books):
@@ -113,7 +113,7 @@ def test_chart_includes_prints_of_other_jobs():
 
 def test_page_is_one_file_with_failures_and_escaped_names():
     view, rows, now = report_of(night_books(), name="<script>bunny</script>")
-    text = render_page(view, rows, now, list_figures(view), {"1/p01": PNG}, PNG)
+    text = render_page(view, rows, now, list_figures(view), JobContents({"1/p01": PNG}, PNG))
     assert "<script" not in text
     assert not re.search(r"(src|href)=\"(?!data:)", text)
     assert text.count("data:image/png;base64,") == 2
@@ -128,7 +128,7 @@ def test_page_is_one_file_with_failures_and_escaped_names():
 
 def test_unprinted_job_has_a_page():
     view, rows, now = report_of(night_books(), parts=[], plates=[])
-    text = render_page(view, rows, now, list_figures(view), {}, None)
+    text = render_page(view, rows, now, list_figures(view), JobContents())
     assert "Nothing has been printed yet" in text
 
 

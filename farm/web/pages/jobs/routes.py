@@ -18,7 +18,7 @@ from farm.control import READING_S, DryRuns
 from farm.errors import NoSuchThing
 from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
-from farm.views.report import list_figures, render_page
+from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import Report, parse_report
 from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.archive import write_archive
@@ -100,7 +100,8 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         except (NoSuchThing, OSError):
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
-        page = render_page(job, others, now, list_figures(job), {}, picture, await read_stored_report(number))
+        contents = JobContents({}, picture, await read_stored_report(number))
+        page = render_page(job, others, now, list_figures(job), contents)
         return HTMLResponse(page, headers=_DOCUMENT)
 
     return router
