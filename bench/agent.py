@@ -156,21 +156,23 @@ def _still_runs(process: subprocess.Popen[bytes]) -> bool:
     return False
 
 
-async def print_one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | None) -> dict[str, float]:
-    """Print on one printer, to the end or for `most` lines; measure CPU share and memory of its agent."""
+async def print_one(
+    folder: Path, port: Path, gcode: Path, sha256: str, max_lines: int | None
+) -> dict[str, float]:
+    """Print on one printer, to the end or for `max_lines`; measure CPU share and memory of its agent."""
     process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
-    cleared = asked = False
-    began: tuple[float, float] | None = None
+    cleared = requested = False
+    first: tuple[float, float] | None = None
     memory_mb, share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
-        async for said in client.snapshots():
-            if said.link is m.LinkState.FAULT and not cleared:
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.FAULT and not cleared:
                 cleared = True
                 await client.request(m.BedCleared(id=0))
-            elif said.link is m.LinkState.READY and not asked:
-                asked = True
+            elif snapshot.link is m.LinkState.READY and not requested:
+                requested = True
                 filament = m.Filament.AT_NOZZLE
                 start = m.StartPrint(
                     id=0,
@@ -183,18 +185,18 @@ async def print_one(folder: Path, port: Path, gcode: Path, sha256: str, most: in
                 reply = await client.request(start)
                 if reply.error:
                     raise RuntimeError(reply.error)
-            elif said.print is not None:
-                if said.print.phase is m.PrintPhase.PRINTING:
+            elif snapshot.print is not None:
+                if snapshot.print.phase is m.PrintPhase.PRINTING:
                     cpu_s, mb = measure_cost(process.pid)
                     memory_mb = max(memory_mb, mb)
-                    began = began or (time.monotonic(), cpu_s)
-                    if time.monotonic() > began[0]:
-                        share = (cpu_s - began[1]) / (time.monotonic() - began[0])
-                    if most is not None and said.print.line > most:
+                    first = first or (time.monotonic(), cpu_s)
+                    if time.monotonic() > first[0]:
+                        share = (cpu_s - first[1]) / (time.monotonic() - first[0])
+                    if max_lines is not None and snapshot.print.line > max_lines:
                         break
-                elif said.print.phase.ended:
-                    if said.print.phase is not m.PrintPhase.DONE:
-                        raise RuntimeError(f"the print ended {said.print.phase}: {said.print.reason}")
+                elif snapshot.print.phase.ended:
+                    if snapshot.print.phase is not m.PrintPhase.DONE:
+                        raise RuntimeError(f"the print ended {snapshot.print.phase}: {snapshot.print.reason}")
                     break
     finally:
         with suppress(DriverError):
@@ -229,8 +231,8 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
         gcode = folder / "bench.gcode"
         gcode.write_bytes(text)
         peers = [Peer(folder / f"tty{number}", 1.0 / rate) for number in range(agents)]
-        hands = Peers(peers)
-        hands.start()
+        acknowledging_peers = Peers(peers)
+        acknowledging_peers.start()
         sha256 = hashlib.sha256(text).hexdigest()
         ended = await asyncio.gather(
             *(
@@ -245,8 +247,8 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
             ),
             return_exceptions=True,  # every agent is ended before one failure is told
         )
-        hands.over = True
-        hands.join()
+        acknowledging_peers.over = True
+        acknowledging_peers.join()
     if failed := [run for run in ended if isinstance(run, BaseException)]:
         raise SystemExit(str(failed[0]))
     runs = [run for run in ended if not isinstance(run, BaseException)]
@@ -269,11 +271,11 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=50.0, help="lines a second, an agent")
     parser.add_argument("--megabytes", type=int, default=0, help="of the file, of which --lines are printed")
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    result = asyncio.run(measure(given.agents, given.lines, given.rate, given.megabytes))
+    options = parser.parse_args()
+    result = asyncio.run(measure(options.agents, options.lines, options.rate, options.megabytes))
     print(
         json.dumps({"schema": 1, **result})
-        if given.json
+        if options.json
         else "\n".join(f"{k}: {v}" for k, v in result.items())
     )
 

@@ -42,18 +42,18 @@ def main() -> None:
     parser.add_argument("--printers", type=int, default=20)
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     recipe = make_recipe("paper")
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
-    printers = tuple(PrinterRoom(str(i), room) for i in range(asked.printers))
-    model = load_model(asked.model, longest_side_mm=asked.side)
+    printers = tuple(PrinterRoom(str(i), room) for i in range(options.printers))
+    model = load_model(options.model, longest_side_mm=options.side)
     problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())
-    took: dict[str, dict[str, float]] = {}
+    times_s: dict[str, dict[str, float]] = {}
 
     def timed(stage: str, work: Callable[[], Any]) -> Any:
         wall, cpu = perf_counter(), process_time()
         answer = work()
-        took[stage] = {"wall_s": perf_counter() - wall, "cpu_s": process_time() - cpu}
+        times_s[stage] = {"wall_s": perf_counter() - wall, "cpu_s": process_time() - cpu}
         return answer
 
     grid = timed("grid", lambda: problem.build_grid(model))
@@ -62,21 +62,21 @@ def main() -> None:
     solver = Partitioner(boxes)
     for ties in (False, True):
         solver.solve(0.0, ties)
-    fleets = np.arange(1, asked.most + 1)[:, None]  # of equal printers
+    fleets = np.arange(1, options.most + 1)[:, None]  # of equal printers
     with ThreadPoolExecutor(os.cpu_count()) as executor:
         points = timed("curve", lambda: makespan_curve([boxes], fleets, executor))
-    report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": took}
-    if timed("search", lambda: solver.find_min_makespan(asked.printers, 0.0)) is not None:
+    report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": times_s}
+    if timed("search", lambda: solver.find_min_makespan(options.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()
-        proven = timed("bound", lambda: bound_makespan(boxes, grid.needed, asked.printers, makespan_s))
+        proven = timed("bound", lambda: bound_makespan(boxes, grid.needed, options.printers, makespan_s))
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
     report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     report["curve"] = [[point.printers, point.makespan_s] for point in points]
-    if asked.json:
+    if options.json:
         print(json.dumps(report))
         return
     print(f"{report['boxes']} boxes of {grid.shape} cells; peak {report['peak_mb']:.0f} MB")
-    for stage, times in took.items():
+    for stage, times in times_s.items():
         print(f"{stage:>8}: {times['wall_s']:6.1f} s, {times['cpu_s']:6.1f} s of the processors")
 
 

@@ -181,9 +181,9 @@ def slice_parts(
 
 def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     """Slice the uncut model; return CuraEngine's time in seconds."""
-    kept = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole.json"
-    if kept.is_file():
-        seconds: float | None = json.loads(kept.read_text())
+    record_path = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole.json"
+    if record_path.is_file():
+        seconds: float | None = json.loads(record_path.read_text())
         return seconds
     vertices, faces = load_model(run.path, longest_side_mm=run.side_mm).solid.arrays()
     lo, hi = vertices.min(axis=0), vertices.max(axis=0)
@@ -200,7 +200,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     except SlicingError as error:
         print(f"{run.path.stem} whole: {error}", file=sys.stderr)
         seconds = None
-    kept.write_text(json.dumps(seconds))
+    record_path.write_text(json.dumps(seconds))
     stl.unlink()
     out.unlink(missing_ok=True)
     return seconds
@@ -242,9 +242,9 @@ def compute_row(run: Run, report: dict[str, Any], sliced: list[float | None] | N
 
 def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     """Return the row of one run, from its file where there is one."""
-    kept = args.results / f"{run.name}.json"
-    if kept.is_file():
-        row: dict[str, Any] = json.loads(kept.read_text())
+    record_path = args.results / f"{run.name}.json"
+    if record_path.is_file():
+        row: dict[str, Any] = json.loads(record_path.read_text())
         if row.get("sliced") or args.no_slices or "refused" in row:
             return row
     folder = args.results / run.name
@@ -259,13 +259,13 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         if report is None:
             break
         sliced = slice_parts(report, run, folder, args)
-        again = compute_row(run, report, sliced)
-        if not again["sliced"] or again["parallel_s"] >= row["parallel_s"]:
+        moved_row = compute_row(run, report, sliced)
+        if not moved_row["sliced"] or moved_row["parallel_s"] >= row["parallel_s"]:
             break
-        count = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": again["wall_s"]}
+        count = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": moved_row["wall_s"]}
         first_s = row.get("first_s", row["parallel_s"])
-        row = again | count | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
-    kept.write_text(json.dumps(row, indent=1))
+        row = moved_row | count | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
+    record_path.write_text(json.dumps(row, indent=1))
     return row
 
 
@@ -277,9 +277,9 @@ def _call_apart(work: Callable[..., Any], *args: Any) -> Any:
 
 def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     """Return all rows of one model."""
-    found = []
+    rows = []
 
-    def one(printers: int, engine: str) -> dict[str, Any]:
+    def measure_run(printers: int, engine: str) -> dict[str, Any]:
         run = Run(path, args.side, printers, engine, args.quality, args.granularity, args.budget)
         row = load_or_run(run, args)
         if "refused" not in row and args.whole:
@@ -287,15 +287,15 @@ def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
             if row["whole_s"] is not None:
                 row["efficiency_sliced"] = row["whole_s"] / (printers * row["parallel_s"])
         print(format_row(row), file=sys.stderr if args.json else sys.stdout, flush=True)
-        found.append(row)
+        rows.append(row)
         return row
 
     for engine in args.engines:
         for printers in args.printers if engine == "best" else args.printers[:1]:
-            row = one(printers, engine)
+            row = measure_run(printers, engine)
             if engine.startswith(BY_PARTS) and row.get("parts", printers) < printers:
-                one(row["parts"], "best")
-    return found
+                measure_run(row["parts"], "best")
+    return rows
 
 
 def format_row(row: dict[str, Any]) -> str:
@@ -305,9 +305,9 @@ def format_row(row: dict[str, Any]) -> str:
         return f"{head} refused: {row['refused']}"
     error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
     sliced = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
-    took = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
+    time_text = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
     return (
-        f"{head} {row['parts']:3} parts, {took}, E {row['efficiency']:.3f}{sliced}, "
+        f"{head} {row['parts']:3} parts, {time_text}, E {row['efficiency']:.3f}{sliced}, "
         f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), "
         f"cost error {error}, {row['wall_s']:.0f} s, "
         f"{row['peak_mb']:.0f} MB"
@@ -321,32 +321,32 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
     def mean(values: list[float]) -> float | None:
         return math.exp(float(np.mean(np.log(values)))) if values else None
 
-    said: dict[str, Any] = {"efficiency": {}, "rivals": {}}
+    summary: dict[str, Any] = {"efficiency": {}, "rivals": {}}
     for printers in sorted({n for _, n in best}):
-        at = [r for (_, n), r in best.items() if n == printers]
-        said["efficiency"][printers] = {
-            "mean": mean([r["efficiency"] for r in at]),
-            "worst": min(r["efficiency"] for r in at),
-            "balance": min(r["balance"] for r in at),
-            "gap": max(r["gap"] for r in at),
-            "above_bound": max(r["above_bound"] for r in at),
-            "cost_error": max((r["cost_error"] for r in at if "cost_error" in r), default=None),
-            "models": len(at),
+        rows_at_count = [r for (_, n), r in best.items() if n == printers]
+        summary["efficiency"][printers] = {
+            "mean": mean([r["efficiency"] for r in rows_at_count]),
+            "worst": min(r["efficiency"] for r in rows_at_count),
+            "balance": min(r["balance"] for r in rows_at_count),
+            "gap": max(r["gap"] for r in rows_at_count),
+            "above_bound": max(r["above_bound"] for r in rows_at_count),
+            "cost_error": max((r["cost_error"] for r in rows_at_count if "cost_error" in r), default=None),
+            "models": len(rows_at_count),
         }
     for engine in sorted({r["engine"] for r in rows} - {"best"}):
-        theirs = [r for r in rows if r["engine"] == engine]
+        engine_rows = [r for r in rows if r["engine"] == engine]
         pairs = [
             (best[r["model"], n]["parallel_s"] / r["parallel_s"])
-            for r in theirs
+            for r in engine_rows
             if "refused" not in r
             for n in [min(r["parts"], r["printers"]) if engine.startswith(BY_PARTS) else r["printers"]]
             if (r["model"], n) in best
         ]
-        refused = sum("refused" in r for r in theirs)
-        said["rivals"][engine] = {
+        refused = sum("refused" in r for r in engine_rows)
+        summary["rivals"][engine] = {
             "mean": mean(pairs), "worst": max(pairs, default=None), "models": len(pairs), "refused": refused,
         }  # fmt: skip
-    return said
+    return summary
 
 
 def main() -> int:

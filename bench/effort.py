@@ -71,30 +71,30 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
     small = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
-    for engine in asked.engines:  # compiles, or loads what was compiled
+    for engine in options.engines:  # compiles, or loads what was compiled
         rooms = tuple(PrinterRoom(str(i), room) for i in range(4))
         measure_search(Problem(small, rooms, cost, Options(engine, 5)))
     runs: list[dict[str, Any]] = []
-    for path in asked.models:
-        model = load_model(path, longest_side_mm=asked.side)
-        for printers in asked.printers:
-            for engine in asked.engines:
+    for path in options.models:
+        model = load_model(path, longest_side_mm=options.side)
+        for printers in options.printers:
+            for engine in options.engines:
                 rooms = tuple(PrinterRoom(str(i), room) for i in range(printers))
                 effort, ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
                 cpu_s = ends_s["all"]
-                done = {str(work): units for work, units in effort.done.items()}
+                units_by_work = {str(work): units for work, units in effort.done.items()}
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
-                runs.append(run | {"effort_s": effort.spent_s, "ends_s": ends_s, "done": done})
-                if not asked.json:
-                    off = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of the processor"
-                    print(f"{path.stem:20} N {printers:3} {engine:13} {off}", flush=True)
+                runs.append(run | {"effort_s": effort.spent_s, "ends_s": ends_s, "done": units_by_work})
+                if not options.json:
+                    deviation_text = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of the processor"
+                    print(f"{path.stem:20} N {printers:3} {engine:13} {deviation_text}", flush=True)
     report = {"schema": 1, "runs": runs, "fit_ns": fit_prices(runs)}
-    print(json.dumps(report, indent=1) if asked.json else json.dumps(report["fit_ns"], indent=1))
+    print(json.dumps(report, indent=1) if options.json else json.dumps(report["fit_ns"], indent=1))
 
 
 if __name__ == "__main__":

@@ -50,15 +50,15 @@ def measure_firmware_us(lines: list[bytes]) -> float:
     firmware = EmulatedFirmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
     now_s = 10.0
     firmware.feed(b"", now_s)
-    began = 0.0
+    start_s = 0.0
     for at, line in enumerate(lines):
         if at == len(PREPARE):
-            began = time.process_time()
+            start_s = time.process_time()
         out = firmware.feed(line, now_s)
         while not out:
             now_s = firmware.deadline_s()
             out = firmware.feed(b"", now_s)
-    return (time.process_time() - began) / (len(lines) - len(PREPARE)) * 1e6
+    return (time.process_time() - start_s) / (len(lines) - len(PREPARE)) * 1e6
 
 
 def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
@@ -72,18 +72,18 @@ def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
             while b"SD init" not in answer:
                 select.select([port], [], [])
                 answer += os.read(port, 4096)
-            began, used = 0.0, 0.0
+            start_s, used_cpu_s = 0.0, 0.0
             pid = read_status(folder).pid
             for at, line in enumerate(lines):
                 if at == len(PREPARE):
-                    began, used = time.perf_counter(), _cpu_s(pid)
+                    start_s, used_cpu_s = time.perf_counter(), _cpu_s(pid)
                 os.write(port, line)
                 answer = b""
                 while b"ok" not in answer:
                     select.select([port], [], [])
                     answer += os.read(port, 4096)
             moves = len(lines) - len(PREPARE)
-            wall_s, cpu_s = time.perf_counter() - began, _cpu_s(pid) - used
+            wall_s, cpu_s = time.perf_counter() - start_s, _cpu_s(pid) - used_cpu_s
             return wall_s / moves * 1e6, cpu_s / moves * 1e6
         finally:
             os.close(port)

@@ -32,11 +32,11 @@ async def heat(folder: Path, gcode: Path) -> None:
     """Start a print of an agent, and wait until it prints."""
     client = AgentClient(folder)
     await client.connect(60.0)
-    asked = False
+    requested = False
     async with asyncio.timeout(PATIENCE_S):
-        async for said in client.snapshots():
-            if said.link is m.LinkState.READY and not asked:
-                asked = True
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.READY and not requested:
+                requested = True
                 start = m.StartPrint(
                     id=0,
                     print_id="bench",
@@ -46,7 +46,7 @@ async def heat(folder: Path, gcode: Path) -> None:
                     filament=m.Filament.PARKED,
                 )
                 await client.request(start)
-            if said.print is not None and said.print.phase is m.PrintPhase.PRINTING:
+            if snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
                 break
     await client.close()
 
@@ -87,7 +87,7 @@ def measure(printers: int) -> dict[str, float]:
             while any(map(is_hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
                 time.sleep(0.002)
             off_s = time.monotonic() - began_s
-            said = json.loads(command.communicate()[0])
+            report = json.loads(command.communicate()[0])
             known_s = time.monotonic() - began_s
         finally:
             os.kill(daemon, signal.SIGKILL)
@@ -99,7 +99,7 @@ def measure(printers: int) -> dict[str, float]:
         "printers": printers,
         "targets_0_after_s": round(off_s, 3),
         "all_seen_off_after_s": round(known_s, 3),
-        "seen_off": sum(row["seen_off"] for row in said["printers"]),
+        "seen_off": sum(row["seen_off"] for row in report["printers"]),
     }
 
 
@@ -107,11 +107,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=2)
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    result = measure(given.printers)
+    options = parser.parse_args()
+    result = measure(options.printers)
     print(
         json.dumps({"schema": 1, **result})
-        if given.json
+        if options.json
         else "\n".join(f"{k}: {v}" for k, v in result.items())
     )
 

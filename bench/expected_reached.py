@@ -29,10 +29,10 @@ PATIENCE_S = 3600.0
 def farm(state: Path, *words: str) -> str:
     """Run a farm command on the state folder."""
     command = [str(FARM), *words, "--state", str(state)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
-    if done.returncode:
-        sys.exit(f"farm {words[0]}: {done.stderr.strip()}")
-    return done.stdout
+    process = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    if process.returncode:
+        sys.exit(f"farm {words[0]}: {process.stderr.strip()}")
+    return process.stdout
 
 
 def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
@@ -58,14 +58,14 @@ def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
         "wasted_s": job["wasted_s"],
         "prints": [
             {
-                "printer": one["printer"],
-                "expected_s": one["expected_s"],
-                "reached_s": one["took_s"],
-                "off": one["took_s"] / one["expected_s"] - 1,
+                "printer": printer["printer"],
+                "expected_s": printer["expected_s"],
+                "reached_s": printer["took_s"],
+                "off": printer["took_s"] / printer["expected_s"] - 1,
             }
-            for one in prints
+            for printer in prints
         ],
-        "time_factors": {one["name"]: one["time_factor"] for one in fleet_now},
+        "time_factors": {printer["name"]: printer["time_factor"] for printer in fleet_now},
     }
 
 
@@ -82,8 +82,8 @@ def main() -> None:
         print(json.dumps(found, indent=2))
         return
     print(f"expected {found['expected_s']:.0f} s, reached {found['reached_s']:.0f} s: {found['off']:+.1%}")
-    for one in found["prints"]:
-        print(f"  {one['printer']}: {one['expected_s']:.0f} s, {one['reached_s']:.0f} s: {one['off']:+.1%}")
+    for row in found["prints"]:
+        print(f"  {row['printer']}: {row['expected_s']:.0f} s, {row['reached_s']:.0f} s: {row['off']:+.1%}")
     print(
         f"emulators waited {found['starved_share']:.2%} of the time: {'' if found['valid'] else 'not '}valid"
     )

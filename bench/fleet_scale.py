@@ -91,24 +91,24 @@ def percentile(values: Sequence[float], share: float) -> float:
 
 
 def measure(
-    printers: int, idle: int, plates: int, turns: int, seconds: float, profile: Path | None
+    printers: int, idle: int, plates: int, rounds: int, seconds: float, profile: Path | None
 ) -> dict[str, float]:
     """Run the whole measurement in a temporary folder."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
-        others = [f"abs-{number:03d}" for number in range(1, idle + 1)]
-        rows = [{"name": name, "model": MODEL, "port": PORT} for name in [*names, *others]]
+        idle_names = [f"abs-{number:03d}" for number in range(1, idle + 1)]
+        rows = [{"name": name, "model": MODEL, "port": PORT} for name in [*names, *idle_names]]
         for row in rows[printers:]:
             row["material"] = "generic_abs"
         (folder / "fleet.yaml").write_text(yaml.safe_dump({"printers": rows}))
         state = StateFolder(folder)
         write_anchor(state.clock, 1.0, time.time())
         fill_books(state.books, names, plates)
-        agents = ProtocolAgents(state, [*names, *others], Clock())
+        agents = ProtocolAgents(state, [*names, *idle_names], Clock())
         daemon = Daemon(folder, profile)
         try:
-            return _run(daemon, agents, len(names), turns, seconds)
+            return _run(daemon, agents, len(names), rounds, seconds)
         finally:
             daemon.kill()
             agents.close()
@@ -163,9 +163,9 @@ def _run(
     }
 
 
-def _wait(agents: ProtocolAgents, until: Callable[[], bool], what: str) -> None:
-    if not agents.serve(PATIENCE_S, until):
-        raise RuntimeError(f"waited {PATIENCE_S:.0f} s for {what}")
+def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name: str) -> None:
+    if not agents.serve(PATIENCE_S, condition):
+        raise RuntimeError(f"waited {PATIENCE_S:.0f} s for {condition_name}")
 
 
 def main() -> None:
@@ -177,11 +177,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="for which all print")
     parser.add_argument("--profile", type=Path, help="writes the daemon's profile (cProfile) to this file")
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    figures = measure(given.printers, given.idle, given.plates, given.turns, given.seconds, given.profile)
-    missed = [name for name, most in GOALS.items() if figures[name] > most]
-    if given.json:
-        head = {"schema": 1, "printers": given.printers, "idle": given.idle, "plates": given.plates}
+    options = parser.parse_args()
+    figures = measure(
+        options.printers, options.idle, options.plates, options.turns, options.seconds, options.profile
+    )
+    missed = [name for name, limit in GOALS.items() if figures[name] > limit]
+    if options.json:
+        head = {"schema": 1, "printers": options.printers, "idle": options.idle, "plates": options.plates}
         print(json.dumps({**head, **figures, "missed": missed}))
         return
     for name, value in figures.items():

@@ -250,10 +250,10 @@ def _cut(rng: random.Random, method: str, path: str, headers: dict[str, str], bo
 
 def _repeat(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
     """Send several requests at once on one connection."""
-    lasting = {**headers, "Content-Length": str(len(body)), "Connection": "keep-alive"}
-    closing = {**headers, "Content-Length": str(len(body))}
-    repeated = (_write_head(method, path, lasting) + body) * rng.choice((1, 2, 20))
-    return repeated + _write_head(method, path, closing) + body
+    open_headers = {**headers, "Content-Length": str(len(body)), "Connection": "keep-alive"}
+    last_headers = {**headers, "Content-Length": str(len(body))}
+    repeated = (_write_head(method, path, open_headers) + body) * rng.choice((1, 2, 20))
+    return repeated + _write_head(method, path, last_headers) + body
 
 
 _DAMAGES = (_damage_length, _damage_chunks, _damage_head, _damage_bytes, _damage_bytes, _cut, _repeat)

@@ -164,7 +164,7 @@ def measure(number: int, seed: int, at_once: int) -> dict[str, Any]:
         "uploads_left": ended["uploads"],
         "new_descriptors": looked["descriptors"] - warm["descriptors"],
         "grown_mb_per_100000": (looked["resident_mb"] - warm["resident_mb"]) * 100_000 / measured,
-        "resident_mb": [one["resident_mb"] for one in (at_start, warm, looked, ended)],
+        "resident_mb": [sample["resident_mb"] for sample in (at_start, warm, looked, ended)],
         "printers": {printer["name"]: printer["state"] for printer in status["printers"]},
     }
 
@@ -188,7 +188,7 @@ def main() -> None:
         )
         for statuses, data in result["failures"]:
             print(statuses, data[:500])
-    sys.exit(any(result[name] > most for name, most in GOALS.items()))
+    sys.exit(any(result[name] > limit for name, limit in GOALS.items()))
 
 
 if __name__ == "__main__":

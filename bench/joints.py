@@ -168,20 +168,20 @@ def main() -> None:
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    done, rows = read_done(options.resume), []
+    finished, rows = read_done(options.resume), []
     ends_s = monotonic() + options.budget
     for name in options.models:
         for printers in map(int, options.printers.split(",")):
             key = (Path(name).name, printers)
-            if key not in done:
+            if key not in finished:
                 if monotonic() > ends_s:
                     continue
                 row = measure(name, printers, options.longest_side, options.slices)
-                done[key] = {"printers": printers, **asdict(row)}
+                finished[key] = {"printers": printers, **asdict(row)}
                 if options.resume is not None:
                     with options.resume.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(done[key]) + "\n")
-            rows.append(done[key])
+                        file.write(json.dumps(finished[key]) + "\n")
+            rows.append(finished[key])
             if not options.json:
                 print("  ".join(f"{field} {value}" for field, value in rows[-1].items()), flush=True)
     if options.json:

@@ -70,10 +70,10 @@ async def print_one(
             filament=m.Filament.PARKED,
         )
         began_s = ended_s = cpu_before_s = cpu_after_s = 0.0
-        asked = False
+        requested = False
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.READY and not asked:
-                asked = True
+            if snapshot.link is m.LinkState.READY and not requested:
+                requested = True
                 reply = await client.request(start)
                 if reply.error:
                     raise SystemExit(reply.error)
@@ -132,23 +132,25 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         head.write_text(BESIDE_HEAD)
         path.write_text(moves)
         printer = Path(folder) / "p"
-        ours, theirs = [], []
+        agent_rates, printcore_rates = [], []
         try:
             for _ in range(BESIDE_ROUNDS):  # in turn: what else the machine does then hits both
                 url = f"sim://{MODEL}?wire=1"
                 began_s, ended_s, _ = asyncio.run(print_one(printer, Clock(), whole, url, keep=True))
-                ours.append(lines / (ended_s - began_s))
+                agent_rates.append(lines / (ended_s - began_s))
                 control(printer / "emulator", "clear_bed")
                 run = [str(python), PEER, printer / "emulator" / "tty", path, head]
-                theirs.append(lines / float(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout))
+                printcore_rates.append(
+                    lines / float(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout)
+                )
                 shutil.rmtree(printer / "spool")
                 (printer / "journal.jsonl").unlink()
         finally:
             control(printer / "emulator", "power_off")
     return {
-        "wire_lines_per_s": round(median(ours), 1),
-        "wire_printcore_lines_per_s": round(median(theirs), 1),
-        "wire_ratio": round(median(ours) / median(theirs), 3),
+        "wire_lines_per_s": round(median(agent_rates), 1),
+        "wire_printcore_lines_per_s": round(median(printcore_rates), 1),
+        "wire_ratio": round(median(agent_rates) / median(printcore_rates), 3),
     }
 
 
@@ -162,19 +164,19 @@ def main() -> None:
     parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
     parser.add_argument("--beside", type=Path, default=INTEROP, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser.parse_args()
     works: dict[str, Callable[[], dict[str, float]]] = {
-        "throughput": lambda: asyncio.run(measure(given.agents, given.lines, given.scale)),
-        "printcore": lambda: compare_with_printcore(given.lines, given.beside),
-        "agent": lambda: asyncio.run(agent.measure(given.agents, 1000, 50.0)),
+        "throughput": lambda: asyncio.run(measure(options.agents, options.lines, options.scale)),
+        "printcore": lambda: compare_with_printcore(options.lines, options.beside),
+        "agent": lambda: asyncio.run(agent.measure(options.agents, 1000, 50.0)),
         "peers": lambda: asyncio.run(agent.measure(50, 1000, 50.0)),
         "memory": lambda: asyncio.run(agent.measure(1, 1000, 50.0, megabytes=50)),
         "estop": lambda: estop.measure(2),
     }
-    if given.part is None and not given.beside.exists():
+    if options.part is None and not options.beside.exists():
         del works["printcore"]
-    results = {part: works[part]() for part in given.part or works}
-    if given.json:
+    results = {part: works[part]() for part in options.part or works}
+    if options.json:
         print(json.dumps({"schema": 1, **results}))
         return
     for part, result in results.items():

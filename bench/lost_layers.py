@@ -256,16 +256,16 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="folder that keeps the slices")
     parser.add_argument("--raw", action="store_true", help="with placeholders for CuraEngine's own figures")
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser.parse_args()
     models = {**make_models(), **make_more_models()}
-    models |= {str(path): trimesh.load_mesh(path) for path in given.stl}
-    slicer, rng, measured = Slicer(given.raw), random.Random(given.seed), Measured()
+    models |= {str(path): trimesh.load_mesh(path) for path in options.stl}
+    slicer, rng, measured = Slicer(options.raw), random.Random(options.seed), Measured()
     with tempfile.TemporaryDirectory() as name:
-        folder = given.keep or Path(name)
+        folder = options.keep or Path(name)
         folder.mkdir(exist_ok=True)
         for title, gcode in list_slices(models, slicer, folder):
-            measured.read_slice(title, gcode, slicer.target, given.cuts, rng)
-    if given.json:
+            measured.read_slice(title, gcode, slicer.target, options.cuts, rng)
+    if options.json:
         print(json.dumps({"schema": 1, **asdict(measured)}, indent=1))
         return
     accepted = measured.whole - len(measured.false_alarms)

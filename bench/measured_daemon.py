@@ -43,9 +43,9 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
             ev.PlanningStarted(at_s=float(number), job=number),
             make_plan(number, count, printers, rng),
         ):
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
+            new_books, _ = apply(event, books)
+            store.commit(event, books, new_books)
+            books = new_books
     store.close()
 
 

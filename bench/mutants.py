@@ -88,8 +88,10 @@ def try_room(name: str, room: Room, seed: int, folder: Path) -> list[tuple[str, 
     """Run a sample of the mutants of a group; return outcome and diff of each."""
     copy, session, config = folder / "sources", folder / "session.sqlite", folder / "config.toml"
     shutil.rmtree(folder, ignore_errors=True)
-    listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
-    files = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    list_command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    files = subprocess.run(
+        list_command, cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
     for file in files:
         (copy / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / file, copy / file)

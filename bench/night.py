@@ -84,9 +84,9 @@ class Night:
         self._write_fleet()
         self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), complete_section)
         self.plate_s = self._book_job()
-        begun = range(1, args.plates + 1)
+        print_numbers = range(1, args.plates + 1)
         # How many prints have begun when one is to fail, and when a printer is unplugged.
-        self.to_fail = sorted(self.rng.sample(begun, max(1, round(args.failing * args.plates))))
+        self.to_fail = sorted(self.rng.sample(print_numbers, max(1, round(args.failing * args.plates))))
         self.to_unplug = self.rng.randint(2, args.printers)
         # How many plates are printed when the daemon is killed: by the half of them, as often as it is to be.
         self.kills = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
@@ -96,13 +96,13 @@ class Night:
 
     def _write_fleet(self) -> None:
         now = datetime.now(UTC)
-        here = [
+        local_rows = [
             (now - timedelta(hours=1), AWAY_AFTER_S),
             (now + timedelta(seconds=self.back_after_s), 12 * 3600.0),
         ]
         windows = [
             f"{begins:%H:%M}-{(max(begins, now) + timedelta(seconds=length_s)):%H:%M}"
-            for begins, length_s in here
+            for begins, length_s in local_rows
         ]
         rows = "".join(
             f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}?seed={i}'}}\n"
@@ -143,9 +143,9 @@ class Night:
                 ev.PlanningStarted(at_s=now_s, job=1),
                 self._planned(plan, now_s),
             ):
-                after, _ = apply(event, books)
-                store.commit(event, books, after)
-                books = after
+                new_books, _ = apply(event, books)
+                store.commit(event, books, new_books)
+                books = new_books
         return plan.plates[0].expected_s
 
     def _planned(self, plan: Plan, now_s: float) -> ev.JobPlanned:
@@ -174,23 +174,23 @@ class Night:
         command = [sys.executable, "-P", "-m", "farm.cli.main", *words, "--state", str(self.state.root)]
         if words[0] == "up":
             command += ["--fleet", str(self.fleet_file)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise SystemExit(f"farm {' '.join(words)}: {done.stderr}")
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
+        if process.returncode != 0:
+            raise SystemExit(f"farm {' '.join(words)}: {process.stderr}")
 
     def run(self) -> dict[str, object]:
-        began = time.monotonic()
+        start_s = time.monotonic()
         self.farm("up")
         try:
             while True:
                 view = self._status()
                 job = view.jobs[0]
-                if job.state in ("done", "failed") or time.monotonic() - began > PATIENCE_S:
+                if job.state in ("done", "failed") or time.monotonic() - start_s > PATIENCE_S:
                     break
                 self._mishaps(view, job)
                 self._operate(view, job)
                 time.sleep(LOOK_S)
-            return self._figures(job, time.monotonic() - began)
+            return self._figures(job, time.monotonic() - start_s)
         finally:
             self._end()
 
@@ -209,7 +209,7 @@ class Night:
 
         A failure hits the next print in its first half; a later one may end before it fails.
         """
-        begun = sum(attempt.started is not None for part in job.parts for attempt in part.prints)
+        started_count = sum(attempt.started is not None for part in job.parts for attempt in part.prints)
         for printer in view.printers:
             printing = printer.print
             if printing is None or printing.state != PrintState.PRINTING or not printing.layer:
@@ -217,11 +217,11 @@ class Night:
             key = (printer.name, printing.plate)
             if printing.progress > 0.5 or printer.name == self.unplugged or key in self.spoilt:
                 continue
-            if self.unplugged is None and begun >= self.to_unplug:
+            if self.unplugged is None and started_count >= self.to_unplug:
                 self.unplugged = printer.name
                 self.spoilt.add(key)
                 control(self._emulator(printer.name), Command.UNPLUG)
-            elif self.to_fail and begun >= self.to_fail[0]:
+            elif self.to_fail and started_count >= self.to_fail[0]:
                 del self.to_fail[0]
                 self.spoilt.add(key)
                 control(self._emulator(printer.name), Command.RESET)
@@ -235,8 +235,8 @@ class Night:
 
         The bed of the unplugged printer is cleared too, so that its part gets a verdict.
         """
-        away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
-        if away:
+        is_away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
+        if is_away:
             return
         full = {printer.name for printer in view.printers if printer.bed != Bed.CLEAR}
         for item in view.todo:
@@ -275,13 +275,15 @@ class Night:
 
     def _made(self, books: Books) -> Counter[str]:
         """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
-        done = set()
+        print_ids = set()
         for name in self.names:
             for line in (self.state.agent(name) / JOURNAL).read_text().splitlines():
-                said = json.loads(line).get("print")
-                if said is not None and said["phase"] == PrintState.DONE:
-                    done.add(said["print_id"])
-        return Counter(books.prints[one].plate if one in books.prints else "unknown" for one in done)
+                print_record = json.loads(line).get("print")
+                if print_record is not None and print_record["phase"] == PrintState.DONE:
+                    print_ids.add(print_record["print_id"])
+        return Counter(
+            books.prints[print_id].plate if print_id in books.prints else "unknown" for print_id in print_ids
+        )
 
     def _emulator(self, name: str) -> Path:
         return self.state.agent(name) / "emulator"

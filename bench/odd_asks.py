@@ -106,17 +106,17 @@ def main() -> None:
     parser.add_argument("--only", default=",".join(ASKS))
     parser.add_argument("--budget", type=float, default=BUDGET_S)
     parser.add_argument("--json", action="store_true")
-    wanted = parser.parse_args()
+    options = parser.parse_args()
     answers = []
-    for name in wanted.only.split(","):
-        one = answer(name, ASKS[name], wanted.budget)
-        answers.append(one)
-        if not wanted.json:
-            outcome = one.refusal or f"{one.parts} parts, {one.makespan_s:.0f} s, effort {one.effort_s:.1f} s"
-            print(f"{name:16} {outcome}; {one.wall_s:.0f} s of wall, {one.cpu_s:.0f} s of CPU")
+    for name in options.only.split(","):
+        row = answer(name, ASKS[name], options.budget)
+        answers.append(row)
+        if not options.json:
+            outcome = row.refusal or f"{row.parts} parts, {row.makespan_s:.0f} s, effort {row.effort_s:.1f} s"
+            print(f"{name:16} {outcome}; {row.wall_s:.0f} s of wall, {row.cpu_s:.0f} s of CPU")
             sys.stdout.flush()
-    if wanted.json:
-        print(json.dumps([asdict(one) for one in answers], indent=1))
+    if options.json:
+        print(json.dumps([asdict(row) for row in answers], indent=1))
 
 
 if __name__ == "__main__":

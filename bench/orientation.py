@@ -132,28 +132,32 @@ def compare(
     name, part = named
     vertices, faces = part.solid.arrays()
     cut = find_cut_faces(vertices, faces, part.planes)
-    begun = perf_counter()
-    ours = find_best_pose(vertices, faces, cut, [room], cost)
-    compute_s = perf_counter() - begun
-    if ours is None:
+    start_s = perf_counter()
+    own_pose = find_best_pose(vertices, faces, cut, [room], cost)
+    compute_s = perf_counter() - start_s
+    if own_pose is None:
         raise SystemExit(f"{name} fits in no pose")
     axes = [measure_pose(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
     fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
     time_of = partial(slice_part, folder, cache, part)
     chosen = PartSettings(
-        None, ours.brim_width_mm, ours.layer_0_expansion_mm, ours.bed_face_hidden, ours.tops_hidden
+        None,
+        own_pose.brim_width_mm,
+        own_pose.layer_0_expansion_mm,
+        own_pose.bed_face_hidden,
+        own_pose.tops_hidden,
     )
     return Row(
         part=name,
-        price_s=ours.price_s,
+        price_s=own_pose.price_s,
         compute_s=compute_s,
-        ours_s=time_of(ours, chosen),
-        full_brim_s=time_of(ours, ANY_PART),
+        ours_s=time_of(own_pose, chosen),
+        full_brim_s=time_of(own_pose, ANY_PART),
         as_is_s=time_of(axes[AS_IS], ANY_PART),
-        up=ours.to_model[:3, 2].tolist(),
-        brim_mm=ours.brim_width_mm,
-        stands=ours.stands,
-        touched_mm2=ours.touched_mm2,
+        up=own_pose.to_model[:3, 2].tolist(),
+        brim_mm=own_pose.brim_width_mm,
+        stands=own_pose.stands,
+        touched_mm2=own_pose.touched_mm2,
         axes_s=[time_of(pose, ANY_PART) for pose in fitting],
         axes_stand=[pose.stands for pose in fitting],
         axes_touched_mm2=[pose.touched_mm2 for pose in fitting],
@@ -197,9 +201,9 @@ def main() -> int:
     room = PrinterRoom("0", tuple(b.size_mm for b in part_room(PROFILES[PRINTER], settings.brim_width_mm)))
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
-        one = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
+        compare_part = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
         rows = []
-        for row in pool.map(one, list_parts(args.models, shapes, cost, room, args.parts)):
+        for row in pool.map(compare_part, list_parts(args.models, shapes, cost, room, args.parts)):
             rows.append(row)
             print(_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
     result = summarise(rows)
@@ -217,12 +221,12 @@ def main() -> int:
 
 
 def _line(row: Row) -> str:
-    up = " ".join(f"{v:+.2f}" for v in row.up)
-    brim = "-" if row.brim_mm is None else f"{row.brim_mm:g}"
-    times = [f"{t:.0f}" if t is not None else "-" for t in (row.ours_s, row.best_axis_s(), row.as_is_s)]
-    return (
-        f"{row.part:24} up {up}  brim {brim:>3}  ours {times[0]:>6}  axis {times[1]:>6}  as is {times[2]:>6}"
+    up_text = " ".join(f"{v:+.2f}" for v in row.up)
+    ours, axis, as_is = (
+        "-" if t is None else f"{t:.0f}" for t in (row.ours_s, row.best_axis_s(), row.as_is_s)
     )
+    brim = "-" if row.brim_mm is None else f"{row.brim_mm:g}"
+    return f"{row.part:24} up {up_text}  brim {brim:>3}  ours {ours:>6}  axis {axis:>6}  as is {as_is:>6}"
 
 
 if __name__ == "__main__":

@@ -87,17 +87,17 @@ def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> lis
 def find_flats(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, Ints]]:
     """Yield the flat faces: unit normal (3,) outwards, offset along it, and triangles (m, 3)."""
     corners = vertices[faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas_mm2 = np.linalg.norm(across, axis=1) / 2.0
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas_mm2 = np.linalg.norm(normals, axis=1) / 2.0
     free = np.ones(len(faces), dtype=np.bool_)
     for seed in np.argsort(-areas_mm2):
         if areas_mm2[seed] < SEED_MM2:
             return
         if not free[seed]:
             continue
-        normal = across[seed] / np.linalg.norm(across[seed])
+        normal = normals[seed] / np.linalg.norm(normals[seed])
         offset_mm = float(corners[seed].mean(axis=0) @ normal)
-        flat = free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (across @ normal > 0.0)
+        flat = free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (normals @ normal > 0.0)
         free &= ~flat
         if areas_mm2[flat].sum() >= FACE_MM2:
             yield normal, offset_mm, faces[flat]
@@ -182,18 +182,20 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
     ends = np.unique(np.round(strokes.reshape(-1, 2), 6), axis=0)
     if len(points) < len(ends):
         return
-    apart = np.linalg.norm(ends[:, None] - ends[None], axis=2)
-    i, j = np.unravel_index(int(apart.argmax()), apart.shape)
-    found: list[Floats] = []
+    distances_mm = np.linalg.norm(ends[:, None] - ends[None], axis=2)
+    i, j = np.unravel_index(int(distances_mm.argmax()), distances_mm.shape)
+    middles: list[Floats] = []
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    for a, b in np.argwhere(np.abs(distances - apart[i, j]) < SAME_MM):
-        before, after = ends[j] - ends[i], points[b] - points[a]
-        turn = np.arctan2(after[1], after[0]) - np.arctan2(before[1], before[0])
+    for a, b in np.argwhere(np.abs(distances - distances_mm[i, j]) < SAME_MM):
+        text_direction, point_direction = ends[j] - ends[i], points[b] - points[a]
+        turn = np.arctan2(point_direction[1], point_direction[0]) - np.arctan2(
+            text_direction[1], text_direction[0]
+        )
         frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         at = points[a] - ends[i] @ frame
         gaps = np.linalg.norm((ends @ frame + at)[:, None] - points[None], axis=2).min(axis=1)
-        if gaps.max() < SAME_MM and all(np.linalg.norm(at - other) > 1.0 for other in found):
-            found.append(at)
+        if gaps.max() < SAME_MM and all(np.linalg.norm(at - other) > 1.0 for other in middles):
+            middles.append(at)
             yield frame, at
 
 
@@ -203,10 +205,10 @@ def _draw_text(text: str, height_mm: float) -> Floats:
 
 def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:
     """Measure the distances (n,) of points (n, 2) to strokes (k, 2, 2)."""
-    along = strokes[:, 1] - strokes[:, 0]
-    length2 = np.maximum((along**2).sum(axis=1), 1e-12)
-    share = np.clip(((points[:, None] - strokes[None, :, 0]) * along).sum(axis=2) / length2, 0.0, 1.0)
-    nearest = strokes[None, :, 0] + share[..., None] * along
+    directions = strokes[:, 1] - strokes[:, 0]
+    length2 = np.maximum((directions**2).sum(axis=1), 1e-12)
+    share = np.clip(((points[:, None] - strokes[None, :, 0]) * directions).sum(axis=2) / length2, 0.0, 1.0)
+    nearest = strokes[None, :, 0] + share[..., None] * directions
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1, initial=np.inf))
 
 

@@ -46,11 +46,11 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
     process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
-    asked = False
+    requested = False
     try:
-        async for said in client.snapshots():
-            if said.link is m.LinkState.READY and not asked:
-                asked = True
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.READY and not requested:
+                requested = True
                 start = m.StartPrint(
                     id=0,
                     print_id="bench",
@@ -62,8 +62,8 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
                 reply = await client.request(start)
                 if reply.error:
                     raise SystemExit(reply.error)
-            if said.print is not None and said.print.phase.ended:
-                return said.print
+            if snapshot.print is not None and snapshot.print.phase.ended:
+                return snapshot.print
         raise SystemExit("the agent went away")
     finally:
         await client.request(m.Shutdown(id=0, now=True))

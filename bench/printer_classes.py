@@ -53,13 +53,13 @@ def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: floa
     )
 
 
-def compute_makespan_s(problem: Problem, found: Partition) -> float:
+def compute_makespan_s(problem: Problem, partition: Partition) -> float:
     """Compute the end of the last part on the printers of a problem."""
-    poses = [pose for pose in problem.find_poses(list(found.pieces)) if pose is not None]
-    takers = assign_printers(poses, problem.printers)
-    assert len(poses) == len(found.pieces)
-    assert takers is not None
-    return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
+    poses = [pose for pose in problem.find_poses(list(partition.pieces)) if pose is not None]
+    printer_numbers = assign_printers(poses, problem.printers)
+    assert len(poses) == len(partition.pieces)
+    assert printer_numbers is not None
+    return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, printer_numbers, strict=True))
 
 
 def make_equal(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
@@ -75,12 +75,12 @@ def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
         ("shared", make_equal(problem.printers), cut_for_uniform_printers),
         ("unequal", problem.printers, cut_by_guillotine),
     ):
-        began = process_time()
+        start_cpu_s = process_time()
         row |= {f"{name}_s": None, f"{name}_parts": 0}
         with suppress(NoFit):
             found = search(replace(problem, printers=printers))
             row |= {f"{name}_s": compute_makespan_s(problem, found), f"{name}_parts": len(found.pieces)}
-        row[f"{name}_cpu_s"] = process_time() - began
+        row[f"{name}_cpu_s"] = process_time() - start_cpu_s
     return row
 
 
@@ -97,19 +97,23 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--cells", default="auto", help="as farm decompose --granularity")
     parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
-    printers = make_fleet(asked.plus, asked.extended, asked.wide, asked.spread, recipe.brim_mm)
-    options = Options(Engine.GUILLOTINE, granularity=asked.cells, prove=False)
+    printers = make_fleet(options.plus, options.extended, options.wide, options.spread, recipe.brim_mm)
+    decompose_options = Options(Engine.GUILLOTINE, granularity=options.cells, prove=False)
     rows = []
     with ThreadPoolExecutor(os.cpu_count()) as executor:
-        for path in asked.models:
-            model = load_model(path, longest_side_mm=asked.side)
-            rows.append(compare(path, asked.side, Problem(model, printers, cost, options, executor)))
-    if asked.json:
-        given = {name: getattr(asked, name) for name in ("plus", "extended", "wide", "spread", "cells")}
-        print(json.dumps({**given, "rows": rows}))
+        for path in options.models:
+            model = load_model(path, longest_side_mm=options.side)
+            rows.append(
+                compare(path, options.side, Problem(model, printers, cost, decompose_options, executor))
+            )
+    if options.json:
+        parameters = {
+            name: getattr(options, name) for name in ("plus", "extended", "wide", "spread", "cells")
+        }
+        print(json.dumps({**parameters, "rows": rows}))
         return
     for row in rows:
         shared_h, unequal_h = ((row[f"{name}_s"] or math.inf) / 3600.0 for name in ("shared", "unequal"))

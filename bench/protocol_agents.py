@@ -120,7 +120,7 @@ class ProtocolAgents:
         agent.print = agent.print.model_copy(update=changes)
         agent.server.push(agent.snapshot())
 
-    def serve(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+    def serve(self, seconds: float, condition: Callable[[], bool] = lambda: False) -> bool:
         """Answer and report for a number of wall seconds, or until a condition holds; tell whether it holds.
 
         As real ones do, agents report once a second where they print, else every fifth one.
@@ -128,7 +128,7 @@ class ProtocolAgents:
         names, printing = list(self._agents), set(self.printing)
         begun_s, spoken = time.monotonic(), 0
         while (passed_s := time.monotonic() - begun_s) < seconds:
-            if until():
+            if condition():
                 return True
             for key, mask in self._selector.select(0.02):
                 key.data(mask)
@@ -137,7 +137,7 @@ class ProtocolAgents:
                 if names[at] in printing or (turn + at) % _IDLE_TURNS == 0:
                     self.report_temperatures(names[at])
             spoken = due
-        return until()
+        return condition()
 
     def close(self) -> None:
         """Release sockets and locks."""

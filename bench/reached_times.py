@@ -44,7 +44,7 @@ def list_rows(books: Books) -> Iterator[Row]:
             (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),
             key=lambda p: p.ended_s or 0.0,
         )
-        factor, ratios, before = 1.0, [], []
+        factor, ratios, previous = 1.0, [], []
         for attempt in ended:
             plate = books.plates[attempt.plate]
             if attempt.started_s is None or attempt.ended_s is None:
@@ -53,10 +53,10 @@ def list_rows(books: Books) -> Iterator[Row]:
             if plate.sliced_s < MIN_LEARNED_S or attempt.starved_s > MAX_STARVED_SHARE * reached_s:
                 continue
             ratios.append(reached_s / plate.sliced_s)
-            before.append(factor)
+            previous.append(factor)
             factor = update_time_factor(factor, plate.sliced_s, reached_s, attempt.starved_s)
         if ratios:
-            ratio, known = np.array(ratios), np.array(before)
+            ratio, known = np.array(ratios), np.array(previous)
             yield Row(
                 printer=name,
                 prints=len(ratios),

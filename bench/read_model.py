@@ -46,16 +46,16 @@ def read_torus(path: Path, pipe: Connection) -> None:
 def measure(triangles: int) -> dict[str, float]:
     """Write the model in one process and read it in another, so that neither pays for the other."""
     context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe(duplex=False)
+    receiver, sender = context.Pipe(duplex=False)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "torus.stl"
-        for target, args in ((write_torus, (path, triangles)), (read_torus, (path, there))):
+        for target, args in ((write_torus, (path, triangles)), (read_torus, (path, sender))):
             process = context.Process(target=target, args=args)
             process.start()
             process.join()
             if process.exitcode != 0:
                 raise SystemExit(f"{target.__name__} ended with {process.exitcode}")
-    result: dict[str, float] = here.recv()
+    result: dict[str, float] = receiver.recv()
     return result
 
 

@@ -78,9 +78,9 @@ def measure_best_ms(work: Callable[[], object]) -> float:
     """Return the best of three times, in ms."""
     times = []
     for _ in range(3):
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         work()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - start_s)
     return min(times) * 1000
 
 
@@ -89,34 +89,34 @@ def main() -> None:
     parser.add_argument("--printers", type=int, default=100)
     parser.add_argument("--plates", type=int, default=1000)
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser.parse_args()
     zone = ZoneInfo("Europe/London")
     hours = Hours((parse_window("mon-fri 08:00-18:00"),), zone)
-    house = StartRules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
-    free = StartRules(Hours((), zone), Hours((), zone))
-    plates = make_queue(given.plates, random.Random(1))
-    busy, idle = make_fleet(given.printers, busy=True), make_fleet(given.printers, busy=False)
+    attended_rules = StartRules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
+    free_rules = StartRules(Hours((), zone), Hours((), zone))
+    plates = make_queue(options.plates, random.Random(1))
+    busy, idle = make_fleet(options.printers, busy=True), make_fleet(options.printers, busy=False)
     unlimited = [replace(printer, grams=None) for printer in idle]
-    seen = forecast_prints(
-        Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited), free, NOW_S)
+    forecast = forecast_prints(
+        Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited), free_rules, NOW_S)
     )
     report = {
         "schema": 1,
-        "printers": given.printers,
-        "plates": given.plates,
+        "printers": options.printers,
+        "plates": options.plates,
         "assign_ms": measure_best_ms(
-            lambda: assign_plates(Situation(tuple(plates), tuple(busy), house, NOW_S))
+            lambda: assign_plates(Situation(tuple(plates), tuple(busy), attended_rules, NOW_S))
         ),
         "forecast_ms": measure_best_ms(
-            lambda: forecast_prints(Situation(tuple(plates), tuple(unlimited), free, NOW_S))
+            lambda: forecast_prints(Situation(tuple(plates), tuple(unlimited), free_rules, NOW_S))
         ),
-        "over_bound": (seen.ends_s - NOW_S) / (seen.lower_bound_s - NOW_S) - 1,
+        "over_bound": (forecast.ends_s - NOW_S) / (forecast.lower_bound_s - NOW_S) - 1,
     }
-    if given.json:
+    if options.json:
         print(json.dumps(report))
         return
     print(
-        f"{given.plates} plates, {given.printers} printers: assigned in {report['assign_ms']:.0f} ms, ",
+        f"{options.plates} plates, {options.printers} printers: assigned in {report['assign_ms']:.0f} ms, ",
         end="",
     )
     print(f"foreseen in {report['forecast_ms']:.0f} ms, {report['over_bound']:.1%} above the lower bound")

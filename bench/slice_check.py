@@ -74,7 +74,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
     stl = folder / "model.stl"
     mesh.export(stl)
     request = PlateRequest(stl, settings, folder / "model.gcode", find_engine(), ROOM)
-    before = Clock.now()
+    start = Clock.now()
     refused, unprinted, lines = None, (), 0
     try:
         result = slice_plate(request)
@@ -82,8 +82,8 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
         lines = result.gcode.read_bytes().count(b"\n")
     except SliceRejected as rejected:
         refused = str(rejected)
-    after = Clock.now()
-    check_s, engine_s = after.own_s - before.own_s, after.engine_s - before.engine_s
+    end = Clock.now()
+    check_s, engine_s = end.own_s - start.own_s, end.engine_s - start.engine_s
     return {
         "model": name,
         "triangles": len(mesh.faces),

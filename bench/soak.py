@@ -64,7 +64,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     link.on_opened(now_s)
     fault: str | None = None
     began_s = time.process_time()
-    up = False
+    is_connected = False
     while fault is None:
         out = link.take()
         if not out:
@@ -72,14 +72,14 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
             now_s = max(now_s + 1e-4, due_s)
         else:
             now_s += 0.002
-        back = firmware.feed(out, now_s)
-        events = [*((back and link.receive(back, now_s)) or ()), *link.tick(now_s)]
+        answer = firmware.feed(out, now_s)
+        events = [*((answer and link.receive(answer, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
-        if not up and link.phase is Phase.LIVE:
-            up = True
+        if not is_connected and link.phase is Phase.LIVE:
+            is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: list_lines(a, b, lines), 0, lines + len(BARRIERS))
-        elif up and link.drained:
+        elif is_connected and link.drained:
             break
     machine = firmware.machine
     moves = machine.planner.moves - 1  # without that of the head
@@ -111,12 +111,12 @@ def main() -> None:
     parser.add_argument("--damage", type=float, default=0.00005, help="probability of a byte")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
-    outcome = soak(given.lines, given.damage, given.seed)
+    options = parser.parse_args()
+    outcome = soak(options.lines, options.damage, options.seed)
     result = {name: getattr(outcome, name) for name in Outcome.__slots__}
     print(
-        json.dumps({"schema": 1, "damage": given.damage, **result})
-        if given.json
+        json.dumps({"schema": 1, "damage": options.damage, **result})
+        if options.json
         else "\n".join(f"{k}: {v}" for k, v in result.items())
     )
 

@@ -211,9 +211,9 @@ class Recorder(EmulatedFirmware):
         return False
 
     def _accept(self, line: bytes) -> None:
-        before = self._last_number
+        previous_number = self._last_number
         super()._accept(line)
-        if self._last_number != before and (body := remove_frame(line)) != b"M105":
+        if self._last_number != previous_number and (body := remove_frame(line)) != b"M105":
             self.taken.append(body)
 
 
@@ -279,9 +279,9 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     link.poll_every_s = 0.2
     link.on_opened(0.0)
     there, back = Way(THERE_S), Way(BACK_S)
-    now_s, up, fault, hit = 0.0, False, None, 0
+    now_s, is_connected, fault, hit = 0.0, False, None, 0
     marks: list[tuple[float, float]] = []  # at each fault: the time, and how long the head had moved
-    while fault is None and not (up and link.drained):
+    while fault is None and not (is_connected and link.drained):
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, there.due_s, back.due_s))
         answer = firmware.feed(there.take(now_s), now_s)
         refuse.last = firmware.last  # type: ignore[attr-defined]
@@ -289,8 +289,8 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
         data = back.take(now_s)
         events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
-        if not up and link.phase is Phase.LIVE:
-            up = True
+        if not is_connected and link.phase is Phase.LIVE:
+            is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
         there.put(tamperer.there(link.take()), now_s)
@@ -316,12 +316,12 @@ def main() -> None:
     parser.add_argument("--faults", type=int, default=200, help="of each kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser.parse_args()
     results: dict[str, dict[str, object]] = {}
     for name, kind in KINDS.items():
-        if given.kind and not any(wanted in name for wanted in given.kind):
+        if options.kind and not any(wanted in name for wanted in options.kind):
             continue
-        outcome = run(kind, given.faults, given.seed)
+        outcome = run(kind, options.faults, options.seed)
         results[name] = {
             "fault": outcome.fault,
             "exact": outcome.exact,
@@ -329,11 +329,11 @@ def main() -> None:
             "median_s": round(outcome.median_s, 3),
             "worst_s": round(outcome.worst_s, 3),
         }
-        if not given.json:
+        if not options.json:
             ended = "exact" if outcome.exact else outcome.fault or "NOT EXACT"
             figures = f"median {outcome.median_s:6.2f} s, worst {outcome.worst_s:6.2f} s"
             print(f"{name:40} {len(outcome.stalls_s):4} faults: {figures}, {ended}", flush=True)
-    if given.json:
+    if options.json:
         print(json.dumps({"schema": 1, "kinds": results}))
 
 

@@ -92,16 +92,16 @@ def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[
 def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
     """Make the snapshot of an agent."""
     attempt = books.open_print_on(printer)
-    said = None
+    print_snapshot = None
     if attempt is not None:
-        said = AgentPrint(
+        print_snapshot = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=600.0,
             print_time_s=HOUR_S, extruded=True, started_s=attempt.started_s, ended_s=None,
             layer=80, layers=500,
         )  # fmt: skip
     return AgentSnapshot(
-        printer=printer, link=Link.BUSY if said else Link.READY, agent_pid=1, nozzle_c=210.0, bed_c=60.0,
-        filament=FilamentState.AT_NOZZLE, print=said,
+        printer=printer, link=Link.BUSY if print_snapshot else Link.READY, agent_pid=1,
+        nozzle_c=210.0, bed_c=60.0, filament=FilamentState.AT_NOZZLE, print=print_snapshot,
     )  # fmt: skip
 
 

@@ -204,10 +204,10 @@ def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> 
     found: list[Floats] = []
     pairs = list(permutations(range(len(moved.at_mm)), 2))
     for i, j in permutations(range(len(fixed.at_mm)), 2):
-        apart = fixed.at_mm[j] - fixed.at_mm[i]
+        distances_mm = fixed.at_mm[j] - fixed.at_mm[i]
         for k, m in pairs:
             other = moved.at_mm[m] - moved.at_mm[k]
-            if abs(np.linalg.norm(apart) - np.linalg.norm(other)) > PLAY_MM:
+            if abs(np.linalg.norm(distances_mm) - np.linalg.norm(other)) > PLAY_MM:
                 continue
             way = lay(fixed, moved, (i, j), (k, m))
             if way is None or not goes_in(fixed, moved, way, pins_mm):
@@ -219,21 +219,21 @@ def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> 
 
 def differ(way: Floats, other: Floats) -> bool:
     """Check whether two ways (4, 4) differ by more than the play of the pins."""
-    apart = np.abs(way - other)
-    return bool(apart[:3, 3].max() > RIGHT_MM or apart[:3, :3].max() > RIGHT_TURN)
+    distances_mm = np.abs(way - other)
+    return bool(distances_mm[:3, 3].max() > RIGHT_MM or distances_mm[:3, :3].max() > RIGHT_TURN)
 
 
 def lay(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, int]) -> Floats | None:
     """Lay two holes of a body on two of another, mouth to mouth; None if their faces do not meet."""
     frames = []
     for socket, (a, b), sign in ((fixed, ends, 1.0), (moved, others, -1.0)):
-        along = socket.at_mm[b] - socket.at_mm[a]
+        direction = socket.at_mm[b] - socket.at_mm[a]
         normal = sign * socket.normals[a]
-        along = along - (along @ normal) * normal
-        length = np.linalg.norm(along)
+        direction = direction - (direction @ normal) * normal
+        length = np.linalg.norm(direction)
         if length < 1.0:
             return None
-        frames.append(np.stack([along / length, np.cross(normal, along / length), normal]))
+        frames.append(np.stack([direction / length, np.cross(normal, direction / length), normal]))
     way = np.eye(4)
     way[:3, :3] = frames[0].T @ frames[1]
     middle = (fixed.at_mm[list(ends)].mean(axis=0), moved.at_mm[list(others)].mean(axis=0))
@@ -244,9 +244,9 @@ def lay(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, 
 def goes_in(fixed: Socket, moved: Socket, way: Floats, pins_mm: Sequence[float] | None) -> bool:
     """Check that each pin has a hole on both sides that is deep enough, and that the arrows agree."""
     at_mm = moved.at_mm @ way[:3, :3].T + way[:3, 3]
-    apart = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
+    distances_mm = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
     facing = fixed.normals @ (moved.normals @ way[:3, :3].T).T < -TURN
-    meets = (apart < PLAY_MM) & facing
+    meets = (distances_mm < PLAY_MM) & facing
     room_mm = sorted((fixed.depths_mm[i] + moved.depths_mm[k] for i, k in np.argwhere(meets)), reverse=True)
     if pins_mm is None:
         return bool(meets.any(axis=1).all() and meets.any(axis=0).all())

@@ -43,9 +43,12 @@ def organic(rng: np.random.Generator) -> Solid:
         at, way = np.zeros(3), rng.normal(size=3)
         for radius in np.linspace(22.0, rng.uniform(5.0, 9.0), 8):
             way = way / np.linalg.norm(way) + rng.normal(scale=0.25, size=3)
-            after = at + 24.0 * way / np.linalg.norm(way)
-            bodies += [ellipsoid(tuple(after), (radius,) * 3), rod(tuple(at), tuple(after), float(radius))]
-            at = after
+            next_point = at + 24.0 * way / np.linalg.norm(way)
+            bodies += [
+                ellipsoid(tuple(next_point), (radius,) * 3),
+                rod(tuple(at), tuple(next_point), float(radius)),
+            ]
+            at = next_point
     return Solid.union(bodies)
 
 
@@ -101,8 +104,8 @@ def mechanical(rng: np.random.Generator) -> Solid:
         lo = rng.uniform(0.0, 0.7, 3) * size
         bodies.append(Solid.box(tuple(lo), tuple(lo + rng.uniform(20.0, 80.0, 3))))
     for _ in range(6):
-        axis, through = int(rng.integers(3)), rng.uniform(0.2, 0.8, 3) * size
-        start, end = through.copy(), through.copy()
+        axis, position_mm = int(rng.integers(3)), rng.uniform(0.2, 0.8, 3) * size
+        start, end = position_mm.copy(), position_mm.copy()
         start[axis], end[axis] = -10.0, size[axis] + 10.0
         bores.append(rod(tuple(start), tuple(end), float(rng.uniform(5.0, 22.0))))
     return Solid.union(bodies).subtract(Solid.union(bores))
@@ -127,8 +130,8 @@ KINDS: Mapping[str, Callable[[np.random.Generator], Solid]] = {
 
 def draw_model(kind: str, seed: int, side_mm: float) -> Model:
     """Draw a model of a kind with a longest side; the same seed draws the same model."""
-    drawn = KINDS[kind](np.random.default_rng([seed, sorted(KINDS).index(kind)]))
-    vertices, faces = drawn.arrays()
+    solid = KINDS[kind](np.random.default_rng([seed, sorted(KINDS).index(kind)]))
+    vertices, faces = solid.arrays()
     scale = side_mm / float(np.ptp(vertices, axis=0).max())
     return Model(Solid.from_arrays(scale * vertices, faces), (), scale)
 

@@ -38,24 +38,26 @@ BOUNDARY = b"------------------------9b1418d19f570849"
 
 def make_request(farm: WebFarm, key: str, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
     """Return the head of the request with all before the file, and all after the file."""
-    before, after = b"", b""
+    head_bytes, tail_bytes = b"", b""
     if form:
         path, kind = "/api/files/local", b"multipart/form-data; boundary=" + BOUNDARY
         for name, value in ((b"print", b"false"), (b"path", b"")):
-            before += b'--%b\r\nContent-Disposition: form-data; name="%b"\r\n\r\n%b\r\n' % (
+            head_bytes += b'--%b\r\nContent-Disposition: form-data; name="%b"\r\n\r\n%b\r\n' % (
                 BOUNDARY,
                 name,
                 value,
             )
-        before += b'--%b\r\nContent-Disposition: form-data; name="file"; filename="big.gcode"\r\n' % BOUNDARY
-        before += b"Content-Type: application/octet-stream\r\n\r\n"
-        after = b"\r\n--%b--\r\n" % BOUNDARY
+        head_bytes += (
+            b'--%b\r\nContent-Disposition: form-data; name="file"; filename="big.gcode"\r\n' % BOUNDARY
+        )
+        head_bytes += b"Content-Type: application/octet-stream\r\n\r\n"
+        tail_bytes = b"\r\n--%b--\r\n" % BOUNDARY
     else:
         path = f"{NETWORK_PREFIX}/jobs?request_id={secrets.token_hex(8)}&name=big.gcode&size={size}"
         kind = b"application/octet-stream"
-    length = len(before) + size + len(after)
+    length = len(head_bytes) + size + len(tail_bytes)
     head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {key}\r\nContent-Length: {length}\r\n"
-    return head.encode() + b"Connection: close\r\nContent-Type: %b\r\n\r\n" % kind, before, after
+    return head.encode() + b"Connection: close\r\nContent-Type: %b\r\n\r\n" % kind, head_bytes, tail_bytes
 
 
 def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -> tuple[float, int, str]:
@@ -66,10 +68,10 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
     seconds, status, text
         From the first byte to the answer; status 0 for an upload that was cut.
     """
-    head, before, after = make_request(farm, key, size, form)
+    head, head_bytes, tail_bytes = make_request(farm, key, size, form)
     with socket.create_connection(("127.0.0.1", farm.port), PATIENCE_S) as connection:
         start_s = time.perf_counter()
-        connection.sendall(head + before)
+        connection.sendall(head + head_bytes)
         left = int(size * share)
         while left:
             block = memoryview(BLOCK)[:left]
@@ -77,7 +79,7 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
             left -= len(block)
         if share < 1.0:
             return time.perf_counter() - start_s, 0, ""
-        connection.sendall(after)
+        connection.sendall(tail_bytes)
         answer = b""
         while chunk := connection.recv(65536):
             answer += chunk
@@ -107,14 +109,14 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
 
 def measure_answers(farm: WebFarm, key: str) -> Iterator[list[float]]:
     """Ask for the status beside what the caller does; yield an empty list, then its milliseconds."""
-    here, there = multiprocessing.get_context("spawn").Pipe()
+    receiver, sender = multiprocessing.get_context("spawn").Pipe()
     asking = multiprocessing.get_context("spawn").Process(
-        target=ask_status, args=(farm.state, farm.port, key, there)
+        target=ask_status, args=(farm.state, farm.port, key, sender)
     )
     asking.start()
     yield []
-    here.send(None)
-    yield here.recv()
+    receiver.send(None)
+    yield receiver.recv()
     asking.join()
 
 

@@ -54,12 +54,12 @@ class Tracer:
         await asyncio.sleep(seconds)
         await self._tab.call("Tracing.end")
         await self._whole.wait()
-        names = [one for one in self._events if one["name"] == "thread_name"]
-        mains = {(one["pid"], one["tid"]) for one in names if one["args"]["name"] == "CrRendererMain"}
+        names = [event for event in self._events if event["name"] == "thread_name"]
+        mains = {(event["pid"], event["tid"]) for event in names if event["args"]["name"] == "CrRendererMain"}
         return [
-            (one.get("tdur", one["dur"]) / 1000, one["dur"] / 1000)
-            for one in self._events
-            if one["name"] == "RunTask" and "dur" in one and (one["pid"], one["tid"]) in mains
+            (event.get("tdur", event["dur"]) / 1000, event["dur"] / 1000)
+            for event in self._events
+            if event["name"] == "RunTask" and "dur" in event and (event["pid"], event["tid"]) in mains
         ]
 
 
@@ -89,8 +89,8 @@ async def browse(port: int, key: str, seconds: float, folder: Path) -> dict[str,
         tasks = await Tracer(tab).trace(seconds)
     viewer = load_static_files().get("viewer.js")
     return {
-        "tasks": len(tasks), "stall_ms": max(one for one, _ in tasks),
-        "whole_stall_ms": max(one for _, one in tasks),
+        "tasks": len(tasks), "stall_ms": max(task for task, _ in tasks),
+        "whole_stall_ms": max(task for _, task in tasks),
         "paint_ms": paints_ms[0], "median_paint_ms": statistics.median(paints_ms),
         "phone_paint_ms": phone_paints_ms[0], "median_phone_paint_ms": statistics.median(phone_paints_ms),
         "home_kb": home_kb,

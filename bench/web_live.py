@@ -147,14 +147,14 @@ class Server(NamedTuple):
 def start_server(printers: int) -> Iterator[Server]:
     """Serve the farm from a process of its own, and end it afterwards."""
     context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
+    receiver, sender = context.Pipe()
     with tempfile.TemporaryDirectory() as name:
-        process = context.Process(target=run_server, args=(Path(name), printers, there))
+        process = context.Process(target=run_server, args=(Path(name), printers, sender))
         process.start()
         try:
-            yield Server(Path(name), here, *here.recv())
+            yield Server(Path(name), receiver, *receiver.recv())
         finally:
-            here.send(None)
+            receiver.send(None)
             process.join()
 
 
@@ -170,8 +170,8 @@ def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
     while time.monotonic() < end_s:
         for key, _ in selector.select(0.2):
             received += len(key.fileobj.recv(2**18))  # type: ignore[union-attr]
-    for one in list(selector.get_map().values()):
-        one.fileobj.close()  # type: ignore[union-attr]
+    for key in list(selector.get_map().values()):
+        key.fileobj.close()  # type: ignore[union-attr]
     return received
 
 

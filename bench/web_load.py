@@ -108,7 +108,7 @@ class HangingClients:
 def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     """Ask for the status until told to stop; send the milliseconds of each answer, and the failures."""
     near_ms: list[float] = []
-    asked = failed = 0
+    asked_count = failed = 0
     next_s = 0.0
     url, headers = f"http://127.0.0.1:{port}{NETWORK_PREFIX}/status", {"x-api-key": key}
     transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
@@ -118,13 +118,13 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
             near.get("/status").raise_for_status()
             near_ms.append(1000 * (time.perf_counter() - start_s))
             if time.monotonic() >= next_s:
-                next_s, asked = time.monotonic() + _NETWORK_S, asked + 1
+                next_s, asked_count = time.monotonic() + _NETWORK_S, asked_count + 1
                 try:
                     httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
                 except httpx.HTTPError:
                     failed += 1
             time.sleep(ASK_S)
-    pipe.send((near_ms, asked, failed))
+    pipe.send((near_ms, asked_count, failed))
 
 
 def read_printer(farm: WebFarm) -> dict[str, Any]:
@@ -144,20 +144,20 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
             give_up_s = time.monotonic() + PATIENCE_S
             while read_printer(farm)["print"] is None and time.monotonic() < give_up_s:
                 time.sleep(0.5)
-            before = read_printer(farm)
-            here, there = multiprocessing.get_context("spawn").Pipe()
+            printer_before = read_printer(farm)
+            receiver, sender = multiprocessing.get_context("spawn").Pipe()
             asking = multiprocessing.get_context("spawn").Process(
-                target=ask_status, args=(farm.state, farm.port, key, there)
+                target=ask_status, args=(farm.state, farm.port, key, sender)
             )
             clients = HangingClients(farm.port, key, number)
             clients.hang(5.0)
             asking.start()
             clients.hang(seconds)
             descriptors = len(list(Path(f"/proc/{farm.pid}/fd").iterdir()))
-            here.send(None)
-            near_ms, asked, failed = here.recv()
+            receiver.send(None)
+            near_ms, asked_count, failed = receiver.recv()
             asking.join()
-            after = read_printer(farm)
+            printer_after = read_printer(farm)
             start_s = time.monotonic()
             os.kill(farm.pid, signal.SIGTERM)
             while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + PATIENCE_S:
@@ -178,10 +178,10 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
         "status_median_ms": near_ms[len(near_ms) // 2],
         "status_p99_ms": near_ms[int(0.99 * len(near_ms))],
         "status_worst_ms": near_ms[-1],
-        "network_asked": asked,
-        "network_failures_share": failed / max(1, asked),
-        "new_agents": int(before["agent_pid"] != after["agent_pid"]),
-        "printer_lost": int(after["print"] is None),
+        "network_asked": asked_count,
+        "network_failures_share": failed / max(1, asked_count),
+        "new_agents": int(printer_before["agent_pid"] != printer_after["agent_pid"]),
+        "printer_lost": int(printer_after["print"] is None),
         "end_s": end_s,
         "uploads_left": len(left),
         "load": os.getloadavg()[0],
@@ -194,10 +194,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    _, descriptor_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = args.connections + _SPARE_DESCRIPTORS
     resource.setrlimit(
-        resource.RLIMIT_NOFILE, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most)
+        resource.RLIMIT_NOFILE,
+        (
+            wanted if descriptor_limit == resource.RLIM_INFINITY else min(wanted, descriptor_limit),
+            descriptor_limit,
+        ),
     )
     result = measure(args.connections, args.seconds)
     if args.json:
@@ -210,7 +214,7 @@ def main() -> None:
             f"{100 * result['network_failures_share']:.0f} % failed; "
             f"the daemon ended within {result['end_s']:.1f} s of SIGTERM"
         )
-    sys.exit(any(result[name] > most for name, most in GOALS.items()))
+    sys.exit(any(result[name] > descriptor_limit for name, descriptor_limit in GOALS.items()))
 
 
 if __name__ == "__main__":

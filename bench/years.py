@@ -153,9 +153,9 @@ class Year:
             self._commit(ev.PrinterAdded(at_s=BEGIN_S, printer=name, bed=Bed.CLEAR))
 
     def _commit(self, event: ev.AnyEvent) -> None:
-        after, _ = apply(event, self.controller.books)
-        self.store.commit(event, self.controller.books, after)
-        self.controller.books = after
+        new_books, _ = apply(event, self.controller.books)
+        self.store.commit(event, self.controller.books, new_books)
+        self.controller.books = new_books
 
     async def print_nights(self, nights: int) -> None:
         """Print for some nights, each followed by the upkeep."""
@@ -263,11 +263,11 @@ def main() -> None:
         return
     print(f"{args.nights} nights of {figures['printers']} printers, {figures['night_gb']:.2f} GB each")
     for name, keep in (("without prune", "everything"), ("with prune", "kept")):
-        one = figures[keep]
+        measures = figures[keep]
         print(
-            f"{name:<14} {one['files_gb']:7.1f} GB, database {one['database_mb']:.1f} MB and "
-            f"{one['events']} events, upkeep {one['upkeep_s_median']:.2f} s a night "
-            f"(worst {one['upkeep_s_worst']:.2f})"
+            f"{name:<14} {measures['files_gb']:7.1f} GB, database {measures['database_mb']:.1f} MB and "
+            f"{measures['events']} events, upkeep {measures['upkeep_s_median']:.2f} s a night "
+            f"(worst {measures['upkeep_s_worst']:.2f})"
         )
 
 

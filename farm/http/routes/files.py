@@ -41,7 +41,8 @@ def name_stored_files(books: Books, number: int) -> dict[str, str]:
     job = books.job(number)
     names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
     if job.pruned_s is None:
-        for attempt in (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate)):
+        prints = (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate))
+        for attempt in prints:
             names |= {
                 f"print-{attempt.number}-{still.moment}{Path(still.file).suffix}": still.file
                 for still in attempt.stills
