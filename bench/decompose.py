@@ -42,7 +42,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.printers import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, compute_part_room
 from farm.compute import Deferred, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
@@ -87,7 +87,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     """Decompose a model in a process of its own; return the report, with wall time and peak memory."""
     recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
-    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
+    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
     faithful = run.engine.endswith(FAITHFUL)
     engine = Engine(run.engine.removesuffix(FAITHFUL))
@@ -152,7 +152,7 @@ def slice_parts(
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality)
     settings = resolve_settings(request, find_resources())
-    room = part_room(PROFILES[PRINTER], settings.brim_width_mm)
+    room = compute_part_room(PROFILES[PRINTER], settings.brim_width_mm)
 
     def one(part: dict[str, Any]) -> float | None:
         task = SliceTask(

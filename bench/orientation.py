@@ -35,7 +35,7 @@ from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, compute_part_room
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
@@ -198,7 +198,9 @@ def main() -> int:
     args = parser.parse_args()
     settings = resolve_settings(REQUEST, find_resources())
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
-    room = PrinterRoom("0", tuple(b.size_mm for b in part_room(PROFILES[PRINTER], settings.brim_width_mm)))
+    room = PrinterRoom(
+        "0", tuple(b.size_mm for b in compute_part_room(PROFILES[PRINTER], settings.brim_width_mm))
+    )
     shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
         compare_part = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)

@@ -26,7 +26,7 @@ from decompose.geometry import Model, Solid, load_model, round_triangles, write_
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
 from decompose.printers import PrinterRoom
-from drivers.printers import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, compute_part_room
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
@@ -185,7 +185,7 @@ def list_unseen(seed: int) -> Iterator[tuple[str, Model]]:
 def list_parts(models: Iterable[tuple[str, Model]], each: int) -> Iterator[Posed]:
     """Yield at most `each` parts of every model and number of printers, some also in another axis pose."""
     cost = CostModel.from_recipe(make_recipe("glue"))
-    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
+    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
     for name, model in models:
         for count in COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]

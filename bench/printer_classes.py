@@ -35,7 +35,7 @@ from decompose.pieces import assign_printers
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Partition, Problem
-from drivers.printers import PROFILES, part_room
+from drivers.printers import PROFILES, compute_part_room
 
 WIDE = 0.45
 
@@ -46,7 +46,9 @@ def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: floa
     np.random.default_rng(0).shuffle(factors)
     factors[:wide] *= WIDE
     models = ["ultimaker2_plus"] * plus + ["ultimaker2_extended_plus"] * extended
-    rooms = {name: tuple(b.size_mm for b in part_room(PROFILES[name], brim_mm)) for name in set(models)}
+    rooms = {
+        name: tuple(b.size_mm for b in compute_part_room(PROFILES[name], brim_mm)) for name in set(models)
+    }
     return tuple(
         PrinterRoom(f"{name}-{i}", rooms[name], float(factor))
         for i, (name, factor) in enumerate(zip(models, factors, strict=True))

@@ -26,7 +26,7 @@ from decompose.options import Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, compute_part_room
 from farm.compute import Deferred, TaskFiles
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -80,7 +80,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             if not hidden:
                 recipe = replace(recipe, bed_layers_saved=0.0, top_layers_saved=0.0)
             cost = CostModel.from_recipe(recipe)
-            room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
+            room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
             rooms = [PrinterRoom(str(number), room) for number in range(args.printers)]
             fits = args.quality == "glue"
             result = decompose_model(model, rooms, Options(fit_first_layer=fits, prove=False), cost)

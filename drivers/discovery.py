@@ -190,7 +190,7 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
         elif isinstance(event, OtherLine):
             idle.judge_answer(event.text)
         elif isinstance(event, Report):
-            if idle.card or not event.off:
+            if idle.card or not event.targets_off:
                 cause = CARD if idle.card else "a heater is on"
                 raise PortError(f"{url}: its printer is not idle: {cause}; wait until it is")
             return

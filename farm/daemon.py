@@ -132,7 +132,7 @@ class Daemon:
             self._shut_down,
             self._agents.replace,
             upkeep.prune,
-            cameras.look,
+            cameras.fetch_still,
             self._agents.read_lines,
             inspections=self._inspections,
             streams=self._streams,

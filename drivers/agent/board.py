@@ -57,7 +57,7 @@ class Board:
         Number of resets that the agent did not cause.
     stuck_heater
         Finding of a heater of the idle board that is off and gets hotter; the recorder takes it over.
-    returned
+    rearms_alarm
         True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch, emulator, wire
         Watch over the idle board; status and bed of the emulator, if there is one; last bytes on the port.
@@ -85,7 +85,7 @@ class Board:
         self.state = BoardState()
         self.resets = 0
         self.stuck_heater: str | None = None
-        self.returned = False
+        self.rearms_alarm = False
         self.idle_watch = IdleWatch()
         self.emulator = EmulatorBed(folder if self.simulated else None)
         self.changed = False
@@ -323,12 +323,12 @@ class Board:
         self._pulses_left = 0
 
     def _on_idle_report(self, report: Report, now_s: float) -> None:
-        self.state.hot = self.state.hot and not report.off
+        self.state.hot = self.state.hot and not report.targets_off
         cause, fault = self.idle_watch.judge_report(report)
         if cause is not None:
             self._mark_bed_unknown(cause)
         self.stuck_heater = self.stuck_heater if fault is None else fault.text
-        self.returned = self.returned or self.idle_watch.is_cold
+        self.rearms_alarm = self.rearms_alarm or self.idle_watch.is_cold
         if self.link.drained:
             # ends heat left on when the port was lost; queries alone would feed the dead-man
             firmware = self._firmware
@@ -347,7 +347,7 @@ class Board:
 
     def _on_opened(self) -> None:
         assert self._port is not None
-        self.returned = self.returned or (self.absent_reason is not None and self.session is None)
+        self.rearms_alarm = self.rearms_alarm or (self.absent_reason is not None and self.session is None)
         self.absent_reason = None
         self.needs_permission = False
         self.report = self.stuck_heater = None

@@ -23,24 +23,24 @@ _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
 class FilamentWatch:
     """Judges whether the filament is where the journal says.
 
-    An agent that is started again compares the position at which the printer rests with the one that its
-    predecessor saw there after a print. A board that was reset in between reports another one.
+        An agent that is started again compares the position at which the printer rests with the one that its
+        predecessor saw there after a print. A board that was reset in between reports another one.
 
-    Parameters
-    ----------
-    certain
-        True if nothing can have moved the filament since it was recorded.
-    rest
-        The answer to the position query that the predecessor saw; None if it is not valid.
+        Parameters
+        ----------
+        certain
+            True if nothing can have moved the filament since it was recorded.
+    rest_position
+            The answer to the position query that the predecessor saw; None if it is not valid.
     """
 
-    def __init__(self, certain: bool = False, rest: str | None = None) -> None:
-        self.certain, self.rest = certain, rest
+    def __init__(self, certain: bool = False, rest_position: str | None = None) -> None:
+        self.certain, self.rest_position = certain, rest_position
         self._printed = False  # since the last reset: else the position says nothing
 
     def confirm(self) -> None:
         """Trust the journal from now on: a print begins, or a person said where the filament is."""
-        self.certain, self.rest = True, None
+        self.certain, self.rest_position = True, None
 
     def note_print(self) -> None:
         """Accept the position at which the printer rests after this print."""
@@ -48,18 +48,18 @@ class FilamentWatch:
 
     def note_reset(self) -> None:
         """Ignore positions until the next print: after a reset all positions are alike."""
-        self._printed, self.rest = False, None
+        self._printed, self.rest_position = False, None
 
     def forget(self) -> None:
         """Stop trusting the journal: somebody used the printer."""
-        self.certain, self.rest = False, None
+        self.certain, self.rest_position = False, None
 
     def judge_position(self, answer: bytes) -> None:
         """Judge the position at which an idle printer was seen twice."""
         position = answer.decode("ascii", "replace")
         if not self.certain:
-            self.certain = self._printed = position == self.rest
-        self.rest = position if self.certain and self._printed else None
+            self.certain = self._printed = position == self.rest_position
+        self.rest_position = position if self.certain and self._printed else None
 
 
 class IdleWatch:

@@ -102,8 +102,8 @@ class Recorder:
 
     def _update_alarm(self) -> None:
         session, board, alarms, now_s = self.board.session, self.board, self.alarms, self._clock.now()
-        if board.returned:
-            board.returned = False
+        if board.rearms_alarm:
+            board.rearms_alarm = False
             alarms.mark_ended()
         if session is not None:
             alarms.take_from_session(session, now_s)
@@ -122,7 +122,7 @@ class Recorder:
     def _write(self) -> None:
         session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
         state, alarm = self.board.state, self.alarms.alarm
-        state.rest = self.board.idle_watch.filament.rest
+        state.rest = self.board.idle_watch.filament.rest_position
         if alarm != saved_state.alarm or state != saved_state.board:
             alarm_record = None if alarm is None else alarm.record()
             self.journal.write(now_s, **state.record(), alarm=alarm_record)
@@ -179,8 +179,8 @@ class Recorder:
             "starved_s": max(0.0, starved_s),
         }
         if self._program is not None:
-            readings["line"] = context.streamed
-            mark = self._program.progress_at(context.streamed)
+            readings["line"] = context.acknowledged_lines
+            mark = self._program.progress_at(context.acknowledged_lines)
             readings["progress_s"] = mark.seconds
             readings["layers"] = self._program.layers
             if mark.layer is not None:

@@ -64,7 +64,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
         filament = journal_state.filament if board.idle_watch.filament.certain else Filament.UNKNOWN
         if filament is Filament.UNKNOWN and emulator is not None and board.state.bed_unknown_reason is None:
             filament = _read_filament(emulator.filament_end_mm, board.profile.parked_mm)
-    heaters_off = report is not None and report.off
+    heaters_off = report is not None and report.targets_off
     return Snapshot(
         protocol=PROTOCOL,
         printer=start.printer,

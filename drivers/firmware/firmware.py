@@ -78,7 +78,7 @@ class Firmware:
         Somebody has seen the firmware end it. Else a real printer prints only while somebody is there.
     set_up
         Commands sent before a print to a board that has restarted.
-    as_new
+    reset_commands
         Commands that restore the defaults of a board that was not reset.
     waiting_s
         Commands that wait for all earlier moves, with their time-outs in seconds.
@@ -114,8 +114,8 @@ class Firmware:
     fan_off: bytes
     dead_man: bytes
     dead_man_observed: bool
-    set_up: tuple[bytes, ...]
-    as_new: tuple[bytes, ...]
+    setup_commands: tuple[bytes, ...]
+    reset_commands: tuple[bytes, ...]
     waiting_s: Mapping[bytes, float]
     forbidden: Mapping[bytes, str]
 

@@ -64,8 +64,18 @@ MARLIN2 = Firmware(
     fan_off=b"M107",
     dead_man=b"M85 S%d",  # fed only by moves and by M85 itself (``manage_inactivity``); ends in kill()
     dead_man_observed=False,
-    set_up=_SET_UP,
-    as_new=(b"M104 S0", b"M140 S0", b"M410", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100", *_SET_UP),
+    setup_commands=_SET_UP,
+    reset_commands=(
+        b"M104 S0",
+        b"M140 S0",
+        b"M410",
+        b"M107",
+        b"G90",
+        b"M82",
+        b"M220 S100",
+        b"M221 S100",
+        *_SET_UP,
+    ),
     waiting_s={
         b"G28": 1500.0,
         b"G4": 3000.0,

@@ -52,8 +52,8 @@ ULTIMAKER2 = Firmware(
     fan_off=b"M107",
     dead_man=b"M85 S%d",
     dead_man_observed=True,
-    set_up=(),
-    as_new=(b"M104 S0", b"M140 S0", b"M401", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100"),
+    setup_commands=(),
+    reset_commands=(b"M104 S0", b"M140 S0", b"M401", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100"),
     waiting_s={
         b"G28": 1500.0,
         b"G4": 3000.0,

@@ -76,7 +76,7 @@ class AgentWatch:
     def describe(self) -> AgentState:
         """Describe it for the daemon."""
         pid = find_agent_pid(self._folder)
-        runs = None if pid is None else Installation.of_agent(pid)
+        runs = None if pid is None else Installation.from_agent(pid)
         return AgentState(
             printer=self.printer,
             phase=self._find_phase(),
@@ -89,7 +89,7 @@ class AgentWatch:
     def find_installation(self) -> Installation | None:
         """Return the installation that the agent runs; None if none runs."""
         pid = find_agent_pid(self._folder)
-        return None if pid is None else Installation.of_agent(pid)
+        return None if pid is None else Installation.from_agent(pid)
 
     def _find_phase(self) -> AgentPhase:
         if not self.wanted:

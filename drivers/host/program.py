@@ -78,6 +78,6 @@ def _stop_printers(request: HostRequest, places: HostPlaces) -> None:
 
 def _stop(start: StartFile, places: HostPlaces) -> StopResult:
     try:
-        return stop_printer(StopTarget.of_agent(start, places.agent(start.printer)))
+        return stop_printer(StopTarget.from_agent(start, places.agent(start.printer)))
     except (AgentError, OSError) as error:
         return StopResult(start.printer, None, False, f"cannot be stopped: {error}; switch it off")

@@ -122,9 +122,9 @@ class Link:
         return not (self._waiting or self._outbox.pending)
 
     @property
-    def streamed(self) -> int:
+    def streamed_lines(self) -> int:
         """Number of acknowledged lines of the program, counted from its first line."""
-        return self._outbox.streamed(self._waiting)
+        return self._outbox.streamed_lines(self._waiting)
 
     @property
     def deadline_s(self) -> float:

@@ -104,7 +104,7 @@ class Outbox:
         """Return True if the line is recent enough to be resent."""
         return number >= self._base and self.number - number < HISTORY_LINES
 
-    def streamed(self, waiting: bool) -> int:
+    def streamed_lines(self, waiting: bool) -> int:
         """Count the acknowledged lines of the program; `waiting`: the last sent line is not acknowledged."""
         number = self.number
         number -= waiting and not self.polls  # an M105 is not part of the program

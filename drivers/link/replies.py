@@ -39,7 +39,7 @@ class Report:
     bed_target_c: float
 
     @property
-    def off(self) -> bool:
+    def targets_off(self) -> bool:
         """True if both targets are 0."""
         return self.nozzle_target_c == 0 and self.bed_target_c == 0
 

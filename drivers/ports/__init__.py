@@ -2,14 +2,14 @@
 
 from drivers.ports.port import NET, NetPort, Port, identify_device, open_port
 from drivers.ports.serial_port import Device, SerialPort, list_devices
-from drivers.ports.wire_record import Exchange, RecordedPort, WireRecord
+from drivers.ports.wire_record import RecordedLine, RecordedPort, WireRecord
 
 __all__ = [
     "NET",
     "Device",
-    "Exchange",
     "NetPort",
     "Port",
+    "RecordedLine",
     "RecordedPort",
     "SerialPort",
     "WireRecord",

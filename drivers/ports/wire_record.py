@@ -16,7 +16,7 @@ _MAX_LINE_LENGTH = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Exchange:
+class RecordedLine:
     """Line on the wire: its time, whether it was sent to the board, and its text; other bytes as `\\x..`."""
 
     at_s: float
@@ -44,7 +44,7 @@ class WireRecord:
             for at in range(0, len(data), _CHUNK_BYTES):
                 self._chunks.append((now_s, sent, data[at : at + _CHUNK_BYTES]))
 
-    def list_lines(self) -> list[Exchange]:
+    def list_lines(self) -> list[RecordedLine]:
         """List the last 400 lines, oldest first; the first one may have lost its beginning.
 
         Older bytes are not looked at: the serial loop waits meanwhile, and noise may be all newlines.
@@ -59,7 +59,7 @@ class WireRecord:
         return list(split_lines(last))[-_LINES:]
 
 
-def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchange]:
+def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[RecordedLine]:
     """Split chunks into lines, each at the time of the first chunk of its direction that has a part of it."""
     for sent, group in groupby(chunks, key=lambda chunk: chunk[1]):
         began_s, partial = 0.0, b""
@@ -73,10 +73,10 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Exchang
             yield _make_line(began_s, sent, partial)
 
 
-def _make_line(at_s: float, sent: bool, line: bytes) -> Exchange:
+def _make_line(at_s: float, sent: bool, line: bytes) -> RecordedLine:
     text = line.rstrip(b"\r")[:_MAX_LINE_LENGTH].decode("ascii", "backslashreplace")
     shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_MAX_LINE_LENGTH])
-    return Exchange(at_s, sent, shown)
+    return RecordedLine(at_s, sent, shown)
 
 
 class RecordedPort:

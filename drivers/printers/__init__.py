@@ -3,7 +3,7 @@
 from drivers.firmware import ULTIMAKER2 as ULTIMAKER2_FIRMWARE
 from drivers.firmware import Firmware
 from drivers.printers.ender3 import ENDER3
-from drivers.printers.part_room import FIT_TOLERANCE_MM, Placement, RoomBox, part_room, place
+from drivers.printers.part_room import FIT_TOLERANCE_MM, Placement, RoomBox, compute_part_room, place
 from drivers.printers.profile import HeaterModel, Profile, Rect
 from drivers.printers.ultimaker2 import ULTIMAKER2
 from drivers.printers.ultimaker2_extended import ULTIMAKER2_EXTENDED
@@ -20,8 +20,8 @@ __all__ = [
     "Profile",
     "Rect",
     "RoomBox",
+    "compute_part_room",
     "find_firmware",
-    "part_room",
     "place",
 ]
 

@@ -21,7 +21,7 @@ class RoomBox:
         return (self.rect.width_mm, self.rect.depth_mm, self.height_mm)
 
 
-def part_room(
+def compute_part_room(
     profile: Profile, brim_mm: float, volume_mm: tuple[float, float, float] | None = None
 ) -> tuple[RoomBox, ...]:
     """List the boxes that a part with a brim may fill on this printer.
@@ -47,8 +47,8 @@ def part_room(
     height = profile.height_mm
     if volume_mm is not None:
         width, depth, height = min(width, volume_mm[0]), min(depth, volume_mm[1]), min(height, volume_mm[2])
-    bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2).grown(-brim_mm)
-    clips = [clip.grown(brim_mm) for clip in profile.clips]
+    bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2).expand(-brim_mm)
+    clips = [clip.expand(brim_mm) for clip in profile.clips]
     xs = sorted({bed.min_x_mm, bed.max_x_mm, *(x for c in clips for x in (c.min_x_mm, c.max_x_mm))})
     ys = sorted({bed.min_y_mm, bed.max_y_mm, *(y for c in clips for y in (c.min_y_mm, c.max_y_mm))})
     free = [

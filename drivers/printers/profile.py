@@ -48,7 +48,7 @@ class Rect:
             and self.max_y_mm >= other.max_y_mm
         )
 
-    def grown(self, by_mm: float) -> Rect:
+    def expand(self, by_mm: float) -> Rect:
         return Rect(
             self.min_x_mm - by_mm, self.min_y_mm - by_mm, self.max_x_mm + by_mm, self.max_y_mm + by_mm
         )

@@ -133,7 +133,7 @@ def execute(line: bytes) -> int:
         request = BridgeRequest.parse(line)
         folder = find_folder(request.farm, request.start.printer)
         if request.do is BridgeTask.STOP:
-            result = stop_printer(StopTarget.of_agent(request.start, folder))
+            result = stop_printer(StopTarget.from_agent(request.start, folder))
             _write(json.dumps(asdict(result)).encode() + b"\n")
         else:
             serve(request, folder)

@@ -42,7 +42,7 @@ class Installation:
         return cls(str(python.parent.resolve() / python.name), str(folder))
 
     @classmethod
-    def of_agent(cls, pid: int) -> Installation | None:
+    def from_agent(cls, pid: int) -> Installation | None:
         """Return the installation that an agent runs; None if it has ended."""
         process = Path("/proc") / str(pid)
         try:

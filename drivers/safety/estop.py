@@ -76,7 +76,7 @@ class StopTarget:
     power_off_cmd: str | None = None
 
     @classmethod
-    def of_agent(cls, start: StartFile, folder: Path) -> StopTarget:
+    def from_agent(cls, start: StartFile, folder: Path) -> StopTarget:
         """Build the target from the start file of an agent in `folder`."""
         return cls(start.printer, start.port, folder, find_firmware(start.model), start.power_off_cmd)
 
@@ -110,19 +110,19 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
     for folder in sorted(agents.glob("*/")):
         with suppress(AgentError):
             targets[folder.name] = replace(
-                StopTarget.of_agent(StartFile.read(folder), folder), printer=folder.name
+                StopTarget.from_agent(StartFile.read(folder), folder), printer=folder.name
             )
     return targets
 
 
-def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
+def stop_printer(target: StopTarget, watch_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
     """Stop one printer. Never raises; returns once it cools, after 140 s at most.
 
     Parameters
     ----------
     target
         The printer.
-    show_s
+    watch_s
         Wall seconds within which it has to report both targets 0.
     notify
         Receives the first result, before the printer has cooled.
@@ -134,7 +134,7 @@ def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _
         target.folder.mkdir(parents=True, exist_ok=True)
         lock = hold(target.folder / AGENT_LOCK)
     try:
-        result = stop_board(target, show_s, notify)
+        result = stop_board(target, watch_s, notify)
         if lock is not None:
             with suppress(DriverError, OSError):  # a full disk: the bed counts as unknown in any case
                 Journal(target.folder / JOURNAL).write(time.time(), look=ESTOPPED, hot=not result.seen_off)
@@ -144,21 +144,21 @@ def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _
     return result
 
 
-def stop_board(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
+def stop_board(target: StopTarget, watch_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
     """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
     Parameters
     ----------
-    target, show_s, notify
+    target, watch_s, notify
         See `stop_printer`.
     """
-    result = _reset(target, show_s, notify)
+    result = _reset(target, watch_s, notify)
     if result.seen_off or not target.power_off_cmd:
         return result
     return replace(result, text=f"{result.text}; {cut_mains(target.power_off_cmd, target.printer)}")
 
 
-def _reset(target: StopTarget, show_s: float, notify: Notify) -> StopResult:
+def _reset(target: StopTarget, watch_s: float, notify: Notify) -> StopResult:
     """Reset the board and confirm that its heaters are off."""
     name = target.printer
     try:
@@ -175,7 +175,7 @@ def _reset(target: StopTarget, show_s: float, notify: Notify) -> StopResult:
             with suppress(PortError):  # the abort sequence may have been enough; that is checked below
                 port.reset()
         cut_s = time.time()
-        text, off_seen = board.confirm_off(show_s)
+        text, off_seen = board.confirm_off(watch_s)
     except PortError as error:
         text, off_seen = f"{error}; switch it off", False
     finally:
@@ -225,7 +225,7 @@ class _Board:
         """User-facing clause on its motion."""
         return "it stands still" if self.still else "it was not seen to stand still: check whether it moves"
 
-    def confirm_off(self, show_s: float) -> tuple[str, bool]:
+    def confirm_off(self, watch_s: float) -> tuple[str, bool]:
         """Poll until both targets are 0 and the heaters cool.
 
         Returns
@@ -234,17 +234,17 @@ class _Board:
             A user-facing sentence; True if the heaters were confirmed off.
         """
         for now_s, event in exchange(
-            self._port, self._link, show_s, unconfirmed=self._firmware.abort_unnumbered
+            self._port, self._link, watch_s, unconfirmed=self._firmware.abort_unnumbered
         ):
             self._on_event(now_s, event)
-            if self.still and self._report is not None and self._report.off:
+            if self.still and self._report is not None and self._report.targets_off:
                 break
-        if (self._report is None or not self._report.off) and self._firmware.halt is not None:
+        if (self._report is None or not self._report.targets_off) and self._firmware.halt is not None:
             self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # no print is left to lose
         if self._report is None or self._up is None:
             return "was reset, but shows no temperatures: switch it off", False
         report, connected = self._report, self._up
-        if not report.off:
+        if not report.targets_off:
             heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({heats}): switch it off", False
         method = "its board was reset" if connected.restarted else "by command: its board was not reset"
@@ -289,7 +289,7 @@ class _Board:
             if isinstance(event, Report):
                 report = event
                 finding = watch.judge(event, dict.fromkeys(HeaterName, 0.0), now_s)
-                if finding is not None or not event.off:
+                if finding is not None or not event.targets_off:
                     break
                 if watch.cools:
                     now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"

@@ -34,11 +34,11 @@ def connect(context: SessionContext) -> Script:
         greeting = context.greeting
         if greeting is not None and greeting.restarted:
             context.dead_man_s = 0.0
-            if context.firmware.set_up:
-                yield from send(context, *context.firmware.set_up)
+            if context.firmware.setup_commands:
+                yield from send(context, *context.firmware.setup_commands)
             return
         if greeting is not None and not context.board_resets:
-            yield from send(context, *context.firmware.as_new)
+            yield from send(context, *context.firmware.reset_commands)
             return
     raise PrintEnded(Fault.NO_ANSWER, "the board did not restart when its port was opened")
 

@@ -191,7 +191,7 @@ class SessionContext:
         return self.phase.ended
 
     @property
-    def streamed(self) -> int:
+    def acknowledged_lines(self) -> int:
         """Number of lines of the file that the printer has acknowledged."""
         if self.final_lines is not None:
             return self.final_lines
@@ -202,23 +202,23 @@ class SessionContext:
     @property
     def done_lines(self) -> int:
         """Number of lines of the file that were acknowledged or executed by the session."""
-        return max(self.heated_lines, self.link.streamed)
+        return max(self.heated_lines, self.link.streamed_lines)
 
     @property
-    def report_by_s(self) -> float:
+    def report_deadline_s(self) -> float:
         """Time by which a report that is requested now has to arrive."""
         return self.now_s + max(REPORT_S, 5 * self.pace.floor_s)
 
     @property
-    def blind_by_s(self) -> float:
+    def blind_deadline_s(self) -> float:
         """Time at which a print without a report is ended."""
         return self.report_s + max(BLIND_S, 5 * self.pace.floor_s)
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
         """Make a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
-        return Wait(condition, self.by_s(limit_s))
+        return Wait(condition, self.compute_limit_s(limit_s))
 
-    def by_s(self, limit_s: float) -> float:
+    def compute_limit_s(self, limit_s: float) -> float:
         """Compute the end of a time limit, which is never below the shortest time-out."""
         return self.now_s + max(limit_s, 2 * self.pace.floor_s)
 

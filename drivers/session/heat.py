@@ -52,7 +52,7 @@ def heat(context: SessionContext, target: Heat) -> Script:
     reached_s = math.inf
     while True:
         context.link.poll_soon(context.now_s + context.pace.heating_s)
-        if not (yield from await_report(context, context.report_by_s)):
+        if not (yield from await_report(context, context.report_deadline_s)):
             text = f"the board answers, but reports no temperature of the {target.heater}"
             raise PrintEnded(Fault.NO_ANSWER, text)
         now_c = context.watch.now_c(target.heater)
@@ -74,16 +74,16 @@ def heat(context: SessionContext, target: Heat) -> Script:
 
 def confirm_off(context: SessionContext) -> Answer:
     """Poll until a report shows both targets 0 and every warm heater was seen to cool."""
-    limit_s = context.by_s(OFF_S)
+    limit_s = context.compute_limit_s(OFF_S)
     context.targets_off_s = None
     context.watch.restart()
     context.link.poll_every_s = context.pace.heating_s
     context.link.poll(context.now_s)
-    min_s = context.by_s(MIN_OFF_S)
+    min_s = context.compute_limit_s(MIN_OFF_S)
     while context.now_s < limit_s:
         limit_s = min(limit_s, max(min_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_S))
         received = yield from await_report(context, limit_s)
-        if not received or context.report is None or not context.report.off:
+        if not received or context.report is None or not context.report.targets_off:
             continue
         if context.targets_off_s is None:
             context.targets_off_s = context.now_s
@@ -97,7 +97,7 @@ def verify_targets(context: SessionContext) -> Script:
     """Check the targets before the file cools down: a stopped board acknowledges all moves at once."""
     while True:
         context.link.poll(context.now_s)
-        if not (yield from await_report(context, context.report_by_s)):
+        if not (yield from await_report(context, context.report_deadline_s)):
             raise PrintEnded(Fault.NO_ANSWER, "the board reports no temperatures at the end of the print")
         if not context.unexpected_reports:  # else poll again, until there are enough of them
             return

@@ -25,7 +25,7 @@ _RESET_AFTER = frozenset(
 
 def make_safe(context: SessionContext) -> Script:
     """Abort the print, by command if the board responds, else by a reset."""
-    context.final_lines = context.streamed
+    context.final_lines = context.acknowledged_lines
     homed = context.program is not None and context.final_lines > context.program.home_line
     listens = context.greeting is not None and context.link.phase is LinkPhase.LIVE
     if listens and context.fault not in _RESET_AFTER:

@@ -66,7 +66,7 @@ def can_pause(context: SessionContext) -> bool:
         context.program is not None
         and context.phase is PrintPhase.PRINTING
         and context.filament is Filament.AT_NOZZLE
-        and extrudes(context, context.program.target_c(HeaterName.NOZZLE, context.link.streamed) or 0.0)
+        and extrudes(context, context.program.target_c(HeaterName.NOZZLE, context.link.streamed_lines) or 0.0)
     )
 
 

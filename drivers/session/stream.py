@@ -82,8 +82,8 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         link.poll_every_s = context.pace.printing_s
         link.stream(context.now_s, read_lines, start, stop)
         context.report_s = context.now_s
-        while not (yield Wait(sent_or_paused, context.blind_by_s)):
-            if context.now_s >= context.blind_by_s:
+        while not (yield Wait(sent_or_paused, context.blind_deadline_s)):
+            if context.now_s >= context.blind_deadline_s:
                 raise PrintEnded(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
         if context.unreadable is not None:
             raise context.unreadable
@@ -91,7 +91,7 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
             return
         link.halt()
         yield Wait(lambda: link.drained)
-        start = link.streamed
+        start = link.streamed_lines
         if can_pause(context):  # the line in flight may have switched the heat off
             yield from pause(context, program, start)
 
@@ -107,7 +107,7 @@ def _finish(context: SessionContext, program: Program) -> Script:
         # as far back as the end code left it; the nozzle cools already
         yield from park(context, measure_retracted_mm(program, program.count), can_extrude=False)
     if not (yield from confirm_off(context)):
-        if context.report is not None and context.report.off:
+        if context.report is not None and context.report.targets_off:
             raise PrintEnded(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
         raise PrintEnded(Fault.NO_ANSWER, "heaters were not confirmed off at the end of the print")
     yield from arm_dead_man(context, 0.0)

@@ -84,7 +84,7 @@ class Cameras:
     def __len__(self) -> int:
         return len(self._cameras)
 
-    async def look(self, printer: str) -> Image:
+    async def fetch_still(self, printer: str) -> Image:
         """Return a still that is two seconds old at most.
 
         Raises

@@ -29,7 +29,7 @@ async def refuse_replacing(name: str) -> None:
     raise Refused(f"{name} has no agent")
 
 
-async def refuse_looking(printer: str) -> Image:
+async def refuse_stills(printer: str) -> Image:
     """Refuse to show a printer; for a farm without cameras."""
     raise NoSuchThing(f"{printer} has no camera")
 
@@ -89,7 +89,7 @@ class Services:
         Deletes what is no longer kept, for a person; with True, only lists it.
     replace_agent
         Replaces the agent of an idle printer.
-    look
+    fetch_still
         Returns a still by the camera of a printer.
     read_lines
         Reads the last lines on the wire of a printer.
@@ -120,7 +120,7 @@ class Services:
     shut_down: Callable[[bool], Awaitable[None]]
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
     prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
-    look: Callable[[str], Awaitable[Image]] = refuse_looking
+    fetch_still: Callable[[str], Awaitable[Image]] = refuse_stills
     read_lines: Callable[[str], Awaitable[list[WireLine]]] = refuse_reading
     network: NetworkState = field(default_factory=NetworkState)
     key_uses_s: dict[str, float] = field(default_factory=dict)

@@ -143,7 +143,7 @@ class Job(Entity):
         """Return the priority by which it is served."""
         return self.options.priority if self.moved_priority is None else self.moved_priority
 
-    def printed_by_s(self, ratio: float) -> float | None:
+    def compute_print_deadline_s(self, ratio: float) -> float | None:
         """Return the time by which its last part has to be printed; None for no limit.
 
         Parameters

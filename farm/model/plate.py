@@ -115,6 +115,6 @@ class Plate(Entity):
         """Expected time until the first layer is done, which prints at half speed, in seconds."""
         return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
-    def expected_on(self, time_factor: float) -> float:
+    def compute_expected_s(self, time_factor: float) -> float:
         """Return the expected time on a printer with this time factor, in seconds."""
         return self.prelude_s + self.sliced_s * time_factor

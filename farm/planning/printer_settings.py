@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-from drivers.printers import PROFILES, Profile, RoomBox, part_room
+from drivers.printers import PROFILES, Profile, RoomBox, compute_part_room
 from farm.config import PrinterSection
 from farm.errors import Refused
 from farm.model import JobOptions
@@ -102,7 +102,7 @@ def build_slicing_printer(profile: Profile) -> PrinterModel:
 
 def find_printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
     """Return the boxes that a part with a brim of `brim_mm` may fill on a printer."""
-    return part_room(PROFILES[section.model], brim_mm, section.volume_mm)
+    return compute_part_room(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
 def list_model_sizes(

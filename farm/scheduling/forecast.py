@@ -60,8 +60,8 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     are matched with printers by the code of `farm.scheduling.assignment`. Between two plates on a printer its
     bed is cleared, which needs a person to be present. Printers that are absent or broken are used only if
     there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the least
-    (Graham 1969, LPT) and the few seconds by which plates in the order of gluing may differ (`AS_LONG_S`);
-    it is the longest plate's end if there are no more plates than printers.
+    (Graham 1969, LPT) and the few seconds by which plates in the order of gluing may differ
+    (`TIME_TOLERANCE_S`); it is the longest plate's end if there are no more plates than printers.
 
     Parameters
     ----------

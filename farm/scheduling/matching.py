@@ -69,7 +69,7 @@ class Capabilities:
         )
 
 
-AS_LONG_S = 10.0
+TIME_TOLERANCE_S = 10.0
 """Plates whose times round to the same number of these take as long as each other. The last part may
 end later by little more than this."""
 
@@ -206,9 +206,9 @@ class WaitingPlate:
     def priority_key(self) -> tuple[int, float, int, float, int, float, str]:
         """Sort key: priority, order of submission, then the longest first (LPT).
 
-        Of plates that take as long to within `AS_LONG_S`, the one that is glued first.
+        Of plates that take as long to within `TIME_TOLERANCE_S`, the one that is glued first.
         """
-        longest = -round(self.expected_s / AS_LONG_S)
+        longest = -round(self.expected_s / TIME_TOLERANCE_S)
         return *self.turn, longest, self.glue_rank, -self.expected_s, self.id
 
     @cached_property

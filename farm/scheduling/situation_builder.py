@@ -89,7 +89,7 @@ def _start_s(attempt: Print) -> float:
 
 def _compute_expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     """Return the expected end of a print, rounded up to whole minutes."""
-    return math.ceil((_start_s(attempt) + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
+    return math.ceil((_start_s(attempt) + books.plates[attempt.plate].compute_expected_s(factor)) / 60) * 60.0
 
 
 class SituationBuilder:

@@ -62,4 +62,4 @@ class ViewContext:
         reported = self.reported_print(attempt)
         if reported is not None and reported.progress_s > 0:
             return max(0.0, plate.sliced_s - reported.progress_s) * factor
-        return max(0.0, plate.expected_on(factor) - (self.now_s - (attempt.started_s or self.now_s)))
+        return max(0.0, plate.compute_expected_s(factor) - (self.now_s - (attempt.started_s or self.now_s)))

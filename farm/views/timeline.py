@@ -70,7 +70,9 @@ def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]
         for attempt in books.prints_of(plate):
             factor = books.printer(attempt.printer).time_factor
             start_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-            ends_s = attempt.ended_s if attempt.ended_s is not None else start_s + plate.expected_on(factor)
+            ends_s = (
+                attempt.ended_s if attempt.ended_s is not None else start_s + plate.compute_expected_s(factor)
+            )
             yield Slot(plate.id, attempt.printer, start_s, ends_s)
 
 

@@ -73,7 +73,7 @@ def stream(
         until_s = time.monotonic() + PATIENCE_S
         link.on_opened(clock.now())
         while not faults and not (connected and link.drained):
-            assert time.monotonic() < until_s, f"it does not end: {link.streamed} lines"
+            assert time.monotonic() < until_s, f"it does not end: {link.streamed_lines} lines"
             wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
             try:
                 data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
@@ -120,7 +120,7 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
         "resend_ratio 2@420",
     )
     assert faults == []
-    assert link.streamed == len(program)
+    assert link.streamed_lines == len(program)
     printed = done(tmp_path)
     assert printed == [line for line in program if line in set(printed)]
     dropped = (tmp_path / "dropped.txt").read_text().splitlines()
@@ -143,7 +143,7 @@ def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path:
         firmware=MARLIN2,
     )
     assert faults == []
-    assert link.streamed == len(program)
+    assert link.streamed_lines == len(program)
     printed = done(tmp_path)
     assert printed == [line for line in program if line in set(printed)]
     dropped = (tmp_path / "dropped.txt").read_text().splitlines()
@@ -166,7 +166,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
         session.on_port_reset()
         until_s = time.monotonic() + PATIENCE_S
         while not context.ended:
-            assert time.monotonic() < until_s, f"it does not end: {context.phase}, {context.streamed} lines"
+            assert time.monotonic() < until_s, f"{context.phase}, {context.acknowledged_lines} lines"
             due_s = min(link.deadline_s, session.deadline_s) - clock.now()
             wait_s = max(0.0, min(clock.wall_seconds(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""

@@ -3,7 +3,7 @@
 import pytest
 import trimesh
 
-from drivers.printers import BEDS, part_room
+from drivers.printers import BEDS, compute_part_room
 from make_stl import stl_bytes
 from slicing.errors import BadSetting
 from slicing.plate import PlateRequest, slice_plate
@@ -18,7 +18,7 @@ def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality)
     expected = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
     settings = resolve_settings(expected, resources)
     assert settings.filament_diameter_mm == 1.75
-    boxes = part_room(BEDS[MODEL], 0.0)
+    boxes = compute_part_room(BEDS[MODEL], 0.0)
     bed = tuple((*corners(box.rect), box.height_mm) for box in boxes)
     stl = tmp_path / "part.stl"
     stl.write_bytes(stl_bytes(trimesh.creation.box((60, 30, 10))))

@@ -118,7 +118,7 @@ class Rig:
         return board.nozzle.target_c, board.bed.target_c
 
     def printing(self, lines: int = 100) -> "Rig":
-        return self.run(until=lambda: self.session.context.streamed >= lines)
+        return self.run(until=lambda: self.session.context.acknowledged_lines >= lines)
 
     def moves(self) -> list[bytes]:
         """List the file's moves as they were sent, in the order of their line numbers."""

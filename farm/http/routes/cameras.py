@@ -23,7 +23,7 @@ def camera_routes(services: Services) -> APIRouter:
         },
     )
     async def camera(name: str) -> Response:
-        image = await services.look(name)
+        image = await services.fetch_still(name)
         return Response(image.content, media_type=image.media_type, headers={"cache-control": "no-store"})
 
     return router

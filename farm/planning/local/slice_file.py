@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from decompose.geometry import Model, load_model
-from drivers.printers import BEDS, Profile, RoomBox, part_room, place
+from drivers.printers import BEDS, Profile, RoomBox, compute_part_room, place
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
@@ -137,7 +137,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
 
 def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profile) -> tuple[RoomBox, ...]:
     """Return the room for a part with its brim. Raises FarmError if the model does not fit it."""
-    room = part_room(profile, settings.brim_width_mm)
+    room = compute_part_room(profile, settings.brim_width_mm)
     size = _compute_printed_size_mm(model, settings)
     if place(size, room) is None:
         raise FarmError(

@@ -135,7 +135,7 @@ def _move_plate(plate: Plate, section: PrinterSection, time_factor: float) -> Pl
         update={
             "printer": section.name,
             "time_factor": time_factor,
-            "expected_s": plate.expected_on(time_factor),
+            "expected_s": plate.compute_expected_s(time_factor),
             "price": section.price(plate.grams),
         }
     )

@@ -44,7 +44,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
         for box in task.room
-        for r in (box.rect.grown(task.settings.brim_width_mm),)
+        for r in (box.rect.expand(task.settings.brim_width_mm),)
     )
     with translate_errors():
         settings = resolve_slice_settings(task, extents[2])

@@ -233,7 +233,7 @@ def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, 
         planned_for=job.planned_for,
         requirements=derive_job_requirements(job),
         planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
-        done_by_s=job.printed_by_s(ratio),
+        done_by_s=job.compute_print_deadline_s(ratio),
     )
 
 

@@ -125,7 +125,7 @@ def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: P
 
     burns(1)
     burns(2)  # it was cold in between
-    agent.board.absent_reason, agent.board.returned = None, True  # it came back
+    agent.board.absent_reason, agent.board.rearms_alarm = None, True  # it came back
     agent.board.idle_watch.reset()
     agent.report(60.0)
     agent.report(90.0)

@@ -105,25 +105,27 @@ def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     watch = FilamentWatch()
     watch.confirm()
     watch.judge_position(REST)
-    assert watch.certain and watch.rest is None  # a board that has just started reports the same each time
+    assert (
+        watch.certain and watch.rest_position is None
+    )  # a board that has just started reports the same each time
     watch.note_print()
     watch.judge_position(REST)
-    assert watch.rest == REST.decode()
+    assert watch.rest_position == REST.decode()
     watch.note_reset()
-    assert watch.certain and watch.rest is None
+    assert watch.certain and watch.rest_position is None
     watch.judge_position(REST)
-    assert watch.rest is None
+    assert watch.rest_position is None
 
 
 @pytest.mark.parametrize(("observed", "certain"), [(REST, True), (OTHER, False)])
 def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
     observed: bytes, certain: bool
 ) -> None:
-    watch = FilamentWatch(rest=REST.decode())
+    watch = FilamentWatch(rest_position=REST.decode())
     assert not watch.certain
     watch.judge_position(observed)
-    assert (watch.certain, watch.rest) == (certain, REST.decode() if certain else None)
+    assert (watch.certain, watch.rest_position) == (certain, REST.decode() if certain else None)
     watch.judge_position(REST)
     assert watch.certain is certain  # once in doubt, a person has to say it
     watch.forget()
-    assert (watch.certain, watch.rest) == (False, None)
+    assert (watch.certain, watch.rest_position) == (False, None)

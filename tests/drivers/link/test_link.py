@@ -31,7 +31,7 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: 
     stream(bench, program)
     bench.run()
     assert bench.firmware.done == list(enumerate(program, 1))
-    assert bench.link.streamed == count
+    assert bench.link.streamed_lines == count
     assert bench.link.repeated == 0
     assert not bench.faults()
 
@@ -72,7 +72,7 @@ def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
     else:
         # Three barriers: what is believed of the last of them by mistake is no line of the print.
         assert len(numbers) >= count
-        assert bench.link.streamed == len(program)
+        assert bench.link.streamed_lines == len(program)
 
 
 @given(st.lists(st.binary(max_size=60), max_size=30))
@@ -294,11 +294,11 @@ def test_halting_leaves_the_line_in_flight_and_sends_no_more_of_the_program():
     bench.run(until_s=0.5)
     bench.link.halt()
     bench.link.send(bench.now_s, b"M401")
-    streamed = bench.link.streamed
+    streamed = bench.link.streamed_lines
     bench.run()
     bodies = [body for _, body in bench.firmware.done]
     assert bodies[-1] == b"M401"
-    assert len(bodies) - 1 <= streamed + 1 == bench.link.streamed
+    assert len(bodies) - 1 <= streamed + 1 == bench.link.streamed_lines
 
 
 def test_commands_wait_for_the_program_to_be_halted():
@@ -330,10 +330,10 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
         if bench.link.drained or bench.link.phase is Phase.DEAD:
             break
         bench.run(until_s=bench.now_s + 0.5)
-        observed.append(bench.link.streamed)
+        observed.append(bench.link.streamed_lines)
     if bench.link.phase is not Phase.DEAD:
         assert len(bench.firmware.done) == count + 1
-        assert bench.link.streamed == count
+        assert bench.link.streamed_lines == count
         if not changed:
             assert [body for _, body in bench.firmware.done] == [b"M82", *program]
             assert observed == sorted(observed)
@@ -345,7 +345,7 @@ def test_unexpected_last_line_is_accepted_when_reported_twice():
     program, bench = lines(120), Bench().boot()
     stream(bench, program)
     bench.run(until_s=0.8)
-    assert 50 < bench.link.streamed < 100
+    assert 50 < bench.link.streamed_lines < 100
     bench.link.take()
     for resend in (5, 6, 6):
         bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()

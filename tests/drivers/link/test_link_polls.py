@@ -62,7 +62,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], start, len(PROGRAM))
     while board.step():
         printed = sum(line.startswith(b"G1") for line in board.done)
-        assert board.link.streamed == start + printed
+        assert board.link.streamed_lines == start + printed
         assert not board.link.drained or start + printed == len(PROGRAM)
     assert board.link.drained
     assert board.done == [b"M110", *commands, *PROGRAM[start:]]
@@ -88,4 +88,4 @@ def test_line_in_flight_is_not_counted_as_printed():
     while board.last < 2:
         board.step()
     assert board.link.take().startswith(b"N3 ")
-    assert (board.link.streamed, board.link.drained) == (2, False)
+    assert (board.link.streamed_lines, board.link.drained) == (2, False)

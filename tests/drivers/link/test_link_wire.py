@@ -112,7 +112,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
         assert set(fault_texts) <= NAMED
     else:
         assert len(numbers) >= count
-        assert link.streamed == len(program)
+        assert link.streamed_lines == len(program)
 
 
 def test_checksum_collision_is_counted():

@@ -107,4 +107,4 @@ def test_refusal_without_a_number_leaves_queries_pending():
 
 @pytest.mark.parametrize(("nozzle_c", "bed_c", "off"), [(0, 0, True), (1, 0, False), (0, 1, False)])
 def test_heaters_are_off_if_both_targets_are_0(nozzle_c, bed_c, off):
-    assert Report(200.0, nozzle_c, 60.0, bed_c).off is off
+    assert Report(200.0, nozzle_c, 60.0, bed_c).targets_off is off

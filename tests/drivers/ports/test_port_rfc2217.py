@@ -89,7 +89,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
                 assert event.restarted and event.banner
                 link.poll(now_s)
             elif isinstance(event, Report):
-                assert event.off
+                assert event.targets_off
                 break
         else:
             raise AssertionError("no report")

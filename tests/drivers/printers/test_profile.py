@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.printers import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, part_room, place
+from drivers.printers import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, compute_part_room, place
 
 models = st.sampled_from(sorted(BEDS))
 sizes = st.floats(1.0, 400.0)
@@ -15,8 +15,8 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
     profile = BEDS[model]
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
-    for box in part_room(profile, brim_mm):
-        grown = box.rect.grown(brim_mm - 1e-9)
+    for box in compute_part_room(profile, brim_mm):
+        grown = box.rect.expand(brim_mm - 1e-9)
         assert bed.contains(grown)
         assert not any(grown.overlaps(clip) for clip in profile.clips)
         assert box.height_mm == profile.height_mm
@@ -24,7 +24,7 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
 
 @given(models, st.tuples(sizes, sizes, sizes))
 def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
-    room = part_room(BEDS[model], 8.0)
+    room = compute_part_room(BEDS[model], 8.0)
     placed = place(extents_mm, room)
     dx, dy, dz = extents_mm
     if placed is None:
@@ -36,17 +36,17 @@ def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[flo
         dx, dy = dy, dx
     part = Rect(placed.x_mm - dx / 2, placed.y_mm - dy / 2, placed.x_mm + dx / 2, placed.y_mm + dy / 2)
     slack = FIT_TOLERANCE_MM
-    assert any(box.rect.grown(slack).contains(part) and box.height_mm + slack >= dz for box in room)
+    assert any(box.rect.expand(slack).contains(part) and box.height_mm + slack >= dz for box in room)
 
 
 def test_room_of_an_ultimaker_2_plus_with_an_8_mm_brim():
-    sizes_mm = [box.size_mm for box in part_room(PROFILES["ultimaker2_plus"], 8.0)]
+    sizes_mm = [box.size_mm for box in compute_part_room(PROFILES["ultimaker2_plus"], 8.0)]
     assert (207.0, 191.0, 205.0) in sizes_mm
     assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)
 
 
 def test_smaller_limit_of_the_user_is_used():
-    assert part_room(PROFILES["ultimaker2_plus"], 0.0, (100.0, 90.0, 500.0))[0].size_mm == (
+    assert compute_part_room(PROFILES["ultimaker2_plus"], 0.0, (100.0, 90.0, 500.0))[0].size_mm == (
         100.0,
         90.0,
         205.0,

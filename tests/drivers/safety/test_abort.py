@@ -133,14 +133,14 @@ def silent_board():
 
 def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
-    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), show_s=0.0)
+    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
     assert everything(master) == ULTIMAKER2.abort_unnumbered
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):
     url, master = silent_board
-    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), show_s=0.0)
+    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), watch_s=0.0)
     assert everything(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
     assert not stopped.seen_off and "switch it off" in stopped.text
 

@@ -150,7 +150,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         else:
             # In this process, and patiently: on a busy host the firmware's dead-man may precede `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
-            result = stop_printer(target, show_s=100.0)
+            result = stop_printer(target, watch_s=100.0)
             assert (result.seen_off, result.still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text
         was = read_status(emulator)
@@ -176,7 +176,7 @@ def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Pa
     script.chmod(0o700)
     try:
         target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
-        stopped = stop_printer(target, show_s=0.05)
+        stopped = stop_printer(target, watch_s=0.05)
         assert not stopped.seen_off and stopped.cut_s is not None
         assert "shows no temperatures" in stopped.text and message in stopped.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"

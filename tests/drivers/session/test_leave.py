@@ -123,7 +123,7 @@ WAYS: list[Way] = [
 def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
     """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
-    rig.run(until=lambda: rig.session.context.streamed >= lines)
+    rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
     until_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= until_s)
     if not rig.session.context.ended:

@@ -37,7 +37,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    x, y, z, _ = Moves(rig.program, rig.session.context.streamed).at
+    x, y, z, _ = Moves(rig.program, rig.session.context.acknowledged_lines).at
     rig.session.resume(rig.now_s)
     at = len(rig.sent)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
@@ -83,7 +83,7 @@ def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
 
 def test_cancel_with_the_bed_at_its_lowest_does_not_lower_it_further():
     rig = Rig()
-    rig.run(until=lambda: rig.session.context.streamed > rig.program.home_line + 1)
+    rig.run(until=lambda: rig.session.context.acknowledged_lines > rig.program.home_line + 1)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert b"G1 F1200 Z0.000" in rig.sent
@@ -129,7 +129,9 @@ def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
             rig.session.context.pause_ends_s is not None or rig.session.context.phase is PrintPhase.ENDING
         )
     )
-    assert rig.session.context.streamed <= ends or rig.session.context.phase is not PrintPhase.PAUSED
+    assert (
+        rig.session.context.acknowledged_lines <= ends or rig.session.context.phase is not PrintPhase.PAUSED
+    )
     cold_s = rig.now_s + 900.0
     rig.run(until=lambda: rig.now_s > cold_s)
     rig.session.resume(rig.now_s)

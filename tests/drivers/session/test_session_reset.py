@@ -46,9 +46,9 @@ def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
 def test_second_print_on_a_link_begins_with_new_counts():
     rig = Rig()
     rig.run()
-    assert rig.session.context.streamed == rig.program.count
+    assert rig.session.context.acknowledged_lines == rig.program.count
     repeated = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
-    assert repeated.context.streamed == 0
+    assert repeated.context.acknowledged_lines == 0
 
 
 def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
@@ -142,7 +142,9 @@ def test_dead_man_of_a_board_without_reset_stays_armed_until_heaters_are_off():
     left.firmware.board.set_nozzle(210.0, left.now_s)
     left.session = Session(SessionContext(left.link, None, PLUS, Filament.AT_NOZZLE, Pace(), left.now_s))
     left.session.context.board_resets = False
-    left.run(until=lambda: left.session.context.report is not None and left.session.context.report.off)
+    left.run(
+        until=lambda: left.session.context.report is not None and left.session.context.report.targets_off
+    )
     assert left.firmware.machine.dead_man_s == 600.0
     assert_ended_off(left.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
     assert left.firmware.machine.dead_man_s == math.inf  # off

@@ -85,12 +85,12 @@ def rig(tmp_path):
 
 def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig):
     async def look():
-        assert await asyncio.gather(*(rig.cameras.look("a") for _ in range(20))) == [IMAGE] * 20
+        assert await asyncio.gather(*(rig.cameras.fetch_still("a") for _ in range(20))) == [IMAGE] * 20
         rig.now_s += 1.9
-        assert await rig.cameras.look("a") == IMAGE
+        assert await rig.cameras.fetch_still("a") == IMAGE
         assert len(rig.requests) == 1
         rig.now_s += 0.1
-        await rig.cameras.look("a")
+        await rig.cameras.fetch_still("a")
 
     asyncio.run(look())
     assert rig.requests == [URL.replace("{printer}", "a")] * 2
@@ -98,7 +98,7 @@ def test_camera_is_polled_once_for_all_viewers_and_at_most_every_two_seconds(rig
 
 def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
     async def wait():
-        await rig.cameras.look("a")
+        await rig.cameras.fetch_still("a")
         for _ in range(100):
             rig.now_s += 1.0
             await rig.tick()
@@ -111,7 +111,7 @@ def test_camera_without_viewers_is_not_polled_and_its_still_is_dropped(rig):
 def test_printer_without_a_camera_and_unknown_printers_are_errors(rig):
     for name, why in (("b", "b has no camera: give its address by `camera`"), ("c", "no printer c")):
         with pytest.raises(NoSuchThing, match=why):
-            asyncio.run(rig.cameras.look(name))
+            asyncio.run(rig.cameras.fetch_still(name))
 
 
 @pytest.mark.parametrize("answer", [CameraError("it is dead"), ValueError("pass-w0rd")])
@@ -122,13 +122,13 @@ def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer)
     async def look():
         for _ in range(300):  # somebody looks for five minutes
             with pytest.raises(FarmError, match="the camera of a: it") as error:
-                await rig.cameras.look("a")
+                await rig.cameras.fetch_still("a")
             assert error.value.code is ErrorCode.UNREACHABLE
             rig.now_s += 1.0
         assert len(rig.requests) == 8  # after 4, 8, 16, 32 s, then each minute
         rig.answer = IMAGE
         rig.now_s += 60.0
-        assert await rig.cameras.look("a") == IMAGE
+        assert await rig.cameras.fetch_still("a") == IMAGE
 
     asyncio.run(look())
     lines = [record.message for record in caplog.records if record.name.startswith("farm.cameras")]

@@ -67,7 +67,7 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
     assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
     # What was learned of the printers is in the expected time, without slicing anew.
     longest = max(first.plates, key=lambda plate: plate.expected_s)
-    assert again.expected_s == pytest.approx(longest.expected_on(1.1))
+    assert again.expected_s == pytest.approx(longest.compute_expected_s(1.1))
     assert not list(state.work.iterdir())
 
 

@@ -10,12 +10,12 @@ from decompose.export.layout import describe_place, put_on_bed
 from decompose.geometry import Solid
 from decompose.printers import BedPlace
 from decompose.results import Part
-from drivers.printers import PROFILES, part_room, place
+from drivers.printers import PROFILES, compute_part_room, place
 from farm.planning.parts import slice_part
 from farm.planning.parts.bed_places import Bed, place_on
 
 PROFILE = PROFILES["ultimaker2_plus"]
-BED = Bed(PROFILE.bed_mm, part_room(PROFILE, 8.0), SimpleNamespace(scale_xy=1.0, scale_z=1.0))
+BED = Bed(PROFILE.bed_mm, compute_part_room(PROFILE, 8.0), SimpleNamespace(scale_xy=1.0, scale_z=1.0))
 
 
 def make_part(*size_mm):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from drivers.printers import PROFILES, part_room
+from drivers.printers import PROFILES, compute_part_room
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
@@ -31,7 +31,7 @@ def task(tmp_path):
             request=request,
             resources=resources,
             settings=settings,
-            room=part_room(PROFILES[MODEL], settings.brim_width_mm),
+            room=compute_part_room(PROFILES[MODEL], settings.brim_width_mm),
             engine=find_engine(),
             out=tmp_path / "part.gcode",
             cache=None,

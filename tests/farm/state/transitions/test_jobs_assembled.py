@@ -48,7 +48,10 @@ def test_expected_time_follows_what_was_reported_within_bounds():
 def test_printing_has_to_end_before_the_gluing():
     options = JobOptions(assembled_by="18:00")
     waiting = make_job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
-    assert waiting.printed_by_s(1.5) == 10_000.0
+    assert waiting.compute_print_deadline_s(1.5) == 10_000.0
     expected = waiting.model_copy(update={"assembly_s": 3_000.0})
-    assert (expected.printed_by_s(1.0), expected.printed_by_s(1.5)) == (7_000.0, 5_500.0)
-    assert make_job().printed_by_s(1.5) is None
+    assert (expected.compute_print_deadline_s(1.0), expected.compute_print_deadline_s(1.5)) == (
+        7_000.0,
+        5_500.0,
+    )
+    assert make_job().compute_print_deadline_s(1.5) is None
