@@ -89,12 +89,16 @@ class ConnectorOptions:
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm
         Names of printers whose fit differs, each with its own.
+    taken_mm
+        Distances between the two pins of steps that are drilled already, as of a part's neighbours when the
+        part is cut again.
     """
 
     pin_mm: float | None = None
     pin_fit_mm: float = PIN_FIT_MM
     marks: bool = False
     printer_fits_mm: tuple[tuple[str, float], ...] = ()
+    taken_mm: tuple[float, ...] = ()
 
     @property
     def is_empty(self) -> bool:

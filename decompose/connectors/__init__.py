@@ -7,7 +7,7 @@ from decompose.connectors.faces import Blank, rings_of
 from decompose.connectors.pins import pairs_of
 from decompose.connectors.plan import drill, plan_connectors
 from decompose.connectors.records import Connectors, Mark, Pin, Tool, distance_mm
-from decompose.connectors.report import describe_connectors, list_cuts
+from decompose.connectors.report import describe_connectors, list_cuts, read_pair_distances_mm
 
 __all__ = [
     "Blank",
@@ -23,5 +23,6 @@ __all__ = [
     "make_coupon",
     "pairs_of",
     "plan_connectors",
+    "read_pair_distances_mm",
     "rings_of",
 ]

@@ -18,6 +18,7 @@ from decompose.assembly import Assembly, AssemblyStep
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
 from decompose.connectors.tools import make_hole
+from decompose.options import ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
 SHALLOW, SHALLOWEST_MM = (
@@ -59,9 +60,11 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
 
 
 def place_pins(
-    room: Room, joints: Sequence[Joint], assembly: Assembly, pin_mm: float, min_glue_mm2: float
+    room: Room, joints: Sequence[Joint], assembly: Assembly, options: ConnectorOptions, min_glue_mm2: float
 ) -> tuple[list[Pin], list[tuple[int, str]]]:
     """Place the pins of all steps, and add their holes to the room's tools.
+
+    The distance of a pair differs from those of all others, and from those that are taken.
 
     Returns
     -------
@@ -71,12 +74,14 @@ def place_pins(
         Steps without a pin, with the reason.
     """
     pins: list[Pin] = []
-    unpinned = []
+    unpinned: list[tuple[int, str]] = []
+    if options.pin_mm is None:
+        return pins, unpinned
     for number, step in enumerate(assembly.steps):
         held = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
         sites = [site for j in held for site in _find_sites(room, j, joints[j], step)]
-        placer = _Placer(room, number, step, sites, pin_mm)
-        placed = placer.place(_pair_distances_mm(pins))
+        placer = _Placer(room, number, step, sites, options.pin_mm)
+        placed = placer.place([*options.taken_mm, *_pair_distances_mm(pins)])
         pins += placed
         if not placed:
             reason = "too small for a pin" if sites else "no glued face closes along its normal"

@@ -31,16 +31,13 @@ def plan_connectors(
     joints, assembly
         Of these parts, in the same frame.
     options
-        Diameter of the pins, and whether there are marks; the fit is that of each blank.
+        Diameter of the pins, distances that their pairs must not have, and whether there are marks; the fit
+        is that of each blank.
     min_glue_mm2
         Least area of a joint that counts as holding.
     """
     room = Room(blanks)
-    pins, unpinned = (
-        ([], [])
-        if options.pin_mm is None
-        else place_pins(room, joints, assembly, options.pin_mm, min_glue_mm2)
-    )
+    pins, unpinned = place_pins(room, joints, assembly, options, min_glue_mm2)
     marks, unmarked = place_marks(room, joints, assembly) if options.marks else ([], [])
     gutters = place_gutters(room, joints) if options.marks else []
     return Connectors(tuple(pins), tuple(marks), tuple(unpinned), tuple(unmarked), gutters=tuple(gutters))

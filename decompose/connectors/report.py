@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from decompose.connectors.records import Connectors, Mark, Pin
 from decompose.pieces import Joint
@@ -55,6 +57,19 @@ def describe_connectors(
         "unmarked": [{"joint": name_joint(joint), "reason": reason} for joint, reason in connectors.unmarked],
         "failures": list(connectors.failures),
     }
+
+
+def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
+    """Read the distances between the two pins of each step from decomposition.json; none from older ones."""
+    by_step: dict[int, list[Mapping[str, Any]]] = {}
+    for pin in (report.get("connectors") or {}).get("pins", ()):
+        by_step.setdefault(pin["step"], []).append(pin)
+    distances = []
+    for own in by_step.values():
+        if len(own) > 1:
+            apart, axis = np.subtract(own[0]["at_mm"], own[1]["at_mm"]), np.array(own[0]["axis"])
+            distances.append(float(np.linalg.norm(apart - (apart @ axis) * axis)))
+    return tuple(distances)
 
 
 def _describe_pin(pin: Pin) -> dict[str, Any]:

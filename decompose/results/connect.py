@@ -43,7 +43,12 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         for _ in range(len(blanks)):
             drilled = drill(blanks, connectors)
             parts = DrilledParts(
-                blanks, drilled, decomposition.joints, decomposition.assembly.steps, connectors
+                blanks,
+                drilled,
+                decomposition.joints,
+                decomposition.assembly.steps,
+                connectors,
+                options.connectors.taken_mm,
             )
             faults = list(parts.find_faults())
             if not faults:

@@ -47,6 +47,7 @@ class DrilledParts:
     joints: Sequence[Joint]
     steps: Sequence[AssemblyStep]
     connectors: Connectors
+    taken_mm: Sequence[float] = ()
 
     def find_faults(self) -> Iterator[ConnectorFault]:
         """Check all rules, part by part, then pin by pin."""
@@ -59,7 +60,7 @@ class DrilledParts:
         for pin in self.connectors.pins:
             for rule, problem in self._check_pin(pin):
                 yield ConnectorFault(rule, pin.holes[0].part, problem)
-        for problem in find_wrong_fits(self.connectors.pins):
+        for problem in find_wrong_fits(self.connectors.pins, self.taken_mm):
             yield ConnectorFault(Rule.PINNED, None, problem)
 
     def _list_groups(self) -> Iterator[_Group]:
@@ -109,13 +110,15 @@ class DrilledParts:
                 yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
 
 
-def find_wrong_fits(pins: Sequence[Pin]) -> list[str]:
+def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list[str]:
     """Find pairs of pins that let a body in turned half around, or at the place of another step.
 
     Parameters
     ----------
     pins
         Those of all steps, in order; the first two of a step locate it.
+    taken_mm
+        Distances between the pins of steps that are drilled already.
     """
     faults = []
     pairs = pairs_of(pins)
@@ -123,6 +126,8 @@ def find_wrong_fits(pins: Sequence[Pin]) -> list[str]:
         open_mm = deep.length_mm - deep.depth_mm - shallow.depth_mm
         if open_mm < OPEN_MM:
             faults.append(f"step {step + 1} can be turned half around")
+        if any(abs(distance_mm(deep, shallow) - taken) <= 2.0 * _play_mm(deep) for taken in taken_mm):
+            faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other, others) in combinations(pairs.items(), 2):
         play_mm = 2.0 * max(_play_mm(pin) for pin in (*pair, *others))
         if abs(distance_mm(*pair) - distance_mm(*others)) <= play_mm:

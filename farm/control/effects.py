@@ -89,6 +89,7 @@ class FarmEffects:
                 for job_part in map(books.parts.__getitem__, job.parts)
                 if job_part.id != part.id and job_part.copy_number == part.copy_number
             ),
+            reports=tuple(filter(None, (job.decomposition, *job.cuts.values()))),
         )
         self._replan_worker.start(task, order.cut)
 

@@ -36,9 +36,9 @@ def list_slice_files(task: SliceTask) -> TaskFiles:
 
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
-    """List the files of `cut_part`: all parts of the job's copy, the folder of the pieces."""
-    parts = (task.part, *task.others)
-    return TaskFiles(reads=tuple(task.files / part.file for part in parts), folders=(task.folder,))
+    """List the files of `cut_part`: all parts of the job's copy, its reports, the folder of the pieces."""
+    names = (*(part.file for part in (task.part, *task.others)), *task.reports)
+    return TaskFiles(reads=tuple(task.files / name for name in names), folders=(task.folder,))
 
 
 if TYPE_CHECKING:

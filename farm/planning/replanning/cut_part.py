@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import string
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import trimesh
 
 from decompose.auto import decompose_auto
+from decompose.connectors import read_pair_distances_mm
 from decompose.errors import NoFit
 from decompose.export import draw_assembly, write_decomposition, write_glb
 from decompose.files.names import INSTRUCTIONS, REPORT
@@ -39,7 +41,8 @@ def cut_part(task: ReplanTask) -> Pieces:
         resources = find_resources()
     rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources)
     wanted = build_decompose_options(task.options, task.printers)
-    options = replace(wanted, interior=Interior.KEEP)  # no hollows
+    connectors = replace(wanted.connectors, taken_mm=read_taken_mm(task))
+    options = replace(wanted, interior=Interior.KEEP, connectors=connectors)  # no hollows
     whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
     try:
         decomposition = decompose_auto(whole, rooms, options, cost)
@@ -61,6 +64,12 @@ def cut_part(task: ReplanTask) -> Pieces:
     draw_assembly(job_parts, picture)
     write_glb(job_parts, assembly)
     return Pieces(pieces, picture, assembly, task.folder / REPORT, task.folder / INSTRUCTIONS)
+
+
+def read_taken_mm(task: ReplanTask) -> tuple[float, ...]:
+    """Read the distances between the pins of the job's parts, which new pairs must not have."""
+    reports = ((task.files / name).read_text(encoding="utf-8") for name in task.reports)
+    return tuple(mm for report in reports for mm in read_pair_distances_mm(json.loads(report)))
 
 
 def _rename_pieces(decomposition: Decomposition, whole: Part) -> Decomposition:

@@ -32,6 +32,8 @@ class ReplanTask:
         Time factors of the printers, by name; 1 if there is none.
     others
         The other parts of its copy of the model, for the picture.
+    reports
+        Reports on the decomposition and on earlier cuts of its job, in the file store.
     """
 
     plate: Plate
@@ -42,6 +44,7 @@ class ReplanTask:
     folder: Path
     time_factors: Mapping[str, float] = field(default_factory=dict)
     others: tuple[Part, ...] = ()
+    reports: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from random import Random
 
@@ -192,3 +193,13 @@ def test_a_body_that_is_turned_around_stays_open_with_pins_of_each_diameter(
     assert choose_depths_mm(pin_mm) == (deep_mm, shallow_mm)
     connectors, _ = plan(HALVES, options=ConnectorOptions(pin_mm))
     assert find_wrong_fits(connectors.pins) == [] and len(connectors.pins) == 2
+
+
+def test_pair_of_pins_keeps_off_a_distance_that_is_taken():
+    free = distance_mm(*plan(HALVES)[0].pins)
+    options = replace(ALL, taken_mm=(free, free - 1.6))
+    connectors, _ = plan(HALVES, options=options)
+    assert min(abs(distance_mm(*connectors.pins) - taken) for taken in options.taken_mm) > 1.4
+    assert find_wrong_fits(connectors.pins, (distance_mm(*connectors.pins),)) == [
+        "a body of step 1 fits a neighbour that is printed already"
+    ]

@@ -14,7 +14,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, PartPrintOptions, Plate
 from farm.paths import StateFolder
 from farm.planning.replanning import replan
-from farm.planning.replanning.cut_part import cut_part
+from farm.planning.replanning.cut_part import cut_part, read_taken_mm
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
@@ -144,3 +144,16 @@ def test_printer_that_would_omit_walls_is_not_used(state, monkeypatch):
     assert isinstance(result, FarmError)
     assert (state.files / task.part.file).is_file()
     assert replan.make_next_plate_id("1/01") == "1/01-2"
+
+
+def test_pins_of_pieces_avoid_the_distances_of_the_job(state):
+    pins = [
+        {"step": step, "at_mm": [x, 0.0, z], "axis": [0.0, 0.0, 1.0]}
+        for step, x, z in [(1, 0.0, 0.0), (1, 30.0, 5.0), (2, 7.0, 0.0)]
+    ]
+    names = []
+    for number, report in enumerate(({"connectors": {"pins": pins}}, {"parts": []})):
+        path = state.work / f"report{number}.json"
+        path.write_text(json.dumps(report))
+        names.append(store_file(state.files, path))
+    assert read_taken_mm(replace(task_of(state), reports=tuple(names))) == (30.0,)
