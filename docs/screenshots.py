@@ -39,8 +39,8 @@ PAGES = {
     "submit": "/submit",
     "job": "/jobs/1",
     "timeline": "/timeline",
-    "what-if": "/timeline?job=2&to=last",
-    "printer": "/printers/um2-02",
+    "what-if": "/timeline?job=4&at=22:00",
+    "printer": "/printers/um2-04",
     "history": "/history",
 }
 ZONES = (
@@ -116,7 +116,7 @@ def find_afternoon() -> str:
 
 
 def set_stage(stage: Stage) -> None:
-    """Print a model, with a failure and a cleared bed, while other jobs wait."""
+    """Print a model, with a failure; clear most of its beds, so that another job prints while others wait."""
     folder = Path(tempfile.mkdtemp())
     aqueduct = str(folder / "aqueduct.stl")
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), aqueduct], check=True)
@@ -125,7 +125,7 @@ def set_stage(stage: Stage) -> None:
     stage.farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
     stage.wait("the plan", lambda s: s["jobs"][0]["plates"])
     for name, options in (
-        ("Model of a bridge", ["--longest-side", "150", "--copies", "4"]),
+        ("Model of a bridge", ["--longest-side", "200", "--copies", "4"]),
         ("Viaduct", ["--longest-side", "120", "--copies", "2", "--hold"]),
         ("Tomorrow's aqueduct", ["--longest-side", "140", "--copies", "2", "--overnight"]),
     ):
@@ -134,9 +134,10 @@ def set_stage(stage: Stage) -> None:
     status = stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     busy = next(one["name"] for one in status["printers"] if one["state"] == "printing")
     stage.farm("fail", busy, "--why", "the first layer came off")
-    stage.wait("the first part", lambda s: s["jobs"][0]["printed"] > 1)
-    done = [one for one in stage.read_status()["printers"] if (one["last"] or {}).get("state") == "done"]
-    stage.farm("cleared", done[0]["name"])
+    stage.wait("its parts", lambda s: s["jobs"][0]["state"] == "printed")
+    for printer in [one for one in stage.read_status()["printers"] if one["look"] is None][2:]:
+        stage.farm("cleared", printer["name"])
+    stage.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     print("the stage is set", flush=True)
 
 

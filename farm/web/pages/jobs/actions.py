@@ -102,10 +102,14 @@ def list_part_actions(
 
 
 def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, api.PrinterView]:
-    """Find the parts of a job that lie printed on a bed: the printer by the part's id."""
+    """Find the parts of a job whose last print lies on a bed: the printer by the part's id.
+
+    An earlier print that failed may lie on another bed: a verdict there would be on the wrong one.
+    """
     beds = {
-        printer.last.plate: printer
+        (printer.last.plate, printer.name): printer
         for printer in printers
         if printer.last is not None and printer.bed is not Bed.CLEAR and printer.print is None
     }
-    return {part.id: beds[part.plate] for part in job.parts if part.plate in beds}
+    places = {part.id: (part.plate, part.own_prints[-1].printer) for part in job.parts if part.own_prints}
+    return {part: beds[place] for part, place in places.items() if place in beds}

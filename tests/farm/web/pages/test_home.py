@@ -1,5 +1,7 @@
 """Home: what is shown first, which buttons each role has, and heat that is not off."""
 
+import re
+
 import pytest
 
 from farm import api
@@ -96,6 +98,8 @@ TASKS = [
         "resume um2-1 by 14:00<",
         ("/printers/um2-1/resume",),
     ),
+    (api.Todo(code="replace", printers=["um2-1"], text="um2-1 is old", brief="um2-1 is old"), "um2-1 is", ()),
+    (api.Todo(code="hours", printers=["um2-1"], text="", brief="um2-1 needs you"), "um2-1 needs you", ()),
     (api.Todo(code="clear", printers=["um2-1"], text=""), "Clear 1 bed", ("/printers/um2-1/cleared",)),
     (
         api.Todo(code="approve", printers=[], text="", brief="job 1 (2 parts)", jobs=[1]),
@@ -143,6 +147,14 @@ def test_verdict_is_asked_for_a_part_that_waits_for_one(status, last, is_asked):
     assert ("Bed is clear" in page) != is_asked
     seen = "print-1" if last else "none"
     assert page.count(f'name="seen" value="{seen}"') == page.count("/cleared") > 0
+
+
+@pytest.mark.parametrize(
+    ("bed", "state"), [(Bed.CLEAR, "idle"), (Bed.NOT_CLEAR, "not_clear"), (Bed.UNKNOWN, "idle")]
+)
+def test_printer_whose_bed_is_to_be_cleared_is_not_shown_as_idle(status, bed, state):
+    page = render_home(with_printers(status, {"state": "idle", "bed": bed}), ANN)
+    assert re.search(r'<div class="title">.*<span class="state (\w+)">', page)[1] == state
 
 
 def test_tasks_have_different_ids_even_if_they_are_alike(status):

@@ -117,6 +117,15 @@ def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
     assert not any("cleared" in a.path for a in rows_of(data_of(night_books()), Role.PRINT)["p01"].actions)
 
 
+def test_bed_with_an_earlier_print_of_a_part_is_not_where_the_part_lies():
+    data = data_of(night_books())
+    first = next(printer for printer in data.printers if printer.name == "um2-01")
+    failed = first.model_copy(update={"name": "um2-09"})  # its last print was of the same plate
+    rows = rows_of(replace(data, printers=[*data.printers, failed]))
+    assert rows["p01"].remark == "on the bed of um2-01"
+    assert not any("um2-09" in action.path for row in rows.values() for action in row.actions)
+
+
 def test_reader_who_only_looks_has_no_buttons():
     page = render(data_of(night_books()), Role.LOOK)
     assert paths_of(page) == set()
