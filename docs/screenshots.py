@@ -134,11 +134,18 @@ def set_stage(stage: Stage) -> None:
     status = stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     busy = next(one["name"] for one in status["printers"] if one["state"] == "printing")
     stage.farm("fail", busy, "--why", "the first layer came off")
+    done = stage.wait("a part", lambda s: [one for one in s["printers"] if is_done(one)])
+    stage.farm("cleared", next(one["name"] for one in done["printers"] if is_done(one)))
     stage.wait("its parts", lambda s: s["jobs"][0]["state"] == "printed")
     for printer in [one for one in stage.read_status()["printers"] if one["look"] is None][2:]:
         stage.farm("cleared", printer["name"])
     stage.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     print("the stage is set", flush=True)
+
+
+def is_done(printer: Any) -> bool:
+    """Return whether the last print of a printer was done."""
+    return bool(printer["last"]) and printer["last"]["state"] == "done"
 
 
 async def take_pictures(address: str, zone: str, profile: Path, names: list[str]) -> None:

@@ -18,7 +18,10 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
 ]
 AXE = Path(__file__).parents[2] / "build/pages/node_modules/axe-core/axe.min.js"
-PAGES = ("/", "/submit", "/jobs/1", "/timeline", "/printers/a", "/history")
+PAGES = (
+    *("/", "/submit", "/jobs/1", "/timeline", "/timeline?job=1&at=2030-01-01T00:00", "/printers/a"),
+    *("/printers/a/wire", "/history", "/login", "/api/v1/docs", "/nothing"),
+)
 TASK = "document.querySelector('.task')"
 STALE = "document.querySelector('.stale')"
 HOSTS = "performance.getEntriesByType('resource').map((one) => new URL(one.name).host)"
@@ -52,9 +55,10 @@ def browse(tmp_path, act):
 
 @pytest.mark.skipif(not AXE.exists(), reason="make pages")
 def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone(tmp_path):
-    async def act(_, browser, base):
+    async def act(farm, browser, base):
         found = {}
-        for path in PAGES:
+        link = f"/login/{farm.sessions.make_link('ann', Role.LOOK)}"
+        for path in (*PAGES, link):
             await browser.open(base + path)
             assert set(await read(browser, HOSTS)) <= {base.removeprefix("http://")}, path
             await browser.evaluate(AXE.read_text() + ";0")

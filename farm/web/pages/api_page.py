@@ -15,6 +15,7 @@ Text = tuple[tuple[str, str], ...]
 
 _STYLE = (
     "body{font:1rem/1.5 sans-serif;max-width:60rem;margin:auto;padding:1rem;color:#222;background:#fff}"
+    "*{overflow-wrap:anywhere}"
     "h2{font-size:1.1rem;border-top:1px solid #ccc;padding-top:.8rem}code{font-family:monospace}"
     "td,th{text-align:left;vertical-align:top;padding:.1rem 1rem .1rem 0}dd{margin-left:1.5rem}"
 )

@@ -1,5 +1,7 @@
 """Every page with every state, hold and fault, and with hostile names: rendered without a browser."""
 
+from dataclasses import replace
+from datetime import UTC
 from html.parser import HTMLParser
 
 import pytest
@@ -9,6 +11,7 @@ from jinja2 import PackageLoader
 
 from dashboard_farm import submit
 from drivers.errors import Fault
+from drivers.messages import WireLine
 from farm.api import NETWORK_PREFIX
 from farm.control import DryRuns
 from farm.model import (
@@ -31,7 +34,12 @@ from farm.state.faults import OwnFault
 from farm.views import report
 from farm.web import make_web_app
 from farm.web.access import METRICS, ROLES, SCHEMA, SCHEMA_PAGE
+from farm.web.notes import Note, Reader
 from farm.web.pages import rendering, static_files
+from farm.web.pages.fleet.printer import render_wire
+from farm.web.pages.rendering import render_login, render_message
+from farm.web.pages.submit.options import DEFAULTS
+from farm.web.pages.submit.submit_page import list_choices, render_submit_page
 from farm.web.slicers import SLICER_ROLES
 from network_farm import NetworkFarm
 
@@ -222,3 +230,37 @@ def test_hostile_words_change_no_element_of_any_page(farm, text, name):
         found = Structure(page)
         assert found.elements == benign[path].elements, path
         assert not any(value.strip().lower().startswith("javascript:") for value in found.values)
+
+
+def render_others(farm, text, name):
+    """Return pages that no address shows by itself: of log-in, messages, refused forms, changes tried out."""
+    reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
+    choices = list_choices(farm.controller.fleet)
+    choices = replace(choices, materials=[text], colours=[name], beds_mm=[(text, 1.0, 2.0, 3.0)])
+    fields = dict.fromkeys(DEFAULTS, text)
+    lines = [WireLine(at_s=0.0, sent=True, text=text)]
+    asked = [
+        farm.browse("GET", path, farm.session, params=query)
+        for path, query in (
+            ("/timeline", {"job": "1", "at": text[:40]}),
+            ("/timeline", {"job": "1", "to": "last"}),
+            ("/history", {"printer": name}),
+        )
+    ]
+    return [
+        render_login(name, text, Role.LOOK),
+        render_message(name, text, has_login_hint=True),
+        render_wire(name, lines, name, UTC, reader),
+        render_wire(name, [], name, UTC, reader, problem=text),
+        render_submit_page(choices, text, name, reader, note, fields),
+        *(answer.text for answer in asked),
+    ]
+
+
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(HOSTILE, HOSTILE)
+def test_hostile_words_change_no_element_of_answers_to_forms(farm, text, name):
+    make_gallery(farm)
+    known = {element for page in render_others(farm, "x", "y") for element in Structure(page).elements}
+    for page in render_others(farm, f"x{text}x", f"x{name}x"):
+        assert set(Structure(page).elements) <= known
