@@ -133,6 +133,20 @@ def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
     return outline - polygons_of(lacking.project(frame))
 
 
+def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
+    """Find where the origin of a convex shape may be so that the shape stays inside of an area."""
+    edges = [
+        np.stack([ring[:-1], ring[1:]], axis=1)
+        for polygon in list_polygons(area)
+        for ring in map(shapely.get_coordinates, (polygon.exterior, *polygon.interiors))
+    ]
+    if area.is_empty:
+        return shapely.Polygon()
+    swept = np.concatenate(edges)[:, :, None] - shapely.get_coordinates(shape)[:-1]
+    hulls = shapely.convex_hull(shapely.multipoints(list(swept.reshape(len(swept), -1, 2))))
+    return area - shapely.union_all(hulls)
+
+
 def rings_of(outline: shapely.Geometry) -> list[Floats]:
     """List the rings (n, 2) of all polygons of a geometry."""
     return [

@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
-from decompose.connectors.faces import Room, Side, find_sides
+from decompose.connectors.faces import Room, Side, erode, find_sides
 from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
 from decompose.connectors.tools import make_hole
 from decompose.options import ConnectorOptions
@@ -157,12 +157,15 @@ class _Placer:
         )
         if tool is None:
             return shapely.Polygon()
-        outline = shapely.MultiPoint(side.flatten(tool.points_mm))
-        centre = shapely.minimum_bounding_circle(outline).centroid
         slack_mm = ROUND_MM + (SLOT_MM if index == 1 else 0.0)
+        outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
+        centre = shapely.minimum_bounding_circle(outline).centroid
         radius_mm = shapely.minimum_bounding_radius(outline) + RIM_MM + slack_mm
         room = self.room.find_room(side, float((tool.points_mm @ side.into).max()))
-        return shapely.transform(room.buffer(-radius_mm), lambda at: at - (centre.x, centre.y))
+        places = room.buffer(-radius_mm)
+        if places.is_empty:  # a thin wall may still take the outline itself
+            return erode(room, outline.buffer(RIM_MM + slack_mm, 3))
+        return shapely.transform(places, lambda at: at - (centre.x, centre.y))
 
     def _up(self, side: Side) -> Floats:
         return self.room.blanks[side.part].up

@@ -203,3 +203,10 @@ def test_pair_of_pins_keeps_off_a_distance_that_is_taken():
     assert find_wrong_fits(connectors.pins, (distance_mm(*connectors.pins),)) == [
         "a body of step 1 fits a neighbour that is printed already"
     ]
+
+
+def test_thin_wall_takes_pins_whose_roof_points_along_it():
+    """A roof makes a hole higher than it is wide: the wall is thinner than a circle around it."""
+    walls = boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
+    connectors, _ = plan(walls, options=ConnectorOptions(2.85))
+    assert len(connectors.pins) == 2 and not connectors.unpinned
