@@ -161,7 +161,7 @@ def _draw(letter: str, half_width: float) -> Bools:
 
 
 def _resemble(letter: str, half_width: float, missing: Bools) -> float:
-    """Compute the correlation of what is missing at the points of a letter with the strokes of another."""
+    """Compute the correlation between the missing points of a letter and the strokes of another."""
     if missing.all() or not missing.any():
         return 0.0
     return float(np.corrcoef(_draw(letter, half_width), missing)[0, 1])

@@ -141,14 +141,14 @@ class Night:
                 *(ev.PrinterAdded(at_s=now_s, printer=name, bed=Bed.UNKNOWN) for name in self.names),
                 ev.JobSubmitted(at_s=now_s, job=job),
                 ev.PlanningStarted(at_s=now_s, job=1),
-                self._planned(plan, now_s),
+                self._make_planned_event(plan, now_s),
             ):
                 new_books, _ = apply(event, books)
                 store.commit(event, books, new_books)
                 books = new_books
         return plan.plates[0].expected_s
 
-    def _planned(self, plan: Plan, now_s: float) -> ev.JobPlanned:
+    def _make_planned_event(self, plan: Plan, now_s: float) -> ev.JobPlanned:
         parts, plates = [], []
         for number in range(1, self.args.plates + 1):
             plate_id, part_id = f"1/{number:02d}", f"1/p{number:02d}"
@@ -187,7 +187,7 @@ class Night:
                 job = view.jobs[0]
                 if job.state in ("done", "failed") or time.monotonic() - start_s > PATIENCE_S:
                     break
-                self._mishaps(view, job)
+                self._cause_failures(view, job)
                 self._operate(view, job)
                 time.sleep(LOOK_S)
             return self._figures(job, time.monotonic() - start_s)
@@ -204,7 +204,7 @@ class Night:
                     raise SystemExit(f"its daemon has not come back: {error}") from error
                 time.sleep(LOOK_S)
 
-    def _mishaps(self, view: api.Status, job: api.JobView) -> None:
+    def _cause_failures(self, view: api.Status, job: api.JobView) -> None:
         """Cause failures, by the number of prints that have begun and by the progress of the job.
 
         A failure hits the next print in its first half; a later one may end before it fails.
@@ -262,7 +262,7 @@ class Night:
             "plates": len(books.plates),
             "done": len(good),
             "lost": len(books.plates) - len(good),
-            "doubled": sum(count > 1 for count in self._made(books).values()),
+            "doubled": sum(count > 1 for count in self._count_prints_made(books).values()),
             "failed": sum(p.state is PrintState.FAILED for p in books.prints.values()),
             "daemon_killed": self.kills_done,
             "unplugged": self.unplugged,
@@ -273,7 +273,7 @@ class Night:
             "wall_s": round(wall_s, 1),
         }
 
-    def _made(self, books: Books) -> Counter[str]:
+    def _count_prints_made(self, books: Books) -> Counter[str]:
         """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
         print_ids = set()
         for name in self.names:

@@ -207,7 +207,7 @@ def main() -> int:
         rows = []
         for row in pool.map(compare_part, list_parts(args.models, shapes, cost, room, args.parts)):
             rows.append(row)
-            print(_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
+            print(_format_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
     result = summarise(rows)
     if args.json:
         print(json.dumps(result, indent=1))
@@ -222,7 +222,7 @@ def main() -> int:
     return 0
 
 
-def _line(row: Row) -> str:
+def _format_line(row: Row) -> str:
     up_text = " ".join(f"{v:+.2f}" for v in row.up)
     ours, axis, as_is = (
         "-" if t is None else f"{t:.0f}" for t in (row.ours_s, row.best_axis_s(), row.as_is_s)

@@ -19,7 +19,7 @@ from decompose.connectors.marks import SIZES_MM
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
 from decompose.geometry import choose_plane_axes
 
-SEED_MM2, FACE_MM2 = 4.0, 25.0  # least triangle that a face is begun with, and least face
+SEED_MM2, FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
 FLAT_MM = 0.01
 PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
 RISE_MM = 0.05  # half of what the bottom of a groove rises
@@ -123,7 +123,7 @@ def _read_holes(
 
 
 def _probe(corners: Floats, start: Floats, direction: Floats) -> float:
-    """Measure the way from a point to the first triangle (m, 3, 3) along a direction (Moeller, Trumbore)."""
+    """Measure the distance from a point to the first triangle (m, 3, 3) in a direction (Moeller-Trumbore)."""
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     p = np.cross(direction, second)
     determinant = np.einsum("ij,ij->i", first, p)

@@ -64,7 +64,7 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
                     raise SystemExit(reply.error)
             if snapshot.print is not None and snapshot.print.phase.ended:
                 return snapshot.print
-        raise SystemExit("the agent went away")
+        raise SystemExit("the agent was disconnected")
     finally:
         await client.request(m.Shutdown(id=0, now=True))
         await client.close()

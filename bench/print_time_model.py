@@ -63,7 +63,7 @@ class Table:
         self.sliced_s = np.array([row.sliced_s for row in rows])
         self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
         recipes = {name: make_recipe(name) for name in SETTINGS}
-        features = [_features(row, recipes[row.settings].brim_mm) for row in rows]
+        features = [_list_features(row, recipes[row.settings].brim_mm) for row in rows]
         each = {name: time_terms(recipe) for name, recipe in recipes.items()}
         seconds = [
             {term: vector * f for term, vector in each[row.settings].items()}
@@ -116,7 +116,7 @@ def _fit(matrix: Floats, wanted: Floats) -> Floats:
     return np.asarray(factors)
 
 
-def _features(row: Row, brim_mm: float) -> Floats:
+def _list_features(row: Row, brim_mm: float) -> Floats:
     """Return the features in the order of `print_time.recipe.FEATURES`."""
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE]

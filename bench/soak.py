@@ -84,7 +84,10 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     machine = firmware.machine
     moves = machine.planner.moves - 1  # without that of the head
     last = make_move(lines - 1)
-    ends = b"E%.4f" % machine.at[3] == last.split()[-1] and b"X%.2f" % machine.at[0] == last.split()[1]
+    ends = (
+        b"E%.4f" % machine.position[3] == last.split()[-1]
+        and b"X%.2f" % machine.position[0] == last.split()[1]
+    )
     fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     return Outcome(
         lines=lines,

@@ -28,7 +28,7 @@ from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 EVERY_LINES = 30
-THERE_S, BACK_S = 0.001, 0.004  # on the way; the USB chip sends what it has every 4 ms
+TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # on the way; the USB chip sends what it has every 4 ms
 HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
 TAIL = [b"M400"] * 3
 SPECIAL = {10: b"M106 S%d", 20: b"M400"}  # among the moves, by their place in each 30 lines
@@ -278,7 +278,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
     link.poll_every_s = 0.2
     link.on_opened(0.0)
-    there, back = Way(THERE_S), Way(BACK_S)
+    there, back = Way(TO_BOARD_S), Way(TO_HOST_S)
     now_s, is_connected, fault, hit = 0.0, False, None, 0
     marks: list[tuple[float, float]] = []  # at each fault: the time, and how long the head had moved
     while fault is None and not (is_connected and link.drained):
@@ -301,7 +301,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
         max(0.0, later[0] - earlier[0] - (later[1] - earlier[1])) for earlier, later in pairwise(marks)
     )
     machine = firmware.machine
-    ends = abs(machine.at[3] - (lines - 1) * 0.02) < 1e-6
+    ends = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
     fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     wanted, taken = [*HEAD, *program], firmware.taken
     once = taken == wanted[: len(taken)] and len(taken) > len(wanted) - len(TAIL)

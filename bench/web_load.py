@@ -1,8 +1,8 @@
-"""Thousands of hanging connections from the network, and what the others notice of them.
+"""Delays of other clients while thousands of connections from the network hang.
 
 ``python -m bench.web_load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
 that prints. Clients on the network hang in every way: they are silent, send half a head, half a body of
-JSON, half an upload, or never read the answers to many requests; who is disconnected connects again.
+JSON, half an upload, or never read the answers to many requests; a disconnected client connects again.
 Meanwhile another process asks for `GET /status` on the Unix socket every 50 ms, and on the network every
 second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 where a goal is
 missed.
@@ -43,7 +43,7 @@ _LARGE = 10**9
 
 
 def list_beginnings(key: str) -> list[bytes]:
-    """List what hanging clients send."""
+    """List incomplete requests, as hanging clients send them."""
     head = f"Host: localhost\r\nX-Api-Key: {key}\r\n"
     status = f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\n{head}\r\n"
     upload = f"POST {NETWORK_PREFIX}/jobs?request_id=12345678&name=a.stl&size={_LARGE} HTTP/1.1\r\n{head}"

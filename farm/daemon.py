@@ -65,15 +65,15 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
-_TICK_S = 1.0
-_NOTIFY_S = 2.0
-_DRY_RUNS_S = 5.0
-_CAMERAS_S = 0.5
-_DISK_S = 600.0
-_LOG_S = 60.0
+_WATCH_INTERVAL_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
+_TICK_INTERVAL_S = 1.0
+_NOTIFY_INTERVAL_S = 2.0
+_DRY_RUNS_INTERVAL_S = 5.0
+_CAMERAS_INTERVAL_S = 0.5
+_DISK_INTERVAL_S = 600.0
+_LOG_INTERVAL_S = 60.0
 _LOG_BYTES, _LOGS_KEPT = 10 * 2**20, 4
-_FOLLOW_S = 1.0  # wall seconds; a clock set back delays timers by at most this
+_FOLLOW_INTERVAL_S = 1.0  # wall seconds; a clock set back delays timers by at most this
 _ABORT_S = 150.0  # wall seconds within which every print can be stopped safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
@@ -146,15 +146,15 @@ class Daemon:
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         gc.freeze()  # else each full collection would go through large books in the middle of an event
         timers = self._timers
-        timers.every(_WATCH_S, "watch agents", self._agents.watch)
-        timers.every(_TICK_S, "tick", self._schedule)
-        timers.every(_NOTIFY_S, "notify", self._notify)
-        timers.every(_DRY_RUNS_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
-        timers.every(_CAMERAS_S, "cameras", cameras.tick)
-        timers.every(_LOG_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
+        timers.every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
+        timers.every(_TICK_INTERVAL_S, "tick", self._schedule)
+        timers.every(_NOTIFY_INTERVAL_S, "notify", self._notify)
+        timers.every(_DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
+        timers.every(_CAMERAS_INTERVAL_S, "cameras", cameras.tick)
+        timers.every(_LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
         if self._cluster is not None:
             self._cluster.start()
-            timers.every(_TICK_S, "cluster", self._warn_of_cluster)
+            timers.every(_TICK_INTERVAL_S, "cluster", self._warn_of_cluster)
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
         await self._begin_upkeep(upkeep)
@@ -203,7 +203,7 @@ class Daemon:
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
         """Finish what an earlier daemon began to delete, back up every night, and watch the disk."""
         upkeep.begin()
-        self._timers.every(_DISK_S, "disk", upkeep.measure)
+        self._timers.every(_DISK_INTERVAL_S, "disk", upkeep.measure)
         warn = partial(self._controller.warn, "backup")
         await NightlyBackup(
             self._state, self._clock, self._fleet.zone, self._timers.at, warn, upkeep.tidy
@@ -226,7 +226,7 @@ class Daemon:
     async def _follow_clock(self) -> None:
         """Follow steps of the host's clock, as by NTP after a start without a network."""
         while True:
-            await asyncio.sleep(_FOLLOW_S)  # on the loop's monotonic clock
+            await asyncio.sleep(_FOLLOW_INTERVAL_S)  # on the loop's monotonic clock
             step_s = self._clock.follow_host()
             if step_s:
                 log.warning("the host's clock was set by %+.0f s: hours follow it from now on", step_s)

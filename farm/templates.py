@@ -13,8 +13,8 @@ def load_environment(
 ) -> Environment:
     """Load and compile all templates of a package.
 
-    A template that is read when it is first used may be newer than the program, where files were replaced
-    under a running daemon; its page fails.
+    Templates are read at once: an upgrade replaces the files of a running daemon, and a newer template would
+    not fit its program.
 
     Parameters
     ----------

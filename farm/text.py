@@ -20,7 +20,7 @@ def format_duration(seconds: float | None) -> str:
 
 
 _SAME_WEEK = timedelta(days=6)
-"""Distance up to which a weekday names one day; a day more, and today's name means next week's day."""
+"""Distance up to which a weekday is unambiguous."""
 _SAME_YEAR = timedelta(days=300)
 _SAME_NIGHT = timedelta(hours=20)
 

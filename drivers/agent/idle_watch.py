@@ -14,7 +14,7 @@ CARD = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
 HEATED = "somebody switched a heater on at the printer"
 COLD_C = 45.0
-RISE_C, WARM_C = 15.0, 60.0  # a heater that is off counts as stuck on if it rises by so much, to above this
+RISE_C, WARM_C = 15.0, 60.0  # a rise by RISE_C to above WARM_C, with target 0: the heater is stuck on
 
 _POSITION = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
 _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
@@ -23,15 +23,15 @@ _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
 class FilamentWatch:
     """Judges whether the filament is where the journal says.
 
-        An agent that is started again compares the position at which the printer rests with the one that its
-        predecessor saw there after a print. A board that was reset in between reports another one.
+    After a print the agent records the printer's position. A restarted agent compares it with the printer's
+    answer: they differ if the board was reset meanwhile.
 
-        Parameters
-        ----------
-        certain
-            True if nothing can have moved the filament since it was recorded.
+    Parameters
+    ----------
+    certain
+        True if nothing can have moved the filament since it was recorded.
     rest_position
-            The answer to the position query that the predecessor saw; None if it is not valid.
+        Answer to the position query after the last print; None if it is not valid.
     """
 
     def __init__(self, certain: bool = False, rest_position: str | None = None) -> None:
@@ -88,12 +88,12 @@ class IdleWatch:
         self._unconfirmed: bytes | None = None  # last answer that differs from the known position
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
-        self._hot = 0  # number of consecutive reports with a heater stuck on
-        self._cold = 0  # number of consecutive reports with both off and cold
+        self._hot_reports = 0  # number of consecutive reports with a heater stuck on
+        self._cold_reports = 0  # number of consecutive reports with both off and cold
 
     @property
     def is_cold(self) -> bool:
-        return self._cold >= 3
+        return self._cold_reports >= 3
 
     def judge_answer(self, text: bytes) -> tuple[bool, str | None]:
         """Judge an answer to `Firmware.idle_queries`.
@@ -130,19 +130,19 @@ class IdleWatch:
         """
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         is_cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
-        self._cold = self._cold + 1 if is_cold else 0
+        self._cold_reports = self._cold_reports + 1 if is_cold else 0
         seen_twice, self._heated = heated and self._heated, heated
         if heated:
             self._coolest_c = [float("inf"), float("inf")]
-            self._hot = 0
+            self._hot_reports = 0
             return (HEATED if seen_twice else None), None
         now_c = (report.nozzle_c, report.bed_c)
         self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
         is_rising = [
             new_c > max(WARM_C, old_c + RISE_C) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)
         ]
-        self._hot = self._hot + 1 if any(is_rising) else 0
-        if self._hot < 3:
+        self._hot_reports = self._hot_reports + 1 if any(is_rising) else 0
+        if self._hot_reports < 3:
             return None, None
         heater, at_c = ("nozzle", now_c[0]) if is_rising[0] else ("bed", now_c[1])
         return None, LinkFault(Fault.HEATER_STUCK_ON, f"the {heater} is off and gets hotter: {at_c:g} C")

@@ -81,7 +81,7 @@ class Moves:
         if self.relative or self.relative_e:  # the position is the sum of all lines before
             self.relative = self.relative_e = False
             start = 0
-        self.at = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
+        self.position = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
         self.retracted_mm = 0.0
         self.feed_mm_min = _find_feed(program, start)
         # start, end, and how far the filament was retracted at the start
@@ -99,14 +99,14 @@ class Moves:
                     self._set_count(_AXES[letter], float(value))
         elif line.split(b" ", 1)[0] == b"G28":  # earlier moves are complete
             self._moves.clear()
-            self.at[:3] = [math.nan] * 3
+            self.position[:3] = [math.nan] * 3
         elif line in (b"G90", b"G91"):
             self.relative = line == b"G91"
         elif line in (b"M82", b"M83"):
             self.relative_e = line == b"M83"
 
     def _move(self, line: bytes) -> None:
-        start_point = self.at
+        start_point = self.position
         end_point = start_point.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
@@ -117,16 +117,16 @@ class Moves:
             relative = self.relative or (axis == 3 and self.relative_e)
             end_point[axis] = float(value) + (start_point[axis] if relative else 0.0)
         self._moves.append((start_point, end_point, self.retracted_mm))
-        self.at = end_point
+        self.position = end_point
         fed_mm = end_point[3] - start_point[3]
         if not math.isnan(fed_mm):
             self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
     def _set_count(self, axis: int, value: float) -> None:
         """Apply a G92: shift the coordinates, those of the buffered moves as well."""
-        shift = value - self.at[axis]
-        self.at = self.at.copy()
-        self.at[axis] = value
+        shift = value - self.position[axis]
+        self.position = self.position.copy()
+        self.position[axis] = value
         self._moves = deque(
             (
                 (_shift(start_point, axis, shift), _shift(end_point, axis, shift), retracted_mm)

@@ -64,7 +64,7 @@ class AgentsUpdate:
     Parameters
     ----------
     installation
-        The version that the agents shall have.
+        Version to which the agents are updated.
     on_change
         Called when the state of the update has changed.
     """

@@ -43,15 +43,15 @@ class Outbox:
         self._top = -1  # the highest number that was sent before the cursor went back
         self._patience: dict[int, float] = {}  # time-outs of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
-        self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`,
-        self._slow_until = -1  # which applies up to this line
+        self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
+        self._slow_until = -1  # number of the last line that `_slow_s` delays
         self._polls: set[int] = set()  # numbers of the M105 lines
-        self._careful = 0  # lines up to this number may be slow, an M105 or resent: no fast path
+        self._careful_until = 0  # lines up to this number need the slow path: slow moves, M105, resent lines
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
         self._source_next = self._source_stop = 0  # next line of the program to encode
-        self._source_number = 1  # line number of the first streamed line,
-        self._source_start = 0  # and its index in the program
+        self._source_number = 1  # line number of the first streamed line
+        self._source_start = 0  # index of that line in the program
 
     def begin(self) -> None:
         """Restart the line count: M110 is sent as N0, so the next line is N1."""
@@ -149,14 +149,14 @@ class Outbox:
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the rest of the program follows
         self._frames += add_frames(number + 1, map(remove_frame, encoded))
-        self._careful = max(self._careful + 1, self._base + sent)
+        self._careful_until = max(self._careful_until + 1, self._base + sent)
 
     # --- sending ---
 
     def take_encoded(self) -> bytes | None:
         """Return the next line if it is an ordinary, already encoded one; None: call `take_next`."""
         encoded = self._cursor + 1
-        if encoded < len(self._frames) and self._base + self._cursor > self._careful:
+        if encoded < len(self._frames) and self._base + self._cursor > self._careful_until:
             self._cursor = encoded
             return self._frames[encoded]
         return None
@@ -173,7 +173,7 @@ class Outbox:
     def rewind_to(self, number: int) -> bytes:
         """Move the cursor back to line `number`, and return that line."""
         self._top = self.top
-        self._careful = max(self._careful, self._top)
+        self._careful_until = max(self._careful_until, self._top)
         self._cursor = number - self._base
         return self._frames[self._cursor]
 
@@ -200,7 +200,7 @@ class Outbox:
                 self._note_slow_move(number, command)
             elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
                 self._patience[number] = waiting_s
-                self._careful = number
+                self._careful_until = number
             if number <= self._slow_until:
                 self._patience[number] = max(self._slow_s, self._patience.get(number, 0.0))
 

@@ -79,7 +79,7 @@ class NetPort:
         except BlockingIOError:
             return b""
         if not data:
-            raise PortError(f"{self._url}: went away; check its host and the network")
+            raise PortError(f"{self._url}: was disconnected; check its host and the network")
         return data
 
     def write(self, data: bytes) -> None:

@@ -94,9 +94,9 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
+            raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
         if not data:
-            raise PortError(f"{self.path}: went away; check its cable and power")
+            raise PortError(f"{self.path}: was disconnected; check its cable and power")
         return data
 
     def write(self, data: bytes) -> None:
@@ -114,7 +114,7 @@ class SerialPort:
         except BlockingIOError:
             written = 0
         except OSError as error:
-            raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
+            raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
         self._pending = data[written:]
 
     @property
@@ -145,7 +145,7 @@ class SerialPort:
                 if self._pending:
                     self.write(b"")
         except (OSError, termios.error) as error:
-            raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
+            raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
 
     def _replace(self, data: bytes, *, flush: bool) -> None:
         self._pending = b""
@@ -238,7 +238,7 @@ class RemotePort:
         """Wait for bytes. Raises errors of pyserial if the port was disconnected."""
         data: bytes = self._port.read(1)
         if not data:
-            raise PortError(f"{self._url}: went away")
+            raise PortError(f"{self._url}: was disconnected")
         return data + self._port.read(self._port.in_waiting)
 
     def write(self, data: bytes) -> None:
@@ -246,7 +246,7 @@ class RemotePort:
         try:
             self._port.write(data)
         except (serial.SerialException, OSError) as error:
-            raise PortError(f"{self._url}: went away ({error}); check its host and the network") from error
+            raise PortError(f"{self._url}: was disconnected ({error}); check its host and network") from error
 
     def write_now(self, data: bytes) -> None:
         """Discard the bytes still queued on the other host, and send these, if it can. Raises PortError."""

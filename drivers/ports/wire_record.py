@@ -47,7 +47,7 @@ class WireRecord:
     def list_lines(self) -> list[RecordedLine]:
         """List the last 400 lines, oldest first; the first one may have lost its beginning.
 
-        Older bytes are not looked at: the serial loop waits meanwhile, and noise may be all newlines.
+        Reads no more bytes than needed, as the serial loop waits meanwhile.
         """
         last: deque[tuple[float, bool, bytes]] = deque()
         newlines = 0

@@ -215,7 +215,7 @@ class SessionContext:
         return self.report_s + max(BLIND_S, 5 * self.pace.floor_s)
 
     def wait(self, condition: Callable[[], bool], limit_s: float) -> Wait:
-        """Make a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
+        """Return a wait of at most `limit_s`, or of the shortest time-out if that is longer."""
         return Wait(condition, self.compute_limit_s(limit_s))
 
     def compute_limit_s(self, limit_s: float) -> float:

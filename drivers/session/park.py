@@ -85,7 +85,7 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     moves = Moves(program, done_lines)
     at = [
         reported if math.isnan(exact) else exact
-        for exact, reported in zip(moves.at, context.position, strict=True)
+        for exact, reported in zip(moves.position, context.position, strict=True)
     ]
     yield from park(context, moves.retracted_mm, can_extrude=True)
     lift = b"G1 F1200 Z%.3f" % (at[2] + compute_lift_mm(context, at[2], done_lines))

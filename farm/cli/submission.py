@@ -49,7 +49,7 @@ class Submitter:
         answer = self._finish(self._upload(model))
         if self.quiet:
             print_json(answer)
-        return _exit_code(answer)
+        return _find_exit_code(answer)
 
     def submit_each(self, models: Iterable[Path]) -> int:
         """Submit several models, a job for each; one that fails does not stop the others.
@@ -159,7 +159,7 @@ def expand_patterns(models: Iterable[Path]) -> list[Path]:
     return paths
 
 
-def _exit_code(answer: api.JobStatus | api.Timeline) -> int:
+def _find_exit_code(answer: api.JobStatus | api.Timeline) -> int:
     return answer.job.exit_code if isinstance(answer, api.JobStatus) else int(ExitCode.DONE)
 
 

@@ -58,8 +58,8 @@ class PrinterCommands:
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
         """Record that a person cleared a bed, with the verdict on its part.
 
-        `request.good` is the part of a failed print that is usable. If the sender's page knows of another
-        last print, it is old: the plate on the bed is not the one that it shows, and nothing is recorded.
+        `request.good` is the part of a failed print that is usable. `request.seen` is the last
+        print on the sender's page: if another one followed, the command is refused.
         """
         books = self._controller.books
         books.printer(printer)
@@ -70,8 +70,8 @@ class PrinterCommands:
             raise Refused(
                 f"plate {last.plate} was printed on {printer} after this page was shown: look at its bed"
             )
-        judged = books.print_to_judge(printer)
-        if request.bad and judged is None:
+        judged_print = books.print_to_judge(printer)
+        if request.bad and judged_print is None:
             raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")
         good_print = None if request.good is None else self._find_failed_print(printer, request.good)
         self._controller.handle(
@@ -90,7 +90,7 @@ class PrinterCommands:
             return api.Cleared(
                 good=name_part(books, good_print), printed_on=list_reprinting_printers(books, good_print)
             )
-        plate = None if judged is None else books.plates[judged.plate]
+        plate = None if judged_print is None else books.plates[judged_print.plate]
         is_reprinted = plate is not None and books.plate_state(plate) in (
             PlateState.WAITING,
             PlateState.PRINTING,
@@ -100,8 +100,8 @@ class PrinterCommands:
     def _find_failed_print(self, printer: str, part: str) -> Print | None:
         """Return the failed print of a part on a bed; None if its print is recorded as done."""
         books = self._controller.books
-        judged, failed = books.print_to_judge(printer), find_failed_print(books, printer)
-        attempt = judged or failed
+        judged_print, failed = books.print_to_judge(printer), find_failed_print(books, printer)
+        attempt = judged_print or failed
         if attempt is None:
             raise Refused(
                 f"no part is recorded on {printer}: `farm history --printer {printer}` lists its prints"
@@ -110,7 +110,7 @@ class PrinterCommands:
         job = part.rpartition("/")[0]
         if parse_part_number(part) != parse_part_number(name) or job not in ("", str(attempt.job)):
             raise Refused(f"the part on {printer} is {name}, not {part}")
-        return failed if judged is None else None
+        return failed if judged_print is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""

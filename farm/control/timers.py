@@ -30,7 +30,7 @@ class Timers:
     def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, at this interval until the timers are stopped."""
         trigger = IntervalTrigger(seconds=wall_seconds)
-        self._scheduler.add_job(_as_coroutine(work), trigger, id=name, replace_existing=True)
+        self._scheduler.add_job(_wrap_coroutine(work), trigger, id=name, replace_existing=True)
 
     def at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
         """Call a function once at a farm time; a missed call is made late.
@@ -38,7 +38,7 @@ class Timers:
         A timer of the same name is replaced.
         """
         self._moments[name] = at_s
-        self._scheduler.add_job(_as_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
+        self._scheduler.add_job(_wrap_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
 
     def clock_set(self) -> None:
         """Recalculate all timers after a step of the host's clock; one backwards would delay them."""
@@ -62,7 +62,7 @@ class Timers:
         self._scheduler.shutdown(wait=False)
 
 
-def _as_coroutine(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
+def _wrap_coroutine(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
     """Return a coroutine function: APScheduler would run a plain one in a thread."""
 
     async def run() -> None:

@@ -102,10 +102,10 @@ def check_books(facts: Facts) -> Iterator[Finding]:
             format_count(len(books.books.jobs), "job"),
             format_count(len(books.books.prints), "print"),
         )
-        form = f"schema {books.form}" + (
-            "" if books.form == SCHEMA_VERSION else f" (the daemon migrates it to {SCHEMA_VERSION})"
+        schema = f"schema {books.schema_version}" + (
+            "" if books.schema_version == SCHEMA_VERSION else f" (the daemon migrates it to {SCHEMA_VERSION})"
         )
-        yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, consistent")
+        yield passed("database", f"{books.path}: {schema}, {jobs} and {prints}, consistent")
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
@@ -243,7 +243,7 @@ def check_room(facts: Facts) -> Iterator[Finding]:
 
 
 def check_code(facts: Facts) -> Iterator[Finding]:
-    """Check that the machine code of the planning is there, and kept."""
+    """Check that the planning code is compiled, and that its cache can be written."""
     code = facts.code
     if code is None:
         return

@@ -106,7 +106,7 @@ def _read_books(state: StateFolder) -> BooksFacts:
         books, form = read_books(state.books)
     except (FarmError, OSError) as error:
         return BooksFacts(path, error=str(error))
-    return BooksFacts(path, form=form, books=books)
+    return BooksFacts(path, schema_version=form, books=books)
 
 
 def _check_files(books: Books, state: StateFolder) -> FileFacts:

@@ -19,7 +19,7 @@ class BooksFacts:
         Path of the database.
     exists
         True if the database exists.
-    form
+    schema_version
         Version of its schema; None if it cannot be read.
     books
         The entities; None if they cannot be read.
@@ -29,7 +29,7 @@ class BooksFacts:
 
     path: str
     exists: bool = True
-    form: int | None = None
+    schema_version: int | None = None
     books: Books | None = None
     error: str | None = None
 

@@ -166,7 +166,7 @@ class Job(Entity):
         return None if self.gluing is None else 60.0 * self.gluing.minutes
 
     @property
-    def turn(self) -> tuple[int, float, int]:
+    def queue_rank(self) -> tuple[int, float, int]:
         """Return the sort key of the queue: the smallest is served first."""
         return -self.priority, self.id if self.moved_rank is None else self.moved_rank, self.id
 

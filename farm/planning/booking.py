@@ -16,7 +16,7 @@ from farm.state.storage import store_file
 
 MAX_WARNINGS = 3
 """Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
-MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
+MAY_FALL = "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,4 +99,4 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         now_s=situation.now_s,
     )
     plates = (plate for plate in situation.by_priority if plate.demand in met_demands)
-    return match_plates(groupby(plates, key=attrgetter("turn")), inputs)
+    return match_plates(groupby(plates, key=attrgetter("queue_rank")), inputs)

@@ -83,7 +83,7 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
         started = {slot.plate for slot in slots}
         plates = [plate for plate in situation.by_priority if plate.id in started]
         ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in coming}
-        bound_s = _lower_bound_s(plates, _find_fitting(plates, coming), ready_s, rules, now_s)
+        bound_s = _compute_lower_bound_s(plates, _find_fitting(plates, coming), ready_s, rules, now_s)
     return Forecast(tuple(slots), unplaced, ends_s, min(bound_s, ends_s))
 
 
@@ -97,7 +97,7 @@ class _Simulation:
     def __init__(self, situation: Situation, coming: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
         self.queue = {
-            turn: {p.id: p for p in plates} for turn, plates in group_by_job(situation.by_priority).items()
+            rank: {p.id: p for p in plates} for rank, plates in group_by_job(situation.by_priority).items()
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with running ones
@@ -200,7 +200,7 @@ class _Simulation:
             rules=self._rules,
             now_s=self._now_s,
         )
-        starting = match_plates(((turn, plates.values()) for turn, plates in self.queue.items()), inputs)
+        starting = match_plates(((rank, plates.values()) for rank, plates in self.queue.items()), inputs)
         for name, plate in starting.items():
             self._start(plate, name)
         if len(starting) < starts:
@@ -229,10 +229,10 @@ class _Simulation:
         self._planned[plate.planned] -= 1
         if not self._planned[plate.planned]:
             del self._planned[plate.planned]
-        plates = self.queue[plate.turn]
+        plates = self.queue[plate.queue_rank]
         del plates[plate.id]
         if not plates:
-            del self.queue[plate.turn]
+            del self.queue[plate.queue_rank]
 
 
 def make_idle(printer: FleetPrinter) -> FleetPrinter:
@@ -281,7 +281,7 @@ def _find_fitting(
     }
 
 
-def _lower_bound_s(
+def _compute_lower_bound_s(
     plates: Sequence[WaitingPlate],
     can: Mapping[str, Sequence[FleetPrinter]],
     ready_s: Mapping[str, float],

@@ -209,7 +209,7 @@ class WaitingPlate:
         Of plates that take as long to within `TIME_TOLERANCE_S`, the one that is glued first.
         """
         longest = -round(self.expected_s / TIME_TOLERANCE_S)
-        return *self.turn, longest, self.glue_rank, -self.expected_s, self.id
+        return *self.queue_rank, longest, self.glue_rank, -self.expected_s, self.id
 
     @cached_property
     def demand(self) -> Demand:
@@ -217,6 +217,6 @@ class WaitingPlate:
         return self.requirements.demand
 
     @cached_property
-    def turn(self) -> tuple[int, float, int]:
+    def queue_rank(self) -> tuple[int, float, int]:
         """Sort key of its job."""
         return -self.priority, self.job if self.rank is None else self.rank, self.job

@@ -9,9 +9,9 @@ from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, StartWindow, compute_needed_grams
 
-Turn = tuple[int, float, int]
+QueueRank = tuple[int, float, int]
 """Negative priority, rank and number of a job; the smallest is served first."""
-Queue = Iterable[tuple[Turn, Iterable[WaitingPlate]]]
+Queue = Iterable[tuple[QueueRank, Iterable[WaitingPlate]]]
 """Waiting plates by job; jobs and their plates in the order in which they are served."""
 
 
@@ -76,11 +76,11 @@ class MatchingInputs:
     now_s: float
 
 
-def group_by_job(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
+def group_by_job(plates: Iterable[WaitingPlate]) -> dict[QueueRank, list[WaitingPlate]]:
     """Group plates by job, in the order in which they are served."""
-    queue: dict[Turn, list[WaitingPlate]] = {}
+    queue: dict[QueueRank, list[WaitingPlate]] = {}
     for plate in plates:
-        queue.setdefault(plate.turn, []).append(plate)
+        queue.setdefault(plate.queue_rank, []).append(plate)
     return queue
 
 

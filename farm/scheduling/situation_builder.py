@@ -45,8 +45,10 @@ def _describe_printer(
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factor),
         job=None if attempt is None else attempt.job,
-        heats_until_s=None if attempt is None else _start_s(attempt) + books.plates[attempt.plate].prelude_s,
-        grams=_free_grams(books, entry, attempt),
+        heats_until_s=None
+        if attempt is None
+        else _find_start_s(attempt) + books.plates[attempt.plate].prelude_s,
+        grams=_compute_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factor=entry.time_factor,
         unattended=not why_attended,
@@ -76,20 +78,23 @@ def _find_attended_reason(section: PrinterSection, report: AgentSnapshot | None)
     return "" if section.unattended else "fleet.yaml says so"
 
 
-def _free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
+def _compute_free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
     """Return the grams on a reel, minus those of its open print; None if unknown."""
     if entry.reel is None or entry.reel.grams is None or attempt is None:
         return None if entry.reel is None else entry.reel.grams
     return max(0.0, entry.reel.grams - books.plates[attempt.plate].grams)
 
 
-def _start_s(attempt: Print) -> float:
+def _find_start_s(attempt: Print) -> float:
     return attempt.started_s if attempt.started_s is not None else attempt.assigned_s
 
 
 def _compute_expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     """Return the expected end of a print, rounded up to whole minutes."""
-    return math.ceil((_start_s(attempt) + books.plates[attempt.plate].compute_expected_s(factor)) / 60) * 60.0
+    return (
+        math.ceil((_find_start_s(attempt) + books.plates[attempt.plate].compute_expected_s(factor)) / 60)
+        * 60.0
+    )
 
 
 class SituationBuilder:
@@ -160,7 +165,7 @@ class SituationBuilder:
     def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
         """Describe the waiting plates of printing jobs, in the order in which they are served."""
         printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-        printing.sort(key=lambda job: job.turn)
+        printing.sort(key=lambda job: job.queue_rank)
         plates_by_job = {job.id: self._describe_plates(books, job) for job in printing}
         self._jobs = {number: self._jobs[number] for number in plates_by_job}
         return tuple(chain.from_iterable(plates.waiting for plates in plates_by_job.values()))

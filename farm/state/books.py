@@ -131,12 +131,14 @@ class Books:
 
     def open_jobs(self) -> list[Job]:
         """List the jobs that have not ended, in the order in which they are served."""
-        return sorted((job for job in self.jobs.values() if not job.state.ended), key=lambda job: job.turn)
+        return sorted(
+            (job for job in self.jobs.values() if not job.state.ended), key=lambda job: job.queue_rank
+        )
 
     def queue(self) -> list[Job]:
         """List the jobs in planning, then the queued ones in the order in which they are served."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
-        return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, j.turn))
+        return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, j.queue_rank))
 
 
 def replace_fields(entity: E, **changes: object) -> E:
@@ -190,10 +192,10 @@ def _has_ended_last(attempt: Print, last: Entity | None) -> bool:
     """Return whether an ended print is its printer's last; one that never started does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
-    return not isinstance(last, Print) or _order_key(attempt) >= _order_key(last)
+    return not isinstance(last, Print) or _make_order_key(attempt) >= _make_order_key(last)
 
 
-def _order_key(attempt: Print) -> tuple[int, float]:
+def _make_order_key(attempt: Print) -> tuple[int, float]:
     """Return a key that is larger for the later of two prints; those of earlier versions have no number."""
     return attempt.number, attempt.ended_s or 0.0
 

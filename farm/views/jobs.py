@@ -47,7 +47,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         error=job.error,
         reason=job.reason,
         paused=job.paused,
-        exit_code=int(_exit_code(job)),
+        exit_code=int(_find_exit_code(job)),
         hold=context.job_hold(job),
         progress=context.progress.get(job.id) if job.state in _PLANNED_NOW else None,
         now=context.format_time(context.now_s) or "",
@@ -64,7 +64,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         lower_bound_s=job.lower_bound_s,
         eta=context.format_time(times.end_s),
         elapsed_s=times.elapsed_s,
-        runs=[_run_view(context, run) for run in times.runs],
+        runs=[_make_run_view(context, run) for run in times.runs],
         serial_s=job.serial_s,
         speedup=times.speedup,
         utilisation=times.utilisation,
@@ -89,14 +89,14 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
     )
 
 
-def _run_view(context: ViewContext, run: Run) -> api.RunView:
+def _make_run_view(context: ViewContext, run: Run) -> api.RunView:
     return api.RunView(
         started=context.format_time(run.started_s) or "",
         ended=None if run.open else context.format_time(run.ended_s),
     )
 
 
-def _exit_code(job: Job) -> ExitCode:
+def _find_exit_code(job: Job) -> ExitCode:
     if job.state is JobState.FAILED and job.planned_s is not None:
         return ExitCode.JOB_FAILED
     return EXIT_CODES[job.error] if job.error else ExitCode.DONE

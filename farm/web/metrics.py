@@ -92,19 +92,19 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
             for state in _PRINTER_STATES
         ),
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_printer_bed_clear",
         "Whether the bed is clear.",
         printers,
         lambda printer: printer.bed is Bed.CLEAR,
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_printer_heaters_off",
         "Whether the heaters are off, as the board has shown.",
         printers,
         lambda printer: printer.heaters_off,
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_agent_up", "Whether the agent runs.", printers, lambda printer: printer.agent_pid is not None
     )
     yield from _collect_readings(printers)
@@ -129,22 +129,22 @@ def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
             for h, t in (("nozzle", p.targets.nozzle_c), ("bed", p.targets.bed_c))
         ),
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_print_progress_ratio",
         "Progress of the open print, by time.",
         printers,
         lambda printer: printer.print.progress if printer.print else None,
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_print_remaining_seconds",
         "Expected time to the end of the open print.",
         printers,
         lambda printer: printer.print.remaining_s if printer.print else None,
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_reel_remaining_grams", "Filament left.", printers, lambda printer: printer.reel.grams
     )
-    yield _by_printer(
+    yield _make_printer_gauge(
         "farm_printer_time_factor",
         "Actual over expected time of its layers.",
         printers,
@@ -175,7 +175,7 @@ def _collect_prints(books: Books) -> Iterator[Metric]:
         yield family
 
 
-def _by_printer(
+def _make_printer_gauge(
     name: str,
     text: str,
     printers: Sequence[api.PrinterView],

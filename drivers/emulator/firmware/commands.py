@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from drivers.emulator.firmware import wording
-from drivers.emulator.firmware.machine import Machine, positive, value
+from drivers.emulator.firmware.machine import Machine, read_positive, read_value
 
 Work = Iterator[float]
 
@@ -46,13 +46,13 @@ def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> 
         Times at which an unfinished command continues; None if it is finished.
     """
     for letter, table in ((b"G", commands.g), (b"M", commands.m)):
-        code = value(line, letter)
+        code = read_value(line, letter)
         if code is not None:
             command = table.get(int(code))
             return command(machine, line, now_s) if command is not None else None
-    extruder = value(line, b"T")
+    extruder = read_value(line, b"T")
     if extruder is None:
-        machine.say(wording.unknown(line))
+        machine.say(wording.format_unknown(line))
     elif extruder == 0:
         machine.say(b"echo:Active Extruder: 0\n")
     else:
@@ -69,8 +69,8 @@ def wait_for_moves(machine: Machine) -> Work:
 def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
     yield from wait_for_moves(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
-    pause_s = (value(line, b"P") or 0.0) / 1000.0
-    seconds = value(line, b"S")
+    pause_s = (read_value(line, b"P") or 0.0) / 1000.0
+    seconds = read_value(line, b"S")
     machine.last_command_s = begin_s
     yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
 
@@ -99,7 +99,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
         return
     for i in range(3):
         if axes[i]:
-            position[i] = machine.at[i] = home[i]
+            position[i] = machine.position[i] = home[i]
             machine.shift[i] = 0.0
             machine.homed_axes[i] = True
     machine.homed = all(machine.homed_axes)
@@ -109,20 +109,20 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
 
 def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     """Queue ``G2 G3`` with I and J as chords of 1 mm (``mc_arc``)."""
-    f, i, j = value(line, b"F"), value(line, b"I") or 0.0, value(line, b"J") or 0.0
+    f, i, j = read_value(line, b"F"), read_value(line, b"I") or 0.0, read_value(line, b"J") or 0.0
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
-    start = tuple(machine.at)
+    start = tuple(machine.position)
     goal = list(start)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
-        number = value(line, letter)
+        number = read_value(line, letter)
         if number is not None:
             relative = machine.relative or (axis == 3 and machine.relative_e)
             goal[axis] = start[axis] + number if relative else number
     centre_x, centre_y = start[0] + i, start[1] + j
     to_x, to_y = goal[0] - centre_x, goal[1] - centre_y
     turn = math.atan2(-i * to_y + j * to_x, -i * to_x - j * to_y)
-    if value(line, b"G") == 2:
+    if read_value(line, b"G") == 2:
         turn = turn - 2 * math.pi if turn >= 0 else turn
     else:
         turn = turn + 2 * math.pi if turn <= 0 else turn
@@ -146,32 +146,32 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def retract(machine: Machine, line: bytes, now_s: float) -> None:
-    is_retraction = value(line, b"G") == 10
+    is_retraction = read_value(line, b"G") == 10
     if is_retraction == bool(machine.retracted_mm):
         return
     machine.retracted_mm = RETRACT_MM if is_retraction else 0.0
-    x, y, z, _ = machine.at
+    x, y, z, _ = machine.position
     distance_mm = -RETRACT_MM if is_retraction else RETRACT_MM
     machine.shift[3] += distance_mm  # the host's coordinates stay the same
     machine.queue(x, y, z, distance_mm, RETRACT_MM_S, now_s)
 
 
 def set_axis_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.relative = value(line, b"G") == 91
+    machine.relative = read_value(line, b"G") == 91
 
 
 def set_extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.relative_e = value(line, b"M") == 83
+    machine.relative_e = read_value(line, b"M") == 83
 
 
 def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"E" not in line:
         yield from wait_for_moves(machine)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
-        number = value(line, letter)
+        number = read_value(line, letter)
         if number is not None:
-            machine.shift[axis] += machine.at[axis] - number
-            machine.at[axis] = number
+            machine.shift[axis] += machine.position[axis] - number
+            machine.position[axis] = number
 
 
 def hang(machine: Machine, line: bytes, now_s: float) -> Work:
@@ -195,20 +195,20 @@ def stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def set_dead_man(machine: Machine, line: bytes, now_s: float) -> None:
-    seconds = value(line, b"S")
+    seconds = read_value(line, b"S")
     if seconds is not None:
         machine.armed_s = now_s
         machine.dead_man_s = seconds if seconds > 0.0 else math.inf
 
 
 def set_nozzle(machine: Machine, line: bytes, now_s: float) -> None:
-    target_c = value(line, b"S")
+    target_c = read_value(line, b"S")
     if target_c is not None:
         machine.heat_nozzle(target_c, now_s)
 
 
 def set_bed(machine: Machine, line: bytes, now_s: float) -> None:
-    target_c = value(line, b"S")
+    target_c = read_value(line, b"S")
     if target_c is not None:
         machine.heat_bed(target_c, now_s)
 
@@ -279,7 +279,7 @@ def report_position(machine: Machine, line: bytes, now_s: float) -> None:
     position = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
     machine.say(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
-        % (*map(_drop_sign_of_zero, machine.at), *map(_drop_sign_of_zero, position[:3]))
+        % (*map(_drop_sign_of_zero, machine.position), *map(_drop_sign_of_zero, position[:3]))
     )
 
 
@@ -306,46 +306,46 @@ def init_card(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def beep(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield now_s + positive(line, b"P", 0.0) / 1000.0
+    yield now_s + read_positive(line, b"P", 0.0) / 1000.0
 
 
 def park(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M601`` outside an SD print: bed down, head aside, no wait for a person."""
     yield from wait_for_moves(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
-    x, y, z, e = machine.at
+    x, y, z, e = machine.position
     z = min(z + 20.0, machine.top_mm[2])
-    machine.at = [10.0, 10.0, z, e]
+    machine.position = [10.0, 10.0, z, e]
     machine.queue(x, y, z, 0.0, 35.0, now_s)
     machine.queue(10.0, 10.0, z, 0.0, 150.0, now_s)
     yield from wait_for_moves(machine)
 
 
 def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
-    limits, code = machine.limits, int(value(line, b"M") or 0)
+    limits, code = machine.limits, int(read_value(line, b"M") or 0)
     per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
     if code in per_axis:
         for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
-            per_axis[code][axis] = positive(line, letter, per_axis[code][axis])
+            per_axis[code][axis] = read_positive(line, letter, per_axis[code][axis])
     elif code == 204:
-        limits.print_mm_s2 = positive(line, b"S", limits.print_mm_s2)
-        limits.retract_mm_s2 = positive(line, b"T", limits.retract_mm_s2)
+        limits.print_mm_s2 = read_positive(line, b"S", limits.print_mm_s2)
+        limits.retract_mm_s2 = read_positive(line, b"T", limits.retract_mm_s2)
     else:
-        limits.jerk_xy_mm_s = positive(line, b"X", limits.jerk_xy_mm_s)
-        limits.jerk_z_mm_s = positive(line, b"Z", limits.jerk_z_mm_s)
-        limits.jerk_e_mm_s = positive(line, b"E", limits.jerk_e_mm_s)
+        limits.jerk_xy_mm_s = read_positive(line, b"X", limits.jerk_xy_mm_s)
+        limits.jerk_z_mm_s = read_positive(line, b"Z", limits.jerk_z_mm_s)
+        limits.jerk_e_mm_s = read_positive(line, b"E", limits.jerk_e_mm_s)
 
 
 def set_feed_factor(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.feed_factor = positive(line, b"S", 100.0 * machine.feed_factor) / 100.0
+    machine.feed_factor = read_positive(line, b"S", 100.0 * machine.feed_factor) / 100.0
 
 
 def set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.flow_factor = positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
+    machine.flow_factor = read_positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
 
 
 def allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.extrude_min_c = value(line, b"S") or 0.0
+    machine.extrude_min_c = read_value(line, b"S") or 0.0
 
 
 def _drop_sign_of_zero(number: float) -> float:

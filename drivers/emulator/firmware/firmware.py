@@ -21,7 +21,7 @@ from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.commands import Work, execute
 from drivers.emulator.firmware.dialects import DIALECTS
 from drivers.emulator.firmware.listener import Listener, Phase
-from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
 
@@ -236,10 +236,10 @@ class EmulatedFirmware(Listener):
     def _process(self, line: bytes) -> None:
         """Execute one line of the buffer."""
         machine, now_s = self.machine, self._time_s
-        number = value(line, b"N")
+        number = read_value(line, b"N")
         self._number = self._number if number is None else int(number)
         self._busy_message_s = now_s + machine.keep_alive_s
-        code = value(line, b"G")
+        code = read_value(line, b"G")
         if code is not None and 0 <= int(code) <= 3 and not machine.stopped:
             if int(code) < 2:
                 machine.move(line, now_s)
@@ -252,7 +252,7 @@ class EmulatedFirmware(Listener):
         if code is not None and 0 <= int(code) <= 3:
             self._finish_command()
             return
-        m_code = None if code is not None else value(line, b"M")
+        m_code = None if code is not None else read_value(line, b"M")
         if m_code == 105:  # does not feed the dead-man
             self._say(self.dialect.report(machine, now_s))
             return

@@ -16,7 +16,7 @@ from enum import StrEnum
 from drivers.emulator.faults import Faults, FaultSampler
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.dialect import Dialect
-from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.firmware.planner import CAPACITY
 from drivers.emulator.firmware.receiver import Receiver
 from drivers.emulator.hardware.noise import Noise
@@ -156,7 +156,7 @@ class Listener(ABC):
             if star < 0:
                 self._refuse(wording.NO_CHECKSUM)
                 return
-            if int(value(line, b"*") or 0.0) != checksum(line[:star]):
+            if int(read_value(line, b"*") or 0.0) != checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
             if (n == self._stuck_number or self._sampler.refuses_line()) and b"M110" not in line:
@@ -171,7 +171,7 @@ class Listener(ABC):
             )  # without a command it is a query
             say(wording.line_error(wording.NO_LINE_NUMBER, self._last_number))
             return
-        elif (urgent := self.dialect.urgent.get(int(value(line, b"M") or 0))) is not None:
+        elif (urgent := self.dialect.urgent.get(int(read_value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
             if self.phase is not Phase.RUNNING:
                 return
@@ -222,5 +222,5 @@ class Listener(ABC):
 
 
 def _is_move(line: bytes) -> bool:
-    code = value(line, b"G")
+    code = read_value(line, b"G")
     return code is not None and 0 <= int(code) <= 3

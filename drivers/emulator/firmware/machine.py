@@ -25,7 +25,7 @@ WIRE_S = 0.010  # upper bound of a line's time on a real wire, including the ans
 _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d))?)")
 
 
-def value(line: bytes, letter: bytes) -> float | None:
+def read_value(line: bytes, letter: bytes) -> float | None:
     """Parse the number after the first such letter in the line (``code_seen``); 0 without digits."""
     at = line.find(letter)
     if at < 0:
@@ -34,9 +34,9 @@ def value(line: bytes, letter: bytes) -> float | None:
     return float(match[1]) if match else 0.0
 
 
-def positive(line: bytes, letter: bytes, default: float) -> float:
+def read_positive(line: bytes, letter: bytes, default: float) -> float:
     """Parse a number as `value` does; return `default` unless it is above 0."""
-    number = value(line, letter)
+    number = read_value(line, letter)
     return number if number is not None and number > 0.0 else default
 
 
@@ -73,7 +73,7 @@ class Machine:
             self.limits, (x, y, z, board.filament_mm), board.feed_filament, board.faults.slowdown
         )
         self.waiting: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner
-        self.at = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
+        self.position = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
         self.homed = False
         self.stopped = False
         self.starved_s = 0.0
@@ -103,11 +103,11 @@ class Machine:
     def move(self, line: bytes, now_s: float) -> None:
         """Execute ``G0 G1`` as ``get_coordinates`` reads them: letters anywhere in the line."""
         self.linear(
-            value(line, b"F"),
-            value(line, b"X"),
-            value(line, b"Y"),
-            value(line, b"Z"),
-            value(line, b"E"),
+            read_value(line, b"F"),
+            read_value(line, b"X"),
+            read_value(line, b"Y"),
+            read_value(line, b"Z"),
+            read_value(line, b"E"),
             now_s,
         )
 
@@ -123,7 +123,7 @@ class Machine:
         """Queue one straight move; None if the line lacks the axis. F in mm/min."""
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
-        at, top, relative = self.at, self.top_mm, self.relative
+        at, top, relative = self.position, self.top_mm, self.relative
         x0, y0, z0, e0 = at
         x = x0 if x is None else (x0 + x if relative else x)
         y = y0 if y is None else (y0 + y if relative else y)
@@ -145,7 +145,7 @@ class Machine:
             extruded_mm = self._limit_extrusion(de, now_s)
             if extruded_mm != de:
                 shift[3] += extruded_mm - de  # counted for the host, but not extruded
-        target = (x + shift[0], y + shift[1], z + shift[2], self.at[3] + shift[3])
+        target = (x + shift[0], y + shift[1], z + shift[2], self.position[3] + shift[3])
         if self.waiting or len(planner) >= CAPACITY:
             self.waiting.append((target, rate_mm_s))
             return
@@ -181,7 +181,7 @@ class Machine:
         self.waiting.clear()
         position = self.planner.stop(now_s)
         self.streaming = False
-        self.at = [true - shift for true, shift in zip(position, self.shift, strict=True)]
+        self.position = [true - shift for true, shift in zip(position, self.shift, strict=True)]
 
     def start_sd_print(self, file_bytes: int, now_s: float) -> None:
         """Start to print a file on the SD card."""

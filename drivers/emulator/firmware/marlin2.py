@@ -17,7 +17,7 @@ from drivers.emulator.firmware.commands import (
     format_temperatures,
 )
 from drivers.emulator.firmware.dialect import Dialect
-from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.firmware.wording import FaultMessages
 from drivers.printers import Profile
@@ -65,7 +65,7 @@ def settings(limits: Limits, levelled: int = 0) -> bytes:
 
 def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M114``: the end of the planned moves, in mm and in steps."""
-    x, y, z, e = (at + 0.0 if abs(at) >= 0.005 else 0.0 for at in machine.at)
+    x, y, z, e = (at + 0.0 if abs(at) >= 0.005 else 0.0 for at in machine.position)
     counts = [round(at * per) for at, per in zip((x, y, z), machine.limits.steps_per_mm, strict=False)]
     machine.say(b"X:%.2f Y:%.2f Z:%.2f E:%.2f Count X:%d Y:%d Z:%d\n" % (x, y, z, e, *counts))
 
@@ -80,7 +80,7 @@ def _identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 def _set_mode(machine: Machine, line: bytes, now_s: float) -> None:
     """Execute ``G90 G91``: for all axes including the feeder, overriding M82 and M83."""
-    machine.relative = machine.relative_e = value(line, b"G") == 91
+    machine.relative = machine.relative_e = read_value(line, b"G") == 91
 
 
 def _stop_moves(machine: Machine, line: bytes, now_s: float) -> Work:
@@ -89,7 +89,7 @@ def _stop_moves(machine: Machine, line: bytes, now_s: float) -> Work:
 
 
 def _set_keep_alive(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.keep_alive_s = value(line, b"S") or math.inf
+    machine.keep_alive_s = read_value(line, b"S") or math.inf
 
 
 def _halt(machine: Machine, line: bytes, now_s: float) -> None:

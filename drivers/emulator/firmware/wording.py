@@ -35,5 +35,5 @@ def line_error(problem: bytes, last_line: int) -> bytes:
     return b"Error:%b, Last Line: %d\n" % (problem, last_line)
 
 
-def unknown(line: bytes) -> bytes:
+def format_unknown(line: bytes) -> bytes:
     return b'echo:Unknown command: "%b"\n' % line

@@ -262,7 +262,7 @@ def worker(
         scheduler,
         certificates,
         name,
-        (folder or _default_folder(name)).absolute(),
+        (folder or _choose_folder(name)).absolute(),
         slots or len(os.sched_getaffinity(0)),
         memory_gb,
     )
@@ -273,6 +273,6 @@ def worker(
         asyncio.run(serve_tasks(options, warm))
 
 
-def _default_folder(name: str) -> Path:
+def _choose_folder(name: str) -> Path:
     cache = os.environ.get("XDG_CACHE_HOME")
     return (Path(cache) if cache else Path.home() / ".cache") / "farm" / "workers" / name

@@ -18,7 +18,7 @@ from farm.wording import format_time
 _COLUMNS = (
     Column("PLACE"),
     Column("JOB"),
-    Column("MODEL", rank=1, least=12),
+    Column("MODEL", rank=1, min_width=12),
     Column("STATE"),
     Column("WAITING", rank=3),
     Column("ENDS"),

@@ -37,14 +37,14 @@ _HISTORY = (
     Column("ENDED"),
     Column("PRINTER"),
     Column("PART"),
-    Column("MODEL", rank=2, least=10),
+    Column("MODEL", rank=2, min_width=10),
     Column("DURATION", rank=3),
     Column("VS PLAN", rank=4),
     Column("USED", rank=5),
     Column("BY", rank=6),
-    Column("OUTCOME", rank=1, least=16),
+    Column("OUTCOME", rank=1, min_width=16),
 )
-_NOTE = Column("NOTE", rank=7, least=10)
+_NOTE = Column("NOTE", rank=7, min_width=10)
 
 
 @with_farm

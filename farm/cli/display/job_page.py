@@ -36,7 +36,7 @@ _PART_COLUMNS = (
     Column("EXPECTED", rank=2),
     Column("STARTED", rank=3),
     Column("ENDED"),
-    Column("FILAMENT", rank=1, least=6),
+    Column("FILAMENT", rank=1, min_width=6),
 )
 
 

@@ -19,10 +19,10 @@ _COLUMNS = (
     Column("ENDS"),
     Column("VS PLAN", rank=3),
     Column("FACTOR", rank=6),
-    Column("REEL", rank=2, least=9),
+    Column("REEL", rank=2, min_width=9),
     Column("NOZZLE", rank=4),
     Column("BED", rank=5),
-    Column("ACTION", rank=1, least=18),
+    Column("ACTION", rank=1, min_width=18),
 )
 _STATES = {"look": "inspect"}
 """States that the table words differently from `--json`."""

@@ -29,13 +29,13 @@ class Column:
         Its first line.
     rank
         0 for a column that is always shown whole; of the others, the highest rank is left out first.
-    least
+    min_width
         Width to which its texts may be shortened; None if they may not be.
     """
 
     heading: str
     rank: int = 0
-    least: int | None = None
+    min_width: int | None = None
 
 
 def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int | None) -> list[Text]:
@@ -103,7 +103,7 @@ def _fit_widths(
 ) -> list[int] | None:
     """Choose the width of each column, 0 to leave it out; None if those of rank 0 are too wide."""
     least = [
-        natural if c.least is None else min(natural, c.least)
+        natural if c.min_width is None else min(natural, c.min_width)
         for c, natural in zip(columns, full, strict=True)
     ]
     visible = [i for i, _ in enumerate(columns)]

@@ -1,4 +1,4 @@
-"""Service of a worker: it joins a cluster, and again when the scheduler comes back."""
+"""Service of a worker: it joins a cluster, and joins it again after a restart of the scheduler."""
 
 from __future__ import annotations
 

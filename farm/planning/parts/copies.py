@@ -20,9 +20,9 @@ MAX_PLATES = 2000
 
 
 def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[tuple[int, int]]:
-    """Yield numbers of rounds, the fewest first, each with the number of parts of a copy that fills them.
+    """Yield numbers of rounds, ascending, each with the most parts of a copy that fit into them.
 
-    Between two rounds a bed is cleared, which needs a person: fewer rounds go before more parts.
+    A person clears the beds between two rounds, so few rounds matter more than many parts.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
             yield rounds, parts
 
 
-def choose_evenly(items: Sequence[T], count: int) -> list[T]:
-    """Choose a number of items at even distances: of printers in the order of kinds, a share of each."""
+def choose_spaced(items: Sequence[T], count: int) -> list[T]:
+    """Choose items at equal distances in a sequence: of printers sorted by kind, a share of each kind."""
     return [items[i * len(items) // count] for i in range(count)]
 
 

@@ -28,7 +28,7 @@ from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.bed_places import find_beds, place_on
-from farm.planning.parts.copies import choose_evenly, iterate_part_counts
+from farm.planning.parts.copies import choose_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.pricing import build_decompose_options, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
@@ -39,7 +39,7 @@ from slicing.settings import find_resources
 def warm(report: Callable[[str], object]) -> None:
     """Load the code of planning before the first job by cutting a small box; what is missing is compiled."""
     if not is_compiled():
-        report("compiling the planning code, which takes minutes and `farm setup` does ahead")
+        report("compiling the planning code, which takes minutes; `farm setup` does it in advance")
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
     decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
@@ -205,7 +205,7 @@ class ModelCutter:
         for rounds, parts in iterate_part_counts(copies, printers, most):
             if parts < fewest and parts < most:
                 continue
-            share = sorted(choose_evenly(by_kind, parts))  # the fastest first, as in `rooms`
+            share = sorted(choose_spaced(by_kind, parts))  # the fastest first, as in `rooms`
             cutter = replace(self, rooms=[self.rooms[i] for i in share])
             try:
                 if has_count:

@@ -59,7 +59,7 @@ def cut_part(task: ReplanTask) -> Pieces:
         with translate_errors():
             raise
     pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in stored.parts)
-    job_parts = [*(_as_drawn(task.files, other) for other in task.others), *stored.parts]
+    job_parts = [*(_make_drawn(task.files, other) for other in task.others), *stored.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(job_parts, picture)
     write_glb(job_parts, assembly)
@@ -109,7 +109,7 @@ def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
     return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
 
 
-def _as_drawn(files: Path, part: Part) -> Drawn:
+def _make_drawn(files: Path, part: Part) -> Drawn:
     """Convert a recorded part to one for the picture."""
     to_model = np.reshape(part.geometry.to_model, (4, 4))
     return Drawn(Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, "")

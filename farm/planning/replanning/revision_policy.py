@@ -81,9 +81,9 @@ def _find_best(
 ) -> tuple[str, ...] | None:
     """Find the set of printers for which another plan ends soonest; None if none saves enough."""
     plate_ids = {plate.id for plate in job.plates}
-    turn = job.plates[0].turn
+    rank = job.plates[0].queue_rank
     # Later jobs take nothing from it; without them the forecast is quick.
-    earlier_jobs = situation.with_waiting(tuple(p for p in situation.waiting if p.turn <= turn))
+    earlier_jobs = situation.with_waiting(tuple(p for p in situation.waiting if p.queue_rank <= rank))
     before_s = find_end_s(plate_ids, earlier_jobs)
     if job.done_by_s is not None and before_s <= job.done_by_s:
         return None

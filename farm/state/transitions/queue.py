@@ -44,17 +44,19 @@ def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Ite
     last_number
         Largest number of any job: the next one that is submitted ranks behind it.
     """
-    before, after = others[:place], others[place:]
+    jobs_before, jobs_after = others[:place], others[place:]
     if not others:
         return
-    priority = (after[0] if after else before[-1]).priority
-    high = after[0].turn[1] if after else last_number + 1.0
-    low = before[-1].turn[1] if before and before[-1].priority == priority else high - 2.0
+    priority = (jobs_after[0] if jobs_after else jobs_before[-1]).priority
+    high = jobs_after[0].queue_rank[1] if jobs_after else last_number + 1.0
+    low = (
+        jobs_before[-1].queue_rank[1] if jobs_before and jobs_before[-1].priority == priority else high - 2.0
+    )
     rank = (low + high) / 2.0
     job = replace_fields(job, moved_priority=priority, moved_rank=rank)
     if low < rank < high:
         yield job
         return
-    ordered = [*before, job, *after]
+    ordered = [*jobs_before, job, *jobs_after]
     for i, moved_job in enumerate(ordered):
         yield replace_fields(moved_job, moved_rank=last_number - len(ordered) + 1.0 + i)

@@ -80,7 +80,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
 def _update_ends(context: ViewContext, situation: Situation) -> tuple[FleetPrinter, ...]:
     """Return the printers with the ends of their prints by progress, as the timeline draws them."""
     return tuple(
-        printer if attempt is None else replace(printer, free_s=_end_s(context, attempt, context.now_s))
+        printer if attempt is None else replace(printer, free_s=_find_end_s(context, attempt, context.now_s))
         for printer in situation.printers
         for attempt in [context.books.open_print_on(printer.name)]
     )
@@ -100,11 +100,11 @@ def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint
             part,
             kind,
             starts_s,
-            _end_s(context, attempt, starts_s),
+            _find_end_s(context, attempt, starts_s),
         )
 
 
-def _end_s(context: ViewContext, attempt: Print, starts_s: float) -> float:
+def _find_end_s(context: ViewContext, attempt: Print, starts_s: float) -> float:
     if attempt.ended_s is not None:
         return max(starts_s, attempt.ended_s)
     return context.now_s + max(60.0, context.remaining_s(attempt))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.firmware.listener import Phase
-from drivers.emulator.firmware.machine import value
+from drivers.emulator.firmware.machine import read_value
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode import add_frame, add_frames, checksum, remove_frame
 from drivers.gcode.frame import LINE_BYTES, compute_running_checksums
@@ -43,7 +43,7 @@ EAR = FirmwareReceiver()
 
 def meaning(line: bytes) -> dict[bytes, float]:
     """Values of a line's letters; a J without a number, made of a newline, is the default of an arc."""
-    results = {letter: value(line, letter) for letter in LETTERS}
+    results = {letter: read_value(line, letter) for letter in LETTERS}
     return {letter: v for letter, v in results.items() if v is not None and (letter, v) != (b"J", 0.0)}
 
 

@@ -261,7 +261,7 @@ def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str
     p = program("\n".join(accepted))
     done = data.draw(st.integers(0, p.count))
     moves = Moves(p, done)
-    expected = [mm for mm in (*moves.at, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
+    expected = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in expected)
     assert 0.0 <= measure_retraction(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
     mark = p.progress_at(done)

@@ -71,7 +71,7 @@ def test_port_of_a_disconnected_printer_raises(ends: tuple[int, Path]):
     port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
     try:
         os.close(ends[0])
-        with pytest.raises(PortError, match="went away"):
+        with pytest.raises(PortError, match="was disconnected"):
             port.read()
     finally:
         port.close()

@@ -37,7 +37,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    x, y, z, _ = Moves(rig.program, rig.session.context.acknowledged_lines).at
+    x, y, z, _ = Moves(rig.program, rig.session.context.acknowledged_lines).position
     rig.session.resume(rig.now_s)
     at = len(rig.sent)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)

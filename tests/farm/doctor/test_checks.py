@@ -47,7 +47,7 @@ FLEET = Fleet.model_validate(
 SOUND = Facts(
     version="1.2",
     fleet_path="fleet.yaml",
-    books=BooksFacts("/s/farm.db", form=SCHEMA_VERSION, books=BOOKS),
+    books=BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=BOOKS),
     cura=CuraFacts("/usr/bin/CuraEngine", "4.13.0", None, "/usr/share/cura/resources", "19", None),
     clock=ClockFacts(NOW_S, True, (1.0, NOW_S - 9.0), "Europe/London"),
     user=UserFacts("farm", frozenset({"ops", "dialout"}), frozenset({"ops"}), "farm"),
@@ -91,7 +91,7 @@ CASES = {
         "plate 3 was changed",
     ),
     "books that contradict themselves": (
-        {"books": BooksFacts("/s/farm.db", form=SCHEMA_VERSION, books=SPOILT)},
+        {"books": BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=SPOILT)},
         "problem",
         "database",
         "printer a: its bed is clear, and print x on it is not judged",

@@ -39,7 +39,7 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
     job
         The job.
     role
-        Role of who looks at it.
+        Role of the reader.
     """
     if not role.allows(Role.PRINT) or JobState(job.state).ended:
         return []
@@ -77,7 +77,7 @@ def list_part_actions(
     printer
         Printer on whose bed the part lies, printed; None for none.
     role
-        Role of who looks at it.
+        Role of the reader.
     """
     if not role.allows(Role.PRINT) or job.options.dry_run:
         return

@@ -70,7 +70,7 @@ def list_part_rows(
     slots
         Printers and times of the plates, those of waiting ones expected, by the plate's id.
     role
-        Role of who looks at them.
+        Role of the reader.
     """
     plates = {plate.id: plate for plate in job.plates}
     beds = find_parts_on_beds(job, printers)

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from farm.cli.display.table import Column, lay_out_table, wrap_text
 
-COLUMNS = (Column("NAME"), Column("LESS", rank=2), Column("NOTE", rank=1, least=6), Column("END"))
+COLUMNS = (Column("NAME"), Column("LESS", rank=2), Column("NOTE", rank=1, min_width=6), Column("END"))
 ROWS = [("um2-01", "1.00", "a long sentence", "in 5h00"), ("um2-02", "", "", "")]
 CELLS = st.text(st.characters(categories=("L", "N", "P", "S")), max_size=20)
 

@@ -15,7 +15,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.planning.booking import book_plan
 from farm.planning.inspection.inspect_submission import inspect_model
-from farm.planning.parts.copies import MAX_PLATES, choose_evenly, iterate_part_counts, multiply_plan
+from farm.planning.parts.copies import MAX_PLATES, choose_spaced, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.plan import DecomposeTask, Plan
 from make_books import make_plan_event as planned
@@ -38,7 +38,7 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
 def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
     count = data.draw(st.integers(1, len(items)))
-    chosen = choose_evenly(sorted(items), count)
+    chosen = choose_spaced(sorted(items), count)
     assert len(chosen) == count
     taken = Counter(chosen)
     for item, there in Counter(items).items():
