@@ -39,7 +39,7 @@ PAGES = {
     "submit": "/submit",
     "job": "/jobs/1",
     "timeline": "/timeline",
-    "what-if": "/timeline?job=4&at=22:00",
+    "what-if": "/timeline?job=3&at=22:00",
     "printer": "/printers/um2-04",
     "history": "/history",
 }
