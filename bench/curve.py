@@ -21,7 +21,7 @@ import numpy as np
 
 from bench.print_time_parts import make_recipe
 from decompose.bound import bound_makespan
-from decompose.engines.guillotine import Partitioner, makespan_curve
+from decompose.engines.guillotine import Partitioner, compute_makespan_curve
 from decompose.geometry import load_model
 from decompose.options import Options
 from decompose.print_time import CostModel
@@ -64,7 +64,7 @@ def main() -> None:
         solver.solve(0.0, ties)
     fleets = np.arange(1, options.most + 1)[:, None]  # of equal printers
     with ThreadPoolExecutor(os.cpu_count()) as executor:
-        points = timed("curve", lambda: makespan_curve([boxes], fleets, executor))
+        points = timed("curve", lambda: compute_makespan_curve([boxes], fleets, executor))
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": times_s}
     if timed("search", lambda: solver.find_min_makespan(options.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()

@@ -23,7 +23,7 @@ import numpy as np
 
 from bench.part_reader import CodedFace, read_part
 from decompose.arrays import Floats
-from decompose.files.names import INSTRUCTIONS, REPORT, short_label
+from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 
 PLAY_MM = 0.7  # by which holes may be apart that a pin goes through, slots included
 LEVEL_MM = 0.3  # of faces in one plane
@@ -101,7 +101,7 @@ def assemble(folder: Path) -> Outcome:
     truth = {
         part["id"]: np.array(part["to_model"]) for part in json.loads((folder / REPORT).read_text())["parts"]
     }
-    names = {part: short_label(part) for part in truth}
+    names = {part: find_part_number(part) for part in truth}
     faces = {
         part: read_part(folder / f"{part}.stl", name, set(names.values()) - {name}, pin_mm)
         for part, name in names.items()

@@ -45,12 +45,12 @@ def advise_longest_side_mm(
         About the largest, for which there is a result; None where none was found.
     """
     longest_mm = float(model.extents_mm.max())
-    most = _find_scale(model, printers, options, cost)
-    if most is None:
+    max_scale = _find_scale(model, printers, options, cost)
+    if max_scale is None:
         return None
     coarse = replace(options, granularity=COARSE)
-    low, high = 0.0, most * 1.15  # a part that lies askew fits more than the tables know
-    scale = most
+    low, high = 0.0, max_scale * 1.15  # a part that lies askew fits more than the tables know
+    scale = max_scale
     for _ in range(HALVINGS):
         if _has_result(model, scale, printers, coarse, cost, executor):
             low = scale
@@ -59,7 +59,7 @@ def advise_longest_side_mm(
         if high <= low * CLOSE_RATIO:
             break
         scale = (low + high) / 2.0 if low else TRIAL_STEP * high
-    side_mm = math.floor((low or most) * longest_mm)
+    side_mm = math.floor((low or max_scale) * longest_mm)
     for _ in range(TRIALS):
         if side_mm < 1:
             break

@@ -13,11 +13,11 @@ from decompose.engines.guillotine import (
     ASSEMBLE_S,
     CLEAR_S,
     CurvePoint,
-    class_tables,
     classify_printers,
+    compute_makespan_curve,
     find_fewest_in_time,
     find_knee,
-    makespan_curve,
+    make_class_tables,
 )
 from decompose.errors import NoFit
 from decompose.geometry import Model
@@ -113,7 +113,9 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
         for printer in printers
     ]
     fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[class_indices], axis=0)
-    points = makespan_curve(class_tables(problem, grid, shared, classes), fleets, problem.executor)
+    points = compute_makespan_curve(
+        make_class_tables(problem, grid, shared, classes), fleets, problem.executor
+    )
     piece_times_s = [classes[i].time_factor for i in class_indices]
     real_s = [printer.time_factor for printer in printers]
     return tuple(

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit
 from decompose.grid import count_cells, count_cuts
 from decompose.options import Engine
-from decompose.problem import FINEST, WORK_NS, Effort, Problem, Work, choose_granularity
+from decompose.problem import MAX_CELLS, WORK_NS, Effort, Problem, Work, choose_granularity
 from decompose.progress import report_progress
 from decompose.results import Attempt, Decomposition
 
@@ -52,7 +52,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
     if not trials.has_sound_result and first != options.granularity:
         first = options.granularity  # a small budget is no reason to refuse a model
         trials.remaining_s = options.best.budget_s
-        trials.try_engine(Engine.GUILLOTINE, first, in_any_case=True)
+        trials.try_engine(Engine.GUILLOTINE, first, is_required=True)
     if not trials.has_sound_result:
         trials.try_engine(Engine.PARALLELOBOX, options.granularity)
     if options.granularity == "auto" and len(problem.printers) > 1:
@@ -73,8 +73,8 @@ def choose_first_grid(problem: Problem) -> str | int:
     if options.granularity != "auto":
         return options.granularity
     cells = finest = problem.granularity(problem.model)
-    least = choose_granularity("auto", 1, max(extents_mm) / min(problem.room_mm))
-    while cells > least and _estimate_grid_s(count_cells(extents_mm, cells)) > (
+    min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.room_mm))
+    while cells > min_cells and _estimate_grid_s(count_cells(extents_mm, cells)) > (
         GRID_SHARE * options.best.budget_s
     ):
         cells -= 1
@@ -114,12 +114,12 @@ class _Trials:
         return replace(self.best, options=options, yaw_deg=self.yaw_deg, attempts=tuple(self.attempts))
 
     def try_engine(
-        self, engine: Engine, cells: str | int, yaw_deg: float = 0.0, in_any_case: bool = False
+        self, engine: Engine, cells: str | int, yaw_deg: float = 0.0, is_required: bool = False
     ) -> None:
         """Add an engine's attempt, unless too little of the budget is left; the first is made in any case."""
-        in_any_case = in_any_case or not self.attempts
+        is_required = is_required or not self.attempts
         least_s = START_SHARE * self.attempts[0].effort_s if self.attempts else -math.inf
-        if not in_any_case and (self.remaining_s <= 0.0 or (self.best and self.remaining_s < least_s)):
+        if not is_required and (self.remaining_s <= 0.0 or (self.best and self.remaining_s < least_s)):
             result_text = "not begun: the budget was spent"
             self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=result_text))
             return
@@ -171,7 +171,7 @@ class _Trials:
         extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
         shapes = {count_cells(extents_mm, first)}
         for share in OTHER_GRIDS:
-            cells = min(FINEST, round(share * first))
+            cells = min(MAX_CELLS, round(share * first))
             shape = count_cells(extents_mm, cells)
             if self.best is not None and self.best.possible_gain(problem.printers) < MIN_GAIN:
                 break

@@ -12,7 +12,7 @@ import numpy as np
 
 from decompose.arrays import Floats, Ints
 from decompose.best import find_best
-from decompose.engines import ENGINES, paper_settings
+from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
 from decompose.options import Engine, Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, find_best_pose, measure_pose
@@ -71,7 +71,7 @@ def _run_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
     """Run the engine that the options name, and check its result; `serial` is from `estimate_serial_s`."""
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
-        problem = replace(problem, options=paper_settings(problem.options))
+        problem = replace(problem, options=apply_paper_settings(problem.options))
     problem = replace(problem, on_stage=watch.lap)
     partition = ENGINES[problem.options.engine](problem)
     watch.lap("engine")

@@ -17,13 +17,13 @@ from scipy.sparse.csgraph import connected_components
 from decompose.arrays import Bools, Floats, Ints
 from decompose.assembly.blocking import find_axes, find_blocking
 from decompose.assembly.resting import Weight, find_rest
-from decompose.assembly.schedule import Work, critical_path_s, order_steps
+from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
 from decompose.assembly.shadow import TOUCH_MM
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces import CutSolid, Joint
 
-CLOSES_SHARE = 0.999  # share of the glue that closes along its normal, from which a step does not slide
-ALONG = 0.999  # cosine from which a normal is along a direction
+MIN_CLOSING_SHARE = 0.999  # share of the glue that closes along its normal, from which a step does not slide
+ALONG_COS = 0.999  # cosine from which a normal is along a direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +94,7 @@ class Assembly:
     @property
     def critical_s(self) -> float:
         """Minimum time with any number of hands: the longest chain of work and drying."""
-        return critical_path_s([step.work for step in self.steps])
+        return compute_critical_path_s([step.work for step in self.steps])
 
     @property
     def part_order(self) -> tuple[int, ...]:
@@ -165,7 +165,7 @@ class _Plan:
             self._glue_mm2[joint.a, joint.b] = self._glue_mm2[joint.b, joint.a] = joint.area_mm2
             self._holding[joint.a, joint.b] = self._holding[joint.b, joint.a] = joint.holds(min_glue_mm2)
             for face in joint.faces:
-                along = np.abs(self._directions @ face.normal) > ALONG
+                along = np.abs(self._directions @ face.normal) > ALONG_COS
                 self._closing_mm2[along, joint.a, joint.b] += face.area_mm2
                 self._closing_mm2[along, joint.b, joint.a] += face.area_mm2
 
@@ -209,7 +209,7 @@ class _Plan:
                 if across[joint.a, joint.b] or across[joint.b, joint.a]
             ),
             glue_mm2=glue_mm2,
-            slides=float((self._closing_mm2[number] * across).sum()) < CLOSES_SHARE * glue_mm2,
+            slides=float((self._closing_mm2[number] * across).sum()) < MIN_CLOSING_SHARE * glue_mm2,
             rests_on=rest,
             level=level,
         )
@@ -230,7 +230,7 @@ class _Plan:
             direction, moved = candidate
             closing = self._closing_mm2[direction][np.ix_(numbers, numbers)]
             across_mm2 = float(glue_mm2[moved][:, ~moved].sum())
-            closes = float(closing[moved][:, ~moved].sum()) >= CLOSES_SHARE * across_mm2
+            closes = float(closing[moved][:, ~moved].sum()) >= MIN_CLOSING_SHARE * across_mm2
             return closes, min(int(moved.sum()), int((~moved).sum())), across_mm2
 
         best: tuple[int, tuple[int, Bools]] | None = None

@@ -43,12 +43,12 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
     for n, step in enumerate(assembly.steps, 1):
         for side in (step.moved, step.fixed):
             if bodies[side[0]] != set(side):
-                yield f"step {n} takes {_name(side)} for one body"
+                yield f"step {n} takes {_name_parts(side)} for one body"
         together = frozenset((*step.moved, *step.fixed))
         bodies |= dict.fromkeys(together, together)
     for joint in joints:
         if joint.b not in bodies[joint.a]:
-            yield f"no step joins {_name((joint.a, joint.b))}"
+            yield f"no step joins {_name_parts((joint.a, joint.b))}"
 
 
 def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> Iterator[str]:
@@ -70,5 +70,5 @@ def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> 
                         yield f"step {n}: part {moved + 1} runs into part {fixed + 1}"
 
 
-def _name(parts: Sequence[int]) -> str:
+def _name_parts(parts: Sequence[int]) -> str:
     return "parts " + ", ".join(str(number + 1) for number in parts)

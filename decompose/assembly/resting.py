@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.geometry import Solid, choose_plane_axes, convex_outline, half_planes
+from decompose.geometry import Solid, choose_plane_axes, find_convex_outline, find_half_planes
 
 ON_TABLE_MM = 0.1  # points this near to the lowest one touch the table
 STEADY_MM = 2.0  # minimum distance of the centre of mass inside the rim of what touches the table
@@ -53,7 +53,7 @@ def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tup
     heights = {number: weights[number].points @ up for number in body}
     table_mm = min(float(height.min()) for height in heights.values()) + ON_TABLE_MM
     touching = {number: weights[number].points[height < table_mm] for number, height in heights.items()}
-    edges = half_planes(convex_outline(np.concatenate(list(touching.values())) @ frame.T))
+    edges = find_half_planes(find_convex_outline(np.concatenate(list(touching.values())) @ frame.T))
     if not len(edges):
         return ()
     masses = np.array([weights[number].volume_mm3 for number in body])

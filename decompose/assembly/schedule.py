@@ -14,7 +14,7 @@ DRY_S = 120.0
 CLEAN_S = 30.0  # to take the brim off a part, when it is used for the first time
 HANDLE_S = 45.0  # to find two bodies, try them dry, and read the page
 HOLD_S = 30.0  # until the glue holds by itself
-UNSTEADY_S = 30.0  # more, if the lower body does not stand
+UNSTEADY_HOLD_S = 30.0  # more, if the lower body does not stand
 JOINT_S = 10.0  # to line up one more joint
 GLUE_S_PER_MM2 = 0.005  # to spread the glue
 
@@ -45,7 +45,7 @@ class Work:
         """Estimate the time of a person, without waiting for glue to dry."""
         single = sum(len(body) == 1 for body in self.bodies)
         glue_s = HOLD_S + JOINT_S * self.joints + GLUE_S_PER_MM2 * self.glue_mm2 if self.joints else 0.0
-        return CLEAN_S * single + HANDLE_S + glue_s + (0.0 if self.steady else UNSTEADY_S)
+        return CLEAN_S * single + HANDLE_S + glue_s + (0.0 if self.steady else UNSTEADY_HOLD_S)
 
     @property
     def parts(self) -> frozenset[int]:
@@ -87,7 +87,7 @@ def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, 
     return order
 
 
-def critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> float:
+def compute_critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> float:
     """Compute the least time of an assembly with any number of hands: the longest chain of work and drying.
 
     Parameters

@@ -15,7 +15,7 @@ from decompose.geometry import Solid
 from decompose.jit import jit
 
 LINE_MM = 0.6  # distance of lines: less than two walls of the thinnest part
-OFF_MM = 0.2137  # of the lines from round coordinates, where many parts end
+LINE_OFFSET_MM = 0.2137  # of the lines from round coordinates, where many parts end
 TOUCH_MM = 0.05  # parts that overlap by less touch
 
 
@@ -62,7 +62,7 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
     """
     vertices, faces = solid.arrays()
     placed = vertices @ frame.T
-    cells = (placed[:, 1:] - OFF_MM) / LINE_MM
+    cells = (placed[:, 1:] - LINE_OFFSET_MM) / LINE_MM
     first, last = np.floor(cells.min(axis=0)).astype(np.int64), np.ceil(cells.max(axis=0)).astype(np.int64)
     low = np.full(tuple(last - first + 1), np.inf)
     high = np.full(low.shape, -np.inf)
@@ -76,13 +76,13 @@ def _find_ends(triangles: Floats, low: Floats, high: Floats) -> None:
     """Lower `low` and raise `high` (lines, lines) to triangles (m, 3, 3) of line numbers and a coordinate."""
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        whole = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if whole == 0.0:  # along the axis
+        doubled_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if doubled_area == 0.0:  # along the axis
             continue
         for i in range(int(np.ceil(min(a[0], b[0], c[0]))), int(max(a[0], b[0], c[0])) + 1):
             for j in range(int(np.ceil(min(a[1], b[1], c[1]))), int(max(a[1], b[1], c[1])) + 1):
-                u = ((b[0] - i) * (c[1] - j) - (b[1] - j) * (c[0] - i)) / whole
-                v = ((c[0] - i) * (a[1] - j) - (c[1] - j) * (a[0] - i)) / whole
+                u = ((b[0] - i) * (c[1] - j) - (b[1] - j) * (c[0] - i)) / doubled_area
+                v = ((c[0] - i) * (a[1] - j) - (c[1] - j) * (a[0] - i)) / doubled_area
                 w = 1.0 - u - v
                 if u < 0.0 or v < 0.0 or w < 0.0:
                     continue

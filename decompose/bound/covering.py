@@ -1,7 +1,7 @@
 """Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time.
 
-Only boxes that no larger one within the time contains are used: tens of thousands, too many and too wide for
-a simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
+Only the largest boxes within the time are used, those in no other one: tens of thousands, too many and too
+wide for a simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
 primal-dual hybrid gradient method (Chambolle and Pock 2011; averages, restarts and the balance of the steps
 as in PDLP, Applegate et al. 2021).
 """
@@ -22,7 +22,7 @@ Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.in
 
 RESTARTS, STEPS = 60, 100  # most restarts, and steps between them
 TOLERANCE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
-CLOSE = 1e-3  # or of the fewest boxes, by which the bounds on them differ: a T so near is not worth more
+BOUND_TOLERANCE = 1e-3  # share by which the bounds on the fewest boxes differ when the search stops
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,7 +294,11 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
                 upper, best_shares = high, iterate.shares / least_covered_cell
             if high - low < closest:
                 closest, restart = high - low, iterate
-        if lower > printers * (1.0 + TOLERANCE) or upper <= printers or upper - lower < CLOSE * lower:
+        if (
+            lower > printers * (1.0 + TOLERANCE)
+            or upper <= printers
+            or upper - lower < BOUND_TOLERANCE * lower
+        ):
             break
         by_shares = ((restart.shares - old.shares) ** 2 * p.content).sum()
         by_weights = ((restart.weights - old.weights) ** 2 * p.overlap).sum()

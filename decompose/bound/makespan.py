@@ -86,10 +86,10 @@ def _find_proven_s(
 
 def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
     """Compute the bound that weights prove."""
-    whole = np.floor(weights * UNIT).astype(np.int64)
-    sat = np.pad(whole, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    whole_weights = np.floor(weights * UNIT).astype(np.int64)
+    sat = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    return Bound(_find_proven_s(sat, printers, makespan_s, *tables), whole)
+    return Bound(_find_proven_s(sat, printers, makespan_s, *tables), whole_weights)
 
 
 def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 
 from decompose.engines.baselines import cut_by_cube_skeleton, cut_by_symmetry
 from decompose.engines.guillotine import cut_by_guillotine
-from decompose.engines.parallelobox import cut_by_parallelobox, paper_settings
+from decompose.engines.parallelobox import apply_paper_settings, cut_by_parallelobox
 from decompose.options import Engine
 from decompose.problem import Partition, Problem
 
-__all__ = ["ENGINES", "paper_settings"]
+__all__ = ["ENGINES", "apply_paper_settings"]
 
 ENGINES: Mapping[Engine, Callable[[Problem], Partition]] = {
     Engine.GUILLOTINE: cut_by_guillotine,

@@ -6,7 +6,7 @@ from typing import Any
 
 from decompose.connectors import Mark, Pin
 from decompose.export.pin_sheet import format_length
-from decompose.files.names import short_label
+from decompose.files.names import find_part_number
 from decompose.results import Decomposition
 
 SIGNS = str.maketrans({"^": " ↑", ".": "●"})
@@ -18,7 +18,7 @@ def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]
     return [
         {
             "text": mark.text.translate(SIGNS),
-            "part": short_label(decomposition.parts[mark.part].id),
+            "part": find_part_number(decomposition.parts[mark.part].id),
             "key": f"{name_mark(decomposition, mark)} {mark.text}",
         }
         for mark in decomposition.connectors.marks
@@ -32,7 +32,7 @@ def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
         return []
     coded = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
     pair = decomposition.joints[joint]
-    return [short_label(decomposition.parts[part].id) for part in (pair.a, pair.b) if part not in coded]
+    return [find_part_number(decomposition.parts[part].id) for part in (pair.a, pair.b) if part not in coded]
 
 
 def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:

@@ -12,7 +12,7 @@ import trimesh
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
-from decompose.export.picture import part_colours
+from decompose.export.picture import make_part_colours
 from decompose.results import Part
 
 METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
@@ -83,7 +83,7 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
     visual: Any = trimesh.visual  # untyped
     scene: Any = trimesh.Scene()
     scene.graph.update(MODEL, matrix=METRES_Y_UP)  # an animated node has no matrix of its own
-    for part, colour in zip(parts, part_colours(len(parts)), strict=True):
+    for part, colour in zip(parts, make_part_colours(len(parts)), strict=True):
         vertices, faces = part.solid.arrays()
         material = visual.material.PBRMaterial(
             name=part.id, baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=0.8

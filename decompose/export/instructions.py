@@ -23,7 +23,7 @@ from decompose.export.layout import describe_place, draw_layout, name_printer, s
 from decompose.export.page_check import find_page_faults
 from decompose.export.pin_sheet import make_sheet
 from decompose.export.step_picture import StepPictures, draw_steps
-from decompose.files.names import short_label
+from decompose.files.names import find_part_number
 from decompose.printers import BedPlace
 from decompose.results import Decomposition
 
@@ -105,8 +105,8 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         locked=[_name_parts(decomposition, group) for group in assembly.locked],
         overview=_embed(pictures.overview),
         layout=_embed(pictures.layout),
-        minutes=_minutes(assembly.total_s),
-        least_minutes=_minutes(assembly.critical_s),
+        minutes=_format_minutes(assembly.total_s),
+        least_minutes=_format_minutes(assembly.critical_s),
         seam_mm=f"{decomposition.seam_mm():,.0f}",
         thin_rims=decomposition.describe_thin_rims(),
         sheet=make_sheet(decomposition.connectors.pins),
@@ -158,7 +158,7 @@ def _describe_step(
         "moved": ", ".join(_name_parts(decomposition, step.moved)),
         "fixed": fixed,
         "slides": step.slides,
-        "minutes": _minutes(step.work_s),
+        "minutes": _format_minutes(step.work_s),
         "seam_mm": f"{decomposition.seam_mm(step.joints if decomposition.seams else ()):,.0f}",
         "support": (
             f"Put {fixed} down as drawn, on the grey table: with the joint upwards it stands"
@@ -176,7 +176,7 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
     ids = _name_parts(decomposition, (joint.a, joint.b))
     return {
         "parts": " ".join(ids),
-        "name": "-".join(map(short_label, ids)),
+        "name": "-".join(map(find_part_number, ids)),
         "area": f"{joint.area_mm2:,.0f}",
         "weak": "" if joint.holds(decomposition.options.min_glue_mm2) else "holds nothing by itself",
         "codes": list_codes(decomposition, number),
@@ -185,7 +185,7 @@ def _describe_joint(number: int, decomposition: Decomposition) -> dict[str, Any]
     }
 
 
-def _minutes(seconds: float) -> str:
+def _format_minutes(seconds: float) -> str:
     return f"{max(1.0, seconds / 60.0):.0f}"
 
 

@@ -10,22 +10,22 @@ from decompose.arrays import Floats, Ints
 from decompose.export.picture import (
     encode_png,
     make_figure,
-    part_colours,
-    white_outline,
+    make_part_colours,
+    make_white_outline,
     write_labels,
 )
 from decompose.export.raster import Shape, draw, make_camera
-from decompose.files.names import short_label
+from decompose.files.names import find_part_number
 from decompose.printers import BedPlace
 from decompose.results import Part
 
-WIDER = 1.5  # columns over rows
+WIDTH_RATIO = 1.5  # columns per row
 GAP = 0.15  # between two places, as a share of the longest side
 EYE_DEG = 50.0  # above the table
 LONG_SIDE_PX = 900
 NAME_PT = 9.0
 BED_COLOUR = np.array([0.93, 0.93, 0.95])
-BELOW_MM = 0.5  # of a bed below its part
+BED_DEPTH_MM = 0.5  # depth below a part at which its bed is drawn
 
 
 def sort_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
@@ -53,11 +53,11 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
     shapes, front_mm = _lay_out(parts, order, places)
     drawing = draw(shapes, make_camera(-90.0, EYE_DEG), LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [short_label(parts[number].id) for number in order])
+    write_labels(axes, drawing, [find_part_number(parts[number].id) for number in order])
     for number, (x, y) in zip(order, drawing.place(front_mm), strict=True):
         axes.text(
             x, y - NAME_PT, name_printer(parts[number]),
-            ha="center", va="top", fontsize=NAME_PT, path_effects=white_outline(),
+            ha="center", va="top", fontsize=NAME_PT, path_effects=make_white_outline(),
         )  # fmt: skip
     return encode_png(figure)
 
@@ -66,7 +66,7 @@ def _lay_out(
     parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None]
 ) -> tuple[list[Shape], Floats]:
     """Lay out the shapes of parts and beds; also points (n, 3) in mm in front of them, for their names."""
-    colours = part_colours(len(parts))
+    colours = make_part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [
         put_on_bed(*parts[number].printing_mesh(), bed) for number, bed in zip(order, beds, strict=True)
@@ -76,7 +76,7 @@ def _lay_out(
     )
     seen_mm = extents_mm[:, 1] + extents_mm[:, 2] / np.tan(np.radians(EYE_DEG))  # of depth and height
     pitch_mm = (1.0 + GAP) * np.array([extents_mm[:, 0].max(), seen_mm.max(), 0.0])
-    columns = int(np.ceil(np.sqrt(WIDER * len(order))))
+    columns = int(np.ceil(np.sqrt(WIDTH_RATIO * len(order))))
     shapes, tables, front_mm = [], [], []
     for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
         at_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
@@ -127,7 +127,9 @@ def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:
 def _make_bed(bed: BedPlace) -> Floats:
     """Build two triangles (2, 3, 3) of a bed, a little below the parts."""
     x, y = np.array(bed.bed_mm) / 2.0
-    corners = np.array([[-x, -y, -BELOW_MM], [x, -y, -BELOW_MM], [x, y, -BELOW_MM], [-x, y, -BELOW_MM]])
+    corners = np.array(
+        [[-x, -y, -BED_DEPTH_MM], [x, -y, -BED_DEPTH_MM], [x, y, -BED_DEPTH_MM], [-x, y, -BED_DEPTH_MM]]
+    )
     return np.asarray(corners[[[0, 1, 2], [0, 2, 3]]])
 
 

@@ -13,24 +13,24 @@ from scipy.ndimage import distance_transform_edt, find_objects
 
 from decompose.arrays import Floats
 from decompose.export.raster import Drawing, Shape, draw, make_camera
-from decompose.files.names import short_label
+from decompose.files.names import find_part_number
 from decompose.results import Part
 
-EXPLODE = 0.28  # move of parts from the middle, as a share of their distance to it
+EXPLODED_SHARE = 0.28  # move of parts from the middle, as a share of their distance to it
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # the eye: from the front, a little from the right and above
 DPI = 100.0
 LABEL_PT, SMALLEST_LABEL_PT = 13.0, 7.0
 LABEL_PX = 10.0  # width of a letter of a label
-GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+GOLDEN_RATIO = (np.sqrt(5.0) - 1.0) / 2.0
 
 
-def part_colours(count: int) -> Floats:
+def make_part_colours(count: int) -> Floats:
     """Choose colours (count, 3), red, green and blue from 0 to 1: no two alike, and neighbours far apart."""
     from matplotlib.colors import hsv_to_rgb  # slow to load
 
     i = np.arange(count)
     saturation, value = 0.35 + 0.15 * (i % 3), 0.95 - 0.12 * (i // 3 % 2)
-    return np.asarray(hsv_to_rgb(np.stack([(0.58 + GOLDEN * i) % 1.0, saturation, value], axis=1)))
+    return np.asarray(hsv_to_rgb(np.stack([(0.58 + GOLDEN_RATIO * i) % 1.0, saturation, value], axis=1)))
 
 
 def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:
@@ -49,17 +49,17 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
     hi = np.max([p.solid.bounds_mm[1] for p in parts], axis=0)
     middle = (lo + hi) / 2.0
     shapes = []
-    for part, colour in zip(parts, part_colours(len(parts)), strict=True):
+    for part, colour in zip(parts, make_part_colours(len(parts)), strict=True):
         vertices, faces = part.solid.arrays()
-        offset_mm = EXPLODE * (part.solid.bounds_mm.mean(axis=0) - middle)
+        offset_mm = EXPLODED_SHARE * (part.solid.bounds_mm.mean(axis=0) - middle)
         shapes.append(Shape((vertices + offset_mm - middle)[faces], colour))
     drawing = draw(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
     figure, axes = make_figure(drawing)
-    hidden = write_labels(axes, drawing, [short_label(part.id) for part in parts])
+    hidden = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
     if hidden:
         lines = fill(f"behind: {', '.join(hidden)}", max(20, int(drawing.visible.shape[1] / LABEL_PX)))
         axes.text(
-            0.01, 0.01, lines, transform=axes.transAxes, fontsize=LABEL_PT, path_effects=white_outline()
+            0.01, 0.01, lines, transform=axes.transAxes, fontsize=LABEL_PT, path_effects=make_white_outline()
         )
     figure.savefig(path)
 
@@ -91,12 +91,12 @@ def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str
         points = float(np.clip(room.max() * 72.0 / DPI, SMALLEST_LABEL_PT, LABEL_PT))
         axes.text(
             window[1].start + column - 1, window[0].start + row - 1, label,
-            ha="center", va="center", fontsize=points, weight="bold", path_effects=white_outline(),
+            ha="center", va="center", fontsize=points, weight="bold", path_effects=make_white_outline(),
         )  # fmt: skip
     return hidden
 
 
-def white_outline() -> list[Any]:
+def make_white_outline() -> list[Any]:
     """Return the effect that keeps a label legible on any colour."""
     from matplotlib.patheffects import withStroke  # slow to load
 

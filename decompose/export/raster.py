@@ -10,11 +10,13 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.jit import jit
 
-LIGHT = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])  # right, up, towards the eye
-AMBIENT = 0.5
+LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm(
+    [-0.25, 0.62, 0.74]
+)  # right, up, towards the eye
+AMBIENT_SHARE = 0.5
 EDGE = 0.6  # brightness left on outlines
 MARGIN = 0.04  # of the longer side
-JUMP = 0.012  # share of the depth of the scene from which a jump of depth is an outline
+OUTLINE_DEPTH_SHARE = 0.012  # share of the depth of the scene from which a jump of depth is an outline
 
 
 @jit
@@ -29,8 +31,8 @@ def _rasterise(
     height, width = depth.shape
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        whole = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if whole <= 0.0:  # seen from behind, or on edge
+        doubled_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if doubled_area <= 0.0:  # seen from behind, or on edge
             continue
         x0 = max(0, int(np.ceil(min(a[0], b[0], c[0]))))
         x1 = min(width - 1, int(max(a[0], b[0], c[0])))
@@ -38,8 +40,8 @@ def _rasterise(
         y1 = min(height - 1, int(max(a[1], b[1], c[1])))
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / whole
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / whole
+                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / doubled_area
+                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / doubled_area
                 w = 1.0 - u - v
                 if u < 0.0 or v < 0.0 or w < 0.0:
                     continue
@@ -149,25 +151,25 @@ def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: in
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
-        shade = AMBIENT + (1.0 - AMBIENT) * np.clip(normal @ LIGHT, 0.0, 1.0)
+        shade = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * np.clip(normal @ LIGHT_DIRECTION, 0.0, 1.0)
         placed.append(triangles)
         colours.append(shade[:, None] * shape.colour)
         owner.append(np.full(len(triangles), i + 1))
     triangles = np.concatenate(placed)
-    least, greatest = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    margin = MARGIN * float((greatest - least)[:2].max())
-    scale = oversample * longest_px / (float((greatest - least)[:2].max()) + 2.0 * margin)
-    size = np.ceil((greatest - least + 2.0 * margin) * scale / oversample).astype(int) * oversample
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    margin = MARGIN * float((high - low)[:2].max())
+    scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin)
+    size = np.ceil((high - low + 2.0 * margin) * scale / oversample).astype(int) * oversample
     image = np.ones((size[1], size[0], 3))
     depth = np.full((size[1], size[0]), -np.inf)
     visible = np.zeros((size[1], size[0]), dtype=np.int64)
-    pixels = (triangles - least + margin) * scale
+    pixels = (triangles - low + margin) * scale
     _rasterise(pixels, np.concatenate(colours), np.concatenate(owner), image, depth, visible)
-    step = JUMP * float(np.ptp(triangles[:, :, 2])) * scale
+    step = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
     return Drawing(
         picture=_reduce(image, depth, step, oversample),
         visible=visible[::oversample, ::oversample],
         frame=frame,
-        origin_mm=least[:2] - margin,
+        origin_mm=low[:2] - margin,
         pixels_per_mm=scale / oversample,
     )

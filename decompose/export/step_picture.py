@@ -12,11 +12,11 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.export.glb import find_moves
-from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, white_outline, write_labels
+from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, make_white_outline, write_labels
 from decompose.export.pin_sheet import format_length
 from decompose.export.raster import Drawing, draw, make_camera
 from decompose.export.step_scene import Scene, build_both, build_moved
-from decompose.files.names import short_label
+from decompose.files.names import find_part_number
 from decompose.geometry import find_least_rotation
 from decompose.results import Decomposition
 
@@ -26,8 +26,8 @@ TURNED_OVER_DEG = (35.0, 60.0)  # elevations for the moved body alone
 BEST_TILT = 0.5  # cosine between a face and the eye at which the face and the gap beside it are both seen
 TURN_COST = 0.1  # for each 45 degrees that the eye turns from the step before
 PIN_GAIN = 0.5  # of all pins seen
-TRIED = 5  # views that are drawn small, to see what hides what
-TRIED_PX = 160
+MAX_DRAWN_VIEWS = 5  # views that are drawn small, to find hidden faces and pins
+DRAWN_VIEW_PX = 160
 GAP_SHARE = 0.7  # of the extent of the glued faces across the step: the eye looks in below the moved body
 LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
 SCALE_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
@@ -91,7 +91,7 @@ def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
 
 
 def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
-    """Find how far apart the bodies are drawn: so that one looks in between them."""
+    """Find the gap at which the bodies are drawn, so that their glued faces are seen."""
     [apart_mm] = find_moves(decomposition.parts, [step])
     corners = [
         np.array(face.outline.envelope.exterior.coords) @ face.axes
@@ -107,7 +107,7 @@ def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
 def choose_view(
     scene: Scene, pose: Floats, elevations_deg: Sequence[float], before_deg: float | None
 ) -> tuple[float, float]:
-    """Choose the view that shows most of the glued faces and pins; rather that of the step before.
+    """Choose the view that shows most of the glued faces and pins, near that of the step before.
 
     Parameters
     ----------
@@ -130,15 +130,15 @@ def choose_view(
 
     def merit(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
-        shown = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
+        shown_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
         turn_deg = 0.0 if before_deg is None else abs((view[0] - before_deg + 180.0) % 360.0 - 180.0)
-        return float(shown / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
+        return float(shown_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
     def count(view: tuple[float, float]) -> float:
-        drawing = draw(scene.shapes, make_camera(*view) @ pose, TRIED_PX, oversample=1)
-        seen = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
-        glued_mm2 = seen[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
-        pins = seen[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
+        drawing = draw(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
+        visible_pixels = np.bincount(drawing.visible.ravel(), minlength=1 + len(scene.shapes))[1:]
+        glued_mm2 = visible_pixels[len(scene.parts) : scene.first_pin].sum() / drawing.pixels_per_mm**2
+        pins = visible_pixels[scene.first_pin : scene.first_pin + len(scene.pins)] > 0
         return float(glued_mm2 / (areas_mm2.sum() or 1.0)) + PIN_GAIN * float(
             pins.mean() if len(pins) else 0.0
         )
@@ -146,7 +146,7 @@ def choose_view(
     views = [
         (azimuth_deg, elevation_deg) for elevation_deg, azimuth_deg in product(elevations_deg, AZIMUTHS_DEG)
     ]
-    best = sorted(views, key=merit, reverse=True)[:TRIED]
+    best = sorted(views, key=merit, reverse=True)[:MAX_DRAWN_VIEWS]
     return max(best, key=lambda view: count(view) + merit(view))
 
 
@@ -165,7 +165,7 @@ def _draw_both(
 ) -> bytes:
     drawing = draw(scene.shapes, camera, LONG_SIDE_PX, oversample=2)
     figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [short_label(decomposition.parts[number].id) for number in scene.parts])
+    write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
         rod = np.array([pin.at_mm + pin.length_mm / 2.0 * pin.axis, pin.at_mm + apart_mm])
         axes.plot(*drawing.place(rod).T, ls=":", lw=1.2, color=PIN_INK)
@@ -178,7 +178,7 @@ def _draw_both(
 def _draw_moved(scene: Scene, decomposition: Decomposition, camera: Floats) -> bytes:
     drawing = draw(scene.shapes, camera, TURNED_OVER_PX, oversample=2)
     figure, axes = make_figure(drawing)
-    write_labels(axes, drawing, [short_label(decomposition.parts[number].id) for number in scene.parts])
+    write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     _name_pins(axes, drawing, scene, [pin.at_mm for pin in scene.pins])
     return encode_png(figure)
 
@@ -191,7 +191,7 @@ def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Fl
         x, y = drawing.place(point_mm[None])[0]
         axes.text(
             x + PIN_PT, y + PIN_PT / 2.0, format_length(pin.length_mm),
-            fontsize=PIN_PT, weight="bold", color=PIN_INK, path_effects=white_outline(),
+            fontsize=PIN_PT, weight="bold", color=PIN_INK, path_effects=make_white_outline(),
         )  # fmt: skip
 
 
@@ -222,5 +222,5 @@ def _draw_scale(axes: Any, drawing: Drawing) -> None:
         f"{length_mm:g} mm",
         fontsize=SCALE_PT,
         va="bottom",
-        path_effects=white_outline(),
+        path_effects=make_white_outline(),
     )

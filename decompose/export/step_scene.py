@@ -11,7 +11,7 @@ import shapely
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
 from decompose.connectors import Mark, Pin, Tool
-from decompose.export.picture import part_colours
+from decompose.export.picture import make_part_colours
 from decompose.export.raster import Shape
 from decompose.geometry import choose_plane_axes, triangulate
 from decompose.pieces import JointFace, find_cut_faces, list_polygons
@@ -131,7 +131,7 @@ def fill_face(face: JointFace, outward: Floats) -> Floats:
 
 
 def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: Floats) -> list[Shape]:
-    colours = part_colours(len(decomposition.parts))
+    colours = make_part_colours(len(decomposition.parts))
     shapes = []
     for number in parts:
         vertices, faces = decomposition.parts[number].solid.arrays()

@@ -4,6 +4,6 @@ REPORT, PICTURE, ASSEMBLY = "decomposition.json", "assembly.png", "assembly.glb"
 INSTRUCTIONS = "instructions.html"
 
 
-def short_label(part: str) -> str:
+def find_part_number(part: str) -> str:
     """Return the number in a part's id: 7 for p07."""
     return part.lstrip("p").lstrip("0") or part

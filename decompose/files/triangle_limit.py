@@ -45,11 +45,11 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
 
 def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
     """Refuse a number of triangles that does not fit the memory. Raises ModelTooDetailed."""
-    most = max_triangles(memory_bytes)
-    if triangles > most:
+    limit = max_triangles(memory_bytes)
+    if triangles > limit:
         raise ModelTooDetailed(
             f"{name}: has {triangles / 1e6:.1f} million triangles, and {memory_bytes / 2**30:.1f} GB of "
-            f"memory suffice for {most / 1e6:.1f} million: simplify its mesh"
+            f"memory suffice for {limit / 1e6:.1f} million: simplify its mesh"
         )
 
 
@@ -63,7 +63,7 @@ def is_binary_stl(data: bytes) -> bool:
     return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
 
 
-def header_face_count(data: bytes) -> int:
+def read_face_count(data: bytes) -> int:
     """Read the number of faces from a binary STL's header."""
     return int(struct.unpack_from("<I", data, STL_HEADER_BYTES)[0])
 
@@ -85,7 +85,7 @@ def _count_stl_faces(head: bytes, size: int) -> int:
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
     if len(head) < begin or not is_binary_stl(head):
         return 0
-    return min(header_face_count(head), (size - begin) // STL_FACE_BYTES)
+    return min(read_face_count(head), (size - begin) // STL_FACE_BYTES)
 
 
 _COUNTS: Mapping[str, Callable[[bytes, int], int]] = {

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from decompose.geometry.convex import convex_outline, half_planes, rectangles, smallest_rectangle
+from decompose.geometry.convex import (
+    find_convex_outline,
+    find_half_planes,
+    find_smallest_rectangle,
+    measure_rectangles,
+)
 from decompose.geometry.model import Model, load_model
 from decompose.geometry.shells import label_components
 from decompose.geometry.solid import Solid, choose_plane_axes, triangulate
@@ -13,7 +18,7 @@ from decompose.geometry.symmetry import (
     find_good_mirrors,
     find_least_rotation,
     find_mirror,
-    rotation_to_axis,
+    find_rotation_to_axis,
 )
 
 __all__ = [
@@ -21,18 +26,18 @@ __all__ = [
     "Model",
     "Solid",
     "choose_plane_axes",
-    "convex_outline",
     "draw_mirrors",
+    "find_convex_outline",
     "find_good_mirrors",
+    "find_half_planes",
     "find_least_rotation",
     "find_mirror",
-    "half_planes",
+    "find_rotation_to_axis",
+    "find_smallest_rectangle",
     "label_components",
     "load_model",
-    "rectangles",
-    "rotation_to_axis",
+    "measure_rectangles",
     "round_triangles",
-    "smallest_rectangle",
     "triangulate",
     "write_stl",
 ]

@@ -11,7 +11,7 @@ FLAT_MM2 = 1e-9  # twice the area below which three points count as collinear
 
 
 @jit
-def convex_outline(points: Floats) -> Floats:
+def find_convex_outline(points: Floats) -> Floats:
     """Find the corners (k, 2), anticlockwise, of the convex outline about points; none without area.
 
     By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
@@ -19,12 +19,12 @@ def convex_outline(points: Floats) -> Floats:
     Parameters
     ----------
     points
-        (n, 2) float64.
+        (n, 2) float64 in mm.
 
     Returns
     -------
     ndarray
-        (k, 2); (0, 2) where the points span no area.
+        (k, 2) float64 in mm; (0, 2) where the points span no area.
     """
     order = np.argsort(points[:, 1], kind="mergesort")
     order = order[np.argsort(points[order, 0], kind="mergesort")]
@@ -48,18 +48,18 @@ def convex_outline(points: Floats) -> Floats:
 
 
 @jit
-def half_planes(outline: Floats) -> Floats:
+def find_half_planes(outline: Floats) -> Floats:
     """Find half-planes (k, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline.
 
     Parameters
     ----------
     outline
-        (k, 2), anticlockwise, of `convex_outline`.
+        (k, 2) float64 in mm, anticlockwise, of `find_convex_outline`.
 
     Returns
     -------
     ndarray
-        (k, 3) rows of a unit normal outwards and an offset.
+        (k, 3) float64 rows of a unit normal outwards and an offset in mm.
     """
     edges = np.zeros((len(outline), 3))
     for i in range(len(outline)):
@@ -71,37 +71,37 @@ def half_planes(outline: Floats) -> Floats:
 
 
 @jit
-def rectangles(outline: Floats, angles: Floats) -> Floats:
+def measure_rectangles(outline: Floats, angles: Floats) -> Floats:
     """Measure the width and depth (n, 2) of an outline after it is turned back by each of n angles.
 
     Parameters
     ----------
     outline
-        (k, 2), of `convex_outline`.
+        (k, 2) float64 in mm, of `find_convex_outline`.
     angles
-        (n,) in radians.
+        (n,) float64 in radians.
 
     Returns
     -------
     ndarray
-        (n, 2) in the unit of the outline.
+        (n, 2) float64 in mm.
     """
     sides = np.zeros((len(angles), 2))
     for i in range(len(angles)):
         ux, uy = np.cos(angles[i]), np.sin(angles[i])
-        least, most = np.full(2, np.inf), np.full(2, -np.inf)
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
         for k in range(len(outline)):
             u = outline[k, 0] * ux + outline[k, 1] * uy
             v = outline[k, 1] * ux - outline[k, 0] * uy
-            least[0], most[0] = min(least[0], u), max(most[0], u)
-            least[1], most[1] = min(least[1], v), max(most[1], v)
-        sides[i] = most - least
+            low[0], high[0] = min(low[0], u), max(high[0], u)
+            low[1], high[1] = min(low[1], v), max(high[1], v)
+        sides[i] = high - low
     return sides
 
 
 @jit
-def smallest_rectangle(outline: Floats) -> float:
-    """Find the angle in radians of the long side of the smallest rectangle about an outline (k, 2)."""
+def find_smallest_rectangle(outline: Floats) -> float:
+    """Find the angle in radians of the long side of the smallest rectangle about an outline (k, 2) in mm."""
     best, angle = np.inf, 0.0
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]

@@ -12,8 +12,8 @@ from decompose.files.triangle_limit import (
     check_triangles,
     count_off_faces,
     count_ply_faces,
-    header_face_count,
     is_binary_stl,
+    read_face_count,
 )
 
 MAX_CORNERS = 10_000  # maximum number in one face: more triangles about one corner take hours to repair
@@ -67,7 +67,7 @@ def count_triangles(data: bytes, suffix: str) -> int:
     """Count the triangles or faces that a file gives; 0 if it does not say."""
     match suffix:
         case ".stl":
-            return header_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
+            return read_face_count(data) if is_binary_stl(data) else data.count(b"endloop")
         case ".obj":
             return data.count(b"\nf ")
     return count_ply_faces(data) if suffix == ".ply" else count_off_faces(data)

@@ -26,15 +26,15 @@ from decompose.files.triangle_limit import (
     STL_COUNT_BYTES,
     STL_FACE_BYTES,
     STL_HEADER_BYTES,
-    header_face_count,
     is_binary_stl,
     max_triangles,
+    read_face_count,
 )
 from decompose.geometry.file_limits import check_limits
 from decompose.geometry.repair import Report, close_surface
 from decompose.geometry.solid import Solid
 from decompose.geometry.step import read_step
-from decompose.geometry.stl import parse_triangles, stored_face_count
+from decompose.geometry.stl import count_stored_faces, parse_triangles
 from decompose.geometry.threemf import read_3mf
 from decompose.geometry.weld import weld_triangles
 
@@ -178,12 +178,12 @@ def _read(
         raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {formats}")
     if not data:
         raise ModelEmpty(f"{name}: the file is empty; export the model again")
-    most = None if memory_bytes is None else max_triangles(memory_bytes)
+    triangle_limit = None if memory_bytes is None else max_triangles(memory_bytes)
     match suffix:
         case ".3mf":
-            return read_3mf(name, data, most)
+            return read_3mf(name, data, triangle_limit)
         case ".step" | ".stp":
-            return read_step(name, data, most), ()
+            return read_step(name, data, triangle_limit), ()
         case ".stl":
             data, notes = _check_stl(name, data)
         case _:
@@ -205,7 +205,7 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         return data, ()
     if len(data) < STL_HEADER_BYTES + STL_COUNT_BYTES:
         raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
-    promised, present = header_face_count(data), stored_face_count(data)
+    promised, present = read_face_count(data), count_stored_faces(data)
     if promised > present:
         raise ModelUnreadable(
             f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "

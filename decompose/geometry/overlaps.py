@@ -1,7 +1,7 @@
 """Surfaces that overlap themselves, made one solid.
 
-Where two limbs of one surface run through each other, the solid between them counts twice. It is found by
-upright rays, and cut apart there: what were two limbs are pieces of their own then, which are united.
+Where two limbs of one surface run through each other, their common volume counts twice. Upright rays find
+such places. The surface is cut there, so that the limbs are separate pieces, and the pieces are united.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from scipy.ndimage import label
 
 from decompose.arrays import Floats
 from decompose.errors import ModelNotSolid
-from decompose.geometry.rays import Rays, find_bounds, find_crossings, unit_normals
+from decompose.geometry.rays import Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.geometry.solid import Solid
 
-RAYS = 40_000  # approximate number over the shadow of a solid
+RAYS = 40_000  # approximate number over the area of a solid seen from above
 MARGIN_STEPS = 2.0  # between rays, about the place that they show
 ROUNDING_SHARE = 1e-7  # of the height: solid that counts twice along less than this is rounding
 HALVINGS = 4  # of a piece in which the limbs are still connected
-LEFT_SHARE = 0.1  # of an overlap may be left where its limbs are united: more is a fold, which is kept
+LEFT_SHARE = 0.1  # of an overlap that may remain once its limbs are united: more is a fold, which is kept
 MAX_PLACES = 64  # the largest ones
 MAX_ROUNDS = 4  # each cuts the whole surface: a million faces take seconds
-LOST_SHARE = 0.1  # of the overlaps, and 0.001 of the solid: the volume may change by that besides
+LOST_SHARE = 0.1  # of the overlaps: the volume may also change by this, plus 0.001 of the solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
     # Off the middle by an irregular share: a ray through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
-    normals = unit_normals(triangles)
+    normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, Rays(origin_mm, step_mm, shape))
     ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
     counts = np.concatenate([[0], np.cumsum(np.where(normals[crossings.face, 2] < 0.0, 1, -1))])

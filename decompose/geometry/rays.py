@@ -59,7 +59,7 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
 
 
 @jit
-def unit_normals(triangles: Floats) -> Floats:
+def compute_unit_normals(triangles: Floats) -> Floats:
     """Compute the unit normals (m, 3) of triangles (m, 3, 3), float64; 0 for a triangle without area."""
     normals = np.zeros((len(triangles), 3))
     for t in range(len(triangles)):
@@ -92,11 +92,11 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
             if normals[t, 2] == 0.0:
                 continue
             left, right = _set_edges(triangles, t, edges)
-            (ax, ay, az), slope_x, slope_y, (lowest, highest) = _plane(triangles, normals, t)
+            (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
             first = max(0, int(np.ceil((left - x0) / step)))
             for i in range(first, min(nx, int(np.ceil((right - x0) / step)))):
                 x = x0 + i * step
-                low, high = _edge_span(edges, x)
+                low, high = _find_edge_span(edges, x)
                 if low > high:
                     continue
                 begin = max(0, int(np.ceil((low - y0) / step)))
@@ -138,7 +138,7 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
 
 
 @jit_inline
-def _edge_span(edges: Floats, x: float) -> tuple[float, float]:
+def _find_edge_span(edges: Floats, x: float) -> tuple[float, float]:
     """Find the least and the greatest y of edges (3, 4), of `_set_edges`, at an x; +inf and -inf for none."""
     low, high = np.inf, -np.inf
     for k in range(3):
@@ -149,7 +149,7 @@ def _edge_span(edges: Floats, x: float) -> tuple[float, float]:
 
 
 @jit_inline
-def _plane(
+def _compute_plane(
     triangles: Floats, normals: Floats, t: int
 ) -> tuple[tuple[float, float, float], float, float, tuple[float, float]]:
     """Describe the plane of one of triangles (m, 3, 3) in mm with unit normals (m, 3).

@@ -55,7 +55,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         It bounds no solid, or closing it would lose or invent much of it.
     """
     repairs = list(surface.repairs)
-    before = _bodies(name, surface)
+    before = _list_bodies(name, surface)
     uses = [count_edge_uses(body.faces) for body in before]
     after, is_changed = _close_bodies(before, uses, report)
     if not after:
@@ -90,7 +90,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
     return solid, repairs + messages
 
 
-def _bodies(name: str, surface: Surface) -> list[Any]:
+def _list_bodies(name: str, surface: Surface) -> list[Any]:
     """Split a surface into its connected bodies."""
     f = surface.faces
     rows, columns = np.concatenate([f[:, 0], f[:, 1]]), np.concatenate([f[:, 1], f[:, 2]])
@@ -126,11 +126,11 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
             closed_bodies.append(body)
             continue
         report(f"repairing body {number} of {len(bodies)}" if len(bodies) > 1 else "repairing")
-        parts = _shells(body)
+        parts = _split_shells(body)
         if parts is None or not all(
             is_flat(part.vertices[rim]) for part in parts for rim in find_rims(part.faces)
         ):
-            fixed = _mesh_fix(body)
+            fixed = _run_mesh_fix(body)
             if fixed is not None and (parts is None or not _is_far(body, fixed).mean() > LOST_SHARE):
                 closed_bodies.append(fixed)
                 is_changed = True
@@ -152,14 +152,14 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
     return thick, is_changed or bool(open_bodies) or len(thick) < len(closed_bodies)
 
 
-def _shells(body: Any) -> list[Any] | None:
+def _split_shells(body: Any) -> list[Any] | None:
     """Split a body into surfaces by `split_shells`, None if it cannot take them apart."""
     faces = orient_faces(np.asarray(body.faces))
     shells = None if faces is None else split_shells(np.asarray(body.vertices), faces)
     return None if shells is None else [trimesh.Trimesh(*shell, process=False) for shell in shells]
 
 
-def _mesh_fix(body: Any) -> Any:
+def _run_mesh_fix(body: Any) -> Any:
     """Close a body and turn it outward by MeshFix; None if nothing closed is left of it."""
     faces = np.array(body.faces)[body.unique_faces()]
     if len(faces) < 4:
@@ -176,7 +176,7 @@ def _mesh_fix(body: Any) -> Any:
 def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> float:
     """Measure the share of new surface; refuse a repair that changes so much that it invents a model."""
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
-    probes = _probes(before, PROBES)
+    probes = _draw_probes(before, PROBES)
     far_probes = probes[_is_far(before, after)]
     lost_share = 0.0
     if len(far_probes):
@@ -196,7 +196,7 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> flo
     return new_share
 
 
-def _probes(mesh: Any, count: int) -> Floats:
+def _draw_probes(mesh: Any, count: int) -> Floats:
     return np.asarray(trimesh.sample.sample_surface(mesh, count, seed=0)[0])
 
 
@@ -204,14 +204,14 @@ def _is_far(mesh: Any, other: Any) -> Bools:
     """Find which points (PROBES,) on a mesh are further from another mesh than a repair may move it."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
-    probes = _probes(mesh, PROBES)
+    probes = _draw_probes(mesh, PROBES)
     _, near = cKDTree(samples).query(probes, NEIGHBOURS)
-    least = np.full(len(probes), np.inf)
+    distances_mm = np.full(len(probes), np.inf)
     for k in range(NEIGHBOURS):
         corners = np.asarray(other.triangles)[triangle[near[:, k]]]
         nearest_point = geometry.closest_point(corners, probes)
-        least = np.minimum(least, np.linalg.norm(nearest_point - probes, axis=1))
-    return np.asarray(least > NEAR_SHARE * np.ptp(mesh.bounds, axis=0).max())
+        distances_mm = np.minimum(distances_mm, np.linalg.norm(nearest_point - probes, axis=1))
+    return np.asarray(distances_mm > NEAR_SHARE * np.ptp(mesh.bounds, axis=0).max())
 
 
 def _is_inside(points: Floats, triangles: Floats) -> Bools:
@@ -222,7 +222,7 @@ def _is_inside(points: Floats, triangles: Floats) -> Bools:
     lean = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * lean, points[:, 2]])
     triangles = np.concatenate([triangles[..., :2] - triangles[..., 2:] * lean, triangles[..., 2:]], axis=2)
-    return np.asarray(_triangles_above(points, triangles) % 2 == 1)
+    return np.asarray(_find_triangles_above(points, triangles) % 2 == 1)
 
 
 def _measure_body(body: Any) -> tuple[float, float]:
@@ -261,7 +261,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
 
 
 @jit
-def _triangles_above(points: Floats, triangles: Floats) -> Ints:
+def _find_triangles_above(points: Floats, triangles: Floats) -> Ints:
     """Count the triangles (m, 3, 3) straight above each of n points (n, 3), both float64 in mm."""
     above = np.zeros(len(points), np.int64)
     for i in range(len(points)):

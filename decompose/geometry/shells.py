@@ -24,7 +24,7 @@ def orient_faces(faces: Ints) -> Ints | None:
     Neighbours are the two faces of an edge. In each surface the smaller part of the faces is reversed.
     """
     tail, head, face = _list_half_edges(faces)
-    order, starts, counts = _by_edge(tail, head)
+    order, starts, counts = _sort_by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
     is_opposed = tail[a] == tail[b]
@@ -57,7 +57,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
         None if not as many faces begin solid as end it around an edge.
     """
     tail, head, face = _list_half_edges(faces)
-    order, starts, counts = _by_edge(tail, head)
+    order, starts, counts = _sort_by_edge(tail, head)
     first = starts[counts == 2]
     a, b = order[first], order[first + 1]
     if (tail[a] == tail[b]).any():
@@ -99,7 +99,7 @@ def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, 
 def find_rims(faces: Ints) -> list[Ints]:
     """Find the rims of the holes of a shell, as vertices in the order of a face that fills them."""
     tail, head, _ = _list_half_edges(faces)
-    order, starts, counts = _by_edge(tail, head)
+    order, starts, counts = _sort_by_edge(tail, head)
     single_starts = order[starts[counts == 1]]
     after = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
     rims = []
@@ -182,7 +182,7 @@ def _list_half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
     return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), np.arange(3 * len(faces)) // 3
 
 
-def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
+def _sort_by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
     """Sort half-edges by their edges; also the first index of each edge in that order, and its count."""
     lo, hi = np.minimum(tail, head), np.maximum(tail, head)
     order = np.lexsort((hi, lo))

@@ -63,6 +63,6 @@ def parse_triangles(data: bytes) -> Floats:
         return faces["corners"].astype(np.float64)
 
 
-def stored_face_count(data: bytes) -> float:
+def count_stored_faces(data: bytes) -> float:
     """Compute the number of faces for which a binary STL has bytes."""
     return max(0, len(data) - STL_HEADER_BYTES - STL_COUNT_BYTES) / STL_FACE_BYTES

@@ -22,7 +22,7 @@ MAX_MIRRORED = 1000  # number of vertices whose mirror images are measured, for 
 FEW_MIRRORED = 300  # the same for one of many parts
 TOLERANCE = 0.01  # of the diagonal of the model's box
 SAME_AXIS_RAD = 0.01  # a normal closer to an axis than this is replaced by the axis where that is as good
-APART_RAD = 0.5  # minimum angle between the normals of two planes of one part
+MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +37,12 @@ class Mirror:
 class _Cloud:
     """Vertices (n, 3) in mm, and the distance of mirror images of some of them."""
 
-    def __init__(self, vertices: Floats, rng: np.random.Generator, most: int = MAX_MIRRORED) -> None:
+    def __init__(self, vertices: Floats, rng: np.random.Generator, max_count: int = MAX_MIRRORED) -> None:
         self.centre = vertices.mean(axis=0)
         self.rng = rng
         self._tree = KDTree(vertices)
-        if len(vertices) > most:
-            vertices = vertices[rng.choice(len(vertices), most, replace=False)]
+        if len(vertices) > max_count:
+            vertices = vertices[rng.choice(len(vertices), max_count, replace=False)]
         self.mirrored = vertices - self.centre
 
     def error_mm(self, normal: Floats) -> float:
@@ -55,16 +55,16 @@ class _Cloud:
 
     def refine(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
         """Find the best normal near a given one, and its error."""
-        least = error_mm
+        best_error_mm = error_mm
         for cone in CONES_RAD:
-            near = _normalise(normal + cone * self.rng.standard_normal((samples, 3)))
-            errors = [self.error_mm(mirror) for mirror in near]
-            if min(errors) < least:
-                normal, least = near[int(np.argmin(errors))], min(errors)
+            candidates = _normalise(normal + cone * self.rng.standard_normal((samples, 3)))
+            errors = [self.error_mm(mirror) for mirror in candidates]
+            if min(errors) < best_error_mm:
+                normal, best_error_mm = candidates[int(np.argmin(errors))], min(errors)
         axis = np.eye(3)[int(np.abs(normal).argmax())]
-        if abs(normal @ axis) > np.cos(SAME_AXIS_RAD) and self.error_mm(axis) <= 1.05 * least + 1e-6:
-            normal, least = axis, self.error_mm(axis)
-        return normal, least
+        if abs(normal @ axis) > np.cos(SAME_AXIS_RAD) and self.error_mm(axis) <= 1.05 * best_error_mm + 1e-6:
+            normal, best_error_mm = axis, self.error_mm(axis)
+        return normal, best_error_mm
 
     def principal(self) -> Floats:
         """Return the axes, and the principal directions of the cloud: (6, 3)."""
@@ -91,27 +91,31 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
     normals = np.vstack([cloud.principal(), cloud.draw_normals()])
     errors = [cloud.error_mm(normal) for normal in normals]
     best = int(np.argmin(np.round(errors, 9)))
-    normal, least = cloud.refine(normals[best], errors[best])
-    return cloud.mirror(normal, least) if least <= tolerance * _measure_diagonal_mm(vertices) else None
+    normal, best_error_mm = cloud.refine(normals[best], errors[best])
+    return (
+        cloud.mirror(normal, best_error_mm)
+        if best_error_mm <= tolerance * _measure_diagonal_mm(vertices)
+        else None
+    )
 
 
-def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
+def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> list[Mirror]:
     """Find the best planes of one draw of normals, however bad, as the program of SBD does.
 
     Parameters
     ----------
     vertices, rng
         As in `find_mirror`.
-    most
+    max_count
         Maximum number of planes; their normals differ from each other.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
-    return [cloud.mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, most)]
+    return [cloud.mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, max_count)]
 
 
 def find_good_mirrors(
-    vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
+    vertices: Floats, rng: np.random.Generator, max_count: int, samples: int, tolerance: float = TOLERANCE
 ) -> list[Mirror]:
     """Find refined planes of symmetry that are good enough, the best first.
 
@@ -119,7 +123,7 @@ def find_good_mirrors(
     ----------
     vertices, rng, tolerance
         As in `find_mirror`.
-    most
+    max_count
         Maximum number of planes; their normals differ from each other.
     samples
         Number of normals in a round.
@@ -127,8 +131,8 @@ def find_good_mirrors(
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.draw_normals()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
-    mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, most)]
-    refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), most)
+    mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, max_count)]
+    refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
     worst = tolerance * _measure_diagonal_mm(vertices)
     return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]
 
@@ -136,11 +140,13 @@ def find_good_mirrors(
 Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
-def _pick_distinct(ranked: list[Scored], most: int) -> list[Scored]:
+def _pick_distinct(ranked: list[Scored], max_count: int) -> list[Scored]:
     """Select the first planes whose normals differ from each other, whichever way they point."""
     distinct: list[Scored] = []
     for error, normal in ranked:
-        if len(distinct) < most and all(abs(np.dot(normal, n)) < np.cos(APART_RAD) for _, n in distinct):
+        if len(distinct) < max_count and all(
+            abs(np.dot(normal, n)) < np.cos(MIN_ANGLE_RAD) for _, n in distinct
+        ):
             distinct.append((error, normal))
     return distinct
 
@@ -149,7 +155,7 @@ def _measure_diagonal_mm(vertices: Floats) -> float:
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
-def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
+def find_rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
     """Find the least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis.
 
     Parameters

@@ -85,8 +85,8 @@ def weld_triangles(triangles: Floats) -> Surface:
 def select_distinct(faces: Ints) -> Ints:
     """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    least = f.argmin(axis=1)[:, None]
-    rotated = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
+    first_slot = f.argmin(axis=1)[:, None]
+    rotated = np.take_along_axis(f, (first_slot + np.arange(3)) % 3, axis=1)
     distinct: Ints = f[number_rows(rotated, 1.0)[1]]
     return distinct
 

@@ -135,11 +135,11 @@ def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, are
             continue
         flat = areas[2 * up] + areas[2 * up + 1]
         lateral = sums[LATERAL + up] + cut - flat
-        seen = sums[SKIN + up]
+        skin_mm2 = sums[SKIN + up]
         for turned_over in range(2):  # as it is, and turned over
             pose = 2 * up + turned_over
-            skin = seen + flat - prices["hidden_bed_share"] * areas[pose]
-            if seen < SEEN_MM2:  # no top is seen, nor an underside
+            skin = skin_mm2 + flat - prices["hidden_bed_share"] * areas[pose]
+            if skin_mm2 < SEEN_MM2:  # no top is seen, nor an underside
                 skin -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
             column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
             if turned_over == 1:
@@ -172,7 +172,7 @@ class Pricing(NamedTuple):
     prices: Prices
 
 
-class Priced(NamedTuple):
+class PriceTables(NamedTuple):
     """Tables to fill in: `seconds`, `trimmed` and `cut_mm2` of `BoxTables`."""
 
     seconds: npt.NDArray[np.float32]
@@ -198,7 +198,7 @@ def _add(total: Contents, contents: Contents) -> None:
 
 
 @jit
-def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, priced: Priced) -> None:
+def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, tables: PriceTables) -> None:
     """Price every box of a grid: rows of cells are added up to layers, and layers to boxes.
 
     Parameters
@@ -224,12 +224,12 @@ def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, p
                 _reset(layer)
                 for y1 in range(y0 + 1, ny + 1):
                     _add(layer, Contents(row.sums[y1 - 1], row.ends[y1 - 1]))
-                    _price_column(layer, (x0, y0, x1, y1), shape, pricing, priced)
+                    _price_column(layer, (x0, y0, x1, y1), shape, pricing, tables)
 
 
 @jit
 def _price_column(
-    layer: Contents, base: tuple[int, int, int, int], shape: Shape, pricing: Pricing, priced: Priced
+    layer: Contents, base: tuple[int, int, int, int], shape: Shape, pricing: Pricing, tables: PriceTables
 ) -> None:
     """Price all boxes over a base x0, y0, x1, y1 in cells, half-open.
 
@@ -249,18 +249,18 @@ def _price_column(
                 continue  # no needed cell
             sides = (x0, y0, z0, x1, y1, z1)
             box = index_of(sides, shape)
-            least = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
-            priced.trimmed[box] = index_of(least, shape)
-            if priced.trimmed[box] == box:
-                priced.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
-                priced.seconds[box] = _min_price(pricing.prices, pricing.rooms, s, e, areas)
+            trimmed_box = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
+            tables.trimmed[box] = index_of(trimmed_box, shape)
+            if tables.trimmed[box] == box:
+                tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
+                tables.seconds[box] = _min_price(pricing.prices, pricing.rooms, s, e, areas)
 
 
 def list_rooms(printers: Sequence[PrinterRoom]) -> Floats:
     """List the distinct rooms of printers (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
     distinct = sorted({p.boxes for p in printers})
-    most = max(len(boxes) for boxes in distinct)
-    return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (most - len(boxes)) for boxes in distinct])
+    max_boxes = max(len(boxes) for boxes in distinct)
+    return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct])
 
 
 def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) -> BoxTables:
@@ -284,11 +284,11 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
         prefix.append(table)
     cuts = (prefix[0], prefix[1], prefix[2])
     total = math.prod(n * (n + 1) // 2 for n in grid.shape)
-    priced = Priced(
+    tables = PriceTables(
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
     )
     pricing = Pricing(list_rooms(printers), cuts, cost.prices())
-    _price_all(grid.needed, grid.sums, grid.extents, pricing, priced)
+    _price_all(grid.needed, grid.sums, grid.extents, pricing, tables)
     pieces = np.ones(total, np.int16)
-    count_pieces(grid.shape, grid.bodies, priced.trimmed, priced.seconds, pieces)
-    return BoxTables(grid.shape, priced.seconds, priced.trimmed, pieces, priced.cut_mm2)
+    count_pieces(grid.shape, grid.bodies, tables.trimmed, tables.seconds, pieces)
+    return BoxTables(grid.shape, tables.seconds, tables.trimmed, pieces, tables.cut_mm2)

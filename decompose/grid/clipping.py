@@ -45,7 +45,7 @@ class CellContents(NamedTuple):
 
 
 @jit
-def _unit_normal(triangle: Floats, normal: Floats) -> bool:
+def _compute_unit_normal(triangle: Floats, normal: Floats) -> bool:
     """Fill in the unit normal (3,) of a triangle (3, 3); False if it has no area."""
     e1 = triangle[1] - triangle[0]
     e2 = triangle[2] - triangle[0]
@@ -97,7 +97,7 @@ def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
 
     centre: (3,) filled in with its centroid times its area.
     """
-    whole = 0.0
+    area_mm2 = 0.0
     centre[:] = 0.0
     for i in range(1, len(polygon) - 1):
         u = polygon[i] - polygon[0]
@@ -107,14 +107,14 @@ def _measure_polygon(polygon: Floats, normal: Floats, centre: Floats) -> float:
             + (u[2] * v[0] - u[0] * v[2]) * normal[1]
             + (u[0] * v[1] - u[1] * v[0]) * normal[2]
         ) / 2.0
-        whole += area
+        area_mm2 += area
         centre += area * (polygon[0] + polygon[i] + polygon[i + 1]) / 3.0
-    return whole
+    return area_mm2
 
 
 @jit
 def _add_fragment(
-    into: CellContents,
+    contents: CellContents,
     cell: Ints,
     polygon: Floats,
     normal: Floats,
@@ -125,32 +125,32 @@ def _add_fragment(
 
     west_mm: x of the near side of the cell. cosines: of skin and of overhangs, see `clip_into_cells`.
     """
-    area, flux, sums, extents = into.area, into.flux, into.sums, into.extents
+    area, flux, sums, extents = contents.area, contents.flux, contents.sums, contents.extents
     skin_cos, overhang_cos = cosines
     x, y, z = cell[0], cell[1], cell[2]
     centre = np.zeros(3)
-    whole = _measure_polygon(polygon, normal, centre)
-    if not whole > MIN_FRAGMENT_MM2:
+    area_mm2 = _measure_polygon(polygon, normal, centre)
+    if not area_mm2 > MIN_FRAGMENT_MM2:
         return
-    centre /= whole
-    area[x, y, z] += whole
+    centre /= area_mm2
+    area[x, y, z] += area_mm2
     for i in range(len(polygon)):
         for k in range(3):
             extents[x, y, z, k] = min(extents[x, y, z, k], polygon[i, k])
             extents[x, y, z, k + 3] = max(extents[x, y, z, k + 3], polygon[i, k])
-    flux[x, y, z, 3] += whole * normal[0] * (centre[0] - west_mm)
+    flux[x, y, z, 3] += area_mm2 * normal[0] * (centre[0] - west_mm)
     for k in range(3):
         c = normal[k]
-        flux[x, y, z, k] += whole * c
-        upright = whole * np.sqrt(max(0.0, 1.0 - c * c))
+        flux[x, y, z, k] += area_mm2 * c
+        upright = area_mm2 * np.sqrt(max(0.0, 1.0 - c * c))
         sums[x, y, z, LATERAL + k] += upright
         if abs(c) > skin_cos:
-            sums[x, y, z, SKIN + k] += whole * abs(c)
+            sums[x, y, z, SKIN + k] += area_mm2 * abs(c)
             sums[x, y, z, SLOPE + k] += upright
         if abs(c) > overhang_cos:
             pose = 2 * k if c < 0.0 else 2 * k + 1
-            sums[x, y, z, OVERHANG + pose] += whole * abs(c)
-            sums[x, y, z, MOMENT + pose] += whole * abs(c) * centre[k]
+            sums[x, y, z, OVERHANG + pose] += area_mm2 * abs(c)
+            sums[x, y, z, MOMENT + pose] += area_mm2 * abs(c) * centre[k]
 
 
 @jit
@@ -160,22 +160,22 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, outward by the right-hand rule, inside the outermost planes.
+        (m, 3, 3) float64 in mm, outward by the right-hand rule, inside the outermost planes.
     planes
-        For each axis the ascending coordinates (n + 1,) of the planes in mm.
+        For each axis the ascending coordinates (n + 1,) of the planes, float64 in mm.
     skin_cos, overhang_cos
         Faces whose normal has a larger component along an axis get skin, or count as overhangs.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     extents = np.full((*shape, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
-    into = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
+    contents = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
     polygons = np.zeros((4, 12, 3))  # the triangle clipped along 0, 1, 2, 3 axes
     half = np.zeros((12, 3))
     count, last, at = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
     normal = np.zeros(3)
     for t in range(len(triangles)):
-        if not _unit_normal(triangles[t], normal):
+        if not _compute_unit_normal(triangles[t], normal):
             continue
         polygons[0, :3] = triangles[t]
         count[0] = 3
@@ -202,6 +202,8 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
                 continue
             if corner_count >= 3:
                 west_mm = planes[0][at[0]]
-                _add_fragment(into, at, polygons[3, :corner_count], normal, west_mm, (skin_cos, overhang_cos))
+                _add_fragment(
+                    contents, at, polygons[3, :corner_count], normal, west_mm, (skin_cos, overhang_cos)
+                )
             at[axis] += 1
-    return into
+    return contents

@@ -26,7 +26,7 @@ MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
 MAX_CUTS = 300_000_000  # of all boxes: a solve of the search computes one sum for each
 FLAT_BOXES_RATIO = 1.5  # boxes of a flat model over those of a cube with as many cells
 MIN_CELL_MM = 4.0
-FINER, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
+CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
 CLEAR_MM = 2.0
 """Distance that a grid plane keeps from flat faces if possible, so that no slivers are left and no face is
 taken for a cut."""
@@ -208,7 +208,7 @@ def build_grid(
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     grid = fill_grid(triangles, planes, rules)
-    times = max(1, min(FINER, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
+    times = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
     finer = (divide_planes(px, times), divide_planes(py, times), divide_planes(pz, times))
     fine = fill_grid(triangles, finer, replace(rules, keep_interior=True))
     return replace(grid, bodies=_find_bodies(fine.extents, fine.cuts, times))

@@ -14,7 +14,7 @@ from decompose.arrays import Bools, Floats
 from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
 
 SAME_MM = 1e-9  # coordinates closer than this are the same plane
-MAX_FINER = 4
+MAX_DIVISION = 4
 
 
 def refine_cells(
@@ -35,7 +35,7 @@ def refine_cells(
     max_cells
         Maximum number of cells in total, unless the grid itself has more.
     """
-    times = max(1, min(MAX_FINER, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
+    times = max(1, min(MAX_DIVISION, int((max_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (divide_planes(planes, times) for planes in grid.planes)
     fine = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine.cells != Cell.EXTERNAL
@@ -64,7 +64,7 @@ def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
-COVERED = 1e-9  # share of a cell that rounding may leave open
+OPEN_SHARE = 1e-9  # share of a cell that rounding may leave open
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,4 +93,4 @@ class NeededCells:
             inside = np.minimum(hi[:, axis, None], planes[1:]) - np.maximum(lo[:, axis, None], planes[:-1])
             lengths.append(np.maximum(0.0, inside) / np.diff(planes))
         share = np.einsum("nx,ny,nz->xyz", *lengths, optimize=True)
-        return bool((share[self.needed] > 1.0 - COVERED).all())
+        return bool((share[self.needed] > 1.0 - OPEN_SHARE).all())

@@ -75,8 +75,8 @@ def find_bodies(full: Bools, opened: tuple[Bools, Bools, Bools], times: int) -> 
         linked = np.unique(of_fine[outer], axis=0)  # by the first body, so by its cell
         links.append(linked)
         first_link.append(np.searchsorted(cell[filled][first_fine][linked[:, 0]], cells))
-    most = max(len(each) for each in links)
-    padded = np.array([np.pad(each, ((0, most - len(each)), (0, 0))) for each in links])
+    max_links = max(len(each) for each in links)
+    padded = np.array([np.pad(each, ((0, max_links - len(each)), (0, 0))) for each in links])
     return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_link), padded)
 
 

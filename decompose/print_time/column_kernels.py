@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.geometry.rays import Crossings, Rays, find_crossings, unit_normals
+from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_crossings
 from decompose.jit import jit, jit_inline
 
 MIN_STEP_MM = 0.4
@@ -83,7 +83,7 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
         Faces whose normal points down by more than this get support.
     """
     origin, step, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
-    normals = unit_normals(triangles)
+    normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, rays)
     runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
     touched = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from decompose.arrays import Floats
-from decompose.geometry import convex_outline, half_planes
+from decompose.geometry import find_convex_outline, find_half_planes
 
 FIRST_LAYER_MM = 0.15  # height at which the first layer is cut, its middle
 SHARP_DEG = 120.0
@@ -54,13 +54,13 @@ class Footing:
     def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
         """Measure the footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
         contact_mm2, outline_mm, points = _measure_first_layer(triangles)
-        rim = convex_outline(points)
+        rim = find_convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
         sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
         turn = np.arctan2(sides[:, 1], sides[:, 0])
         bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
-        held = convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
-        edges = half_planes(held)
+        held = find_convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
+        edges = find_half_planes(held)
         return cls(
             contact_mm2=contact_mm2,
             wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,

@@ -61,11 +61,11 @@ def measure_hidden_faces(
     Parameters
     ----------
     faces
-        Unit normals (m, 3), areas (m,) in mm2 and centres (m, 3) in mm.
+        Unit normals (m, 3), areas (m,) in mm2 and centres (m, 3) in mm, float64.
     cut
-        (m,) faces that are cuts.
+        (m,) bool, true for faces that are cuts.
     up
-        (3,) unit vector.
+        (3,) float64 unit vector.
     bed_mm
         Place of the bed along `up`.
     skin_cos

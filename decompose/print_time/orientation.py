@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.geometry import convex_outline, rectangles, smallest_rectangle
+from decompose.geometry import find_convex_outline, find_smallest_rectangle, measure_rectangles
 from decompose.jit import jit
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
@@ -184,11 +184,11 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
         y = np.cross(up, x)
     flat = hull @ np.array([x, y]).T
     height = float(np.ptp(hull @ up))
-    rim = convex_outline(flat)
-    angles = smallest_rectangle(rim) + DEGREES
+    rim = find_convex_outline(flat)
+    angles = find_smallest_rectangle(rim) + DEGREES
     if len(axis):
         angles = np.insert(angles, 0, 0.0)
-    for angle, (width, depth) in zip(angles, rectangles(rim, angles).tolist(), strict=True):
+    for angle, (width, depth) in zip(angles, measure_rectangles(rim, angles).tolist(), strict=True):
         if all(printer.fits(width, depth, height) for printer in printers):
             return np.vstack([_turn_plane(angle) @ np.array([x, y]), up])
     return None

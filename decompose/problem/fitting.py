@@ -64,7 +64,7 @@ def place_clear_of_faces(
     return at_mm + float(offsets[clear[0] if len(clear) else int(np.argmax(gaps))])
 
 
-def connected_pieces(piece: Piece) -> list[Piece]:
+def split_connected(piece: Piece) -> list[Piece]:
     """Split a piece into connected pieces, without the films that rounding leaves on a cut."""
     solids = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in solids]

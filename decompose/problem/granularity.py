@@ -8,8 +8,8 @@ from decompose.errors import DecomposeError
 from decompose.grid import GRANULARITY
 
 AUTO_GRANULARITY = 15
-FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
-FINEST = 60  # that a person may ask for
+MAX_ROOM_CELLS = 24  # a finer grid takes gigabytes
+MAX_CELLS = 60  # that a person may ask for
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
@@ -35,7 +35,7 @@ def choose_granularity(granularity: str | int, printers: int, rooms_long: float 
     """
     if granularity == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
-        for_room = min(FINEST_FOR_ROOM, math.ceil(2.0 * rooms_long))
+        for_room = min(MAX_ROOM_CELLS, math.ceil(2.0 * rooms_long))
         return max(AUTO_GRANULARITY, finer, for_room)
     if granularity in GRANULARITY:
         return GRANULARITY[str(granularity)]
@@ -43,9 +43,9 @@ def choose_granularity(granularity: str | int, printers: int, rooms_long: float 
         number = int(granularity)
     except ValueError:
         number = 0
-    if not 1 <= number <= FINEST:
+    if not 1 <= number <= MAX_CELLS:
         allowed = ", ".join(GRANULARITY)
         raise DecomposeError(
-            f"--granularity {granularity}: give auto, one of {allowed}, or a number from 1 to {FINEST}"
+            f"--granularity {granularity}: give auto, one of {allowed}, or a number from 1 to {MAX_CELLS}"
         )
     return number

@@ -203,13 +203,15 @@ class Problem:
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the pose of each piece, once for a solid and its rooms, in parallel with an executor."""
         run = map if self.executor is None else self.executor.map
-        unposed = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
+        unposed = {
+            self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._posed
+        }
         self.effort.record(Work.PIECE_POSED, len(unposed))
         self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed.values()))
         self._posed.update(zip(unposed, run(self.find_pose, unposed.values()), strict=True))
-        return [self._posed[self._posing(piece)] for piece in pieces]
+        return [self._posed[self._make_posing(piece)] for piece in pieces]
 
-    def _posing(self, piece: Piece) -> Posing:
+    def _make_posing(self, piece: Piece) -> Posing:
         return piece.solid, tuple(room.boxes for room in self.rooms_for(piece))
 
 
@@ -273,10 +275,11 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
         before = np.maximum.accumulate(np.concatenate([[-np.inf], order[:-1, 1]]))
         solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())  # without gaps
         if solid_mm > reach_mm:
-            least = math.ceil(solid_mm / reach_mm * len(printers))
+            part_count = math.ceil(solid_mm / reach_mm * len(printers))
             raise NoFit(
-                f"{format_size(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
-                f"own, and there are {len(printers)}: free more printers, or give a smaller --longest-side",
-                least if least <= MAX_PARTS else None,
+                f"{format_size(model.extents_mm)} mm needs {part_count} parts at least, each on a printer "
+                f"of its own, and there are {len(printers)}: free more printers, or give a smaller "
+                "--longest-side",
+                part_count if part_count <= MAX_PARTS else None,
                 is_too_large=True,
             )

@@ -106,29 +106,31 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         area = np.linalg.norm(cross, axis=1) / 2.0
         covered += float(area[~find_cut_faces(vertices, faces, part.planes)].sum())
-    whole = model.solid.area_mm2
-    error = abs(covered - whole) / whole
+    model_mm2 = model.solid.area_mm2
+    error = abs(covered - model_mm2) / model_mm2
     if error > SURFACE_SHARE:
         raise GeometryError(
-            Rule.SURFACE, None, f"the parts carry {covered:.3f} of {whole:.3f} mm2 of the original surface"
+            Rule.SURFACE,
+            None,
+            f"the parts carry {covered:.3f} of {model_mm2:.3f} mm2 of the original surface",
         )
     return error
 
 
 def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
     """Check that only hollows outside of the boxes are missing, at a distance from the surface."""
-    whole = model.solid.volume_mm3
-    missing = whole - sum(p.solid.volume_mm3 for p in parts)
+    model_mm3 = model.solid.volume_mm3
+    missing = model_mm3 - sum(p.solid.volume_mm3 for p in parts)
     hollow = None
     if len(boxes_mm):
         boxes = np.unique(boxes_mm, axis=0)
         hollow = model.solid.subtract(Solid.union([Solid.box(lo - LAP_MM, hi + LAP_MM) for lo, hi in boxes]))
     hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
-    if abs(missing - hollow_mm3) > SURFACE_SHARE * whole:
+    if abs(missing - hollow_mm3) > SURFACE_SHARE * model_mm3:
         raise GeometryError(
             Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, outside of the boxes are {hollow_mm3:.1f}"
         )
-    if hollow is None or hollow_mm3 <= CRUMB_SHARE * whole:
+    if hollow is None or hollow_mm3 <= CRUMB_SHARE * model_mm3:
         return
     lo, hi = model.solid.bounds_mm
     far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from any hollow than the limit

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from decompose.connectors import Blank, Connectors, drill, plan_connectors
 from decompose.errors import DecomposeError
-from decompose.files.names import short_label
+from decompose.files.names import find_part_number
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
 
@@ -33,7 +33,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     if options.connectors.is_empty or len(decomposition.parts) < 2:
         return decomposition
     blanks = [
-        Blank(short_label(p.id), p.solid, p.rotation[2], options.connectors.find_fit_mm(p.printer))
+        Blank(find_part_number(p.id), p.solid, p.rotation[2], options.connectors.find_fit_mm(p.printer))
         for p in decomposition.parts
     ]
     try:
@@ -64,13 +64,15 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         decomposition,
         connectors=connectors,
         parts=tuple(
-            replace(part, drilled=solid, price_s=part.price_s + _price_s(connectors, i)) if i in cut else part
+            replace(part, drilled=solid, price_s=part.price_s + _compute_price_s(connectors, i))
+            if i in cut
+            else part
             for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))
         ),
     )
 
 
-def _price_s(connectors: Connectors, part: int) -> float:
+def _compute_price_s(connectors: Connectors, part: int) -> float:
     holes = sum(hole.part == part for pin in connectors.pins for hole in pin.holes)
     return HOLE_S * holes + MARK_S * sum(mark.part == part for mark in connectors.marks)
 

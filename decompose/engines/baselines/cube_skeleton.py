@@ -24,10 +24,10 @@ from decompose.arrays import Floats
 from decompose.engines.baselines.hollow import (
     Block,
     Shell,
-    cubes_about,
+    find_largest_cube,
     hollow_model,
-    largest_cube,
-    planes_at,
+    list_cubes_around,
+    move_planes_to,
     refine_cube,
 )
 from decompose.errors import NoFit
@@ -38,10 +38,10 @@ from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
-    connected_pieces,
     count_blocks,
     place_clear_of_faces,
     refuse_misfits,
+    split_connected,
 )
 
 CELLS = 24  # cube root of the number of cells of the grid on which the model is hollowed
@@ -63,7 +63,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     grid = build_grid(vertices[faces], CELLS, rules)
     shell = hollow_model(model.solid, grid)
     hollowed = bool(shell.cavity.any())
-    cube = largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
+    cube = find_largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
     problem.on_stage("hollow")
@@ -71,11 +71,13 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     if cube is not None and hollowed and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
-        planes, cube = planes_at(model.solid, grid, cube_mm)
+        planes, cube = move_planes_to(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, rules)
-        other = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
+        refined = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
         best = min(
-            other, best, key=lambda pieces: (len(pieces) > len(problem.printers), problem.makespan_s(pieces))
+            refined,
+            best,
+            key=lambda pieces: (len(pieces) > len(problem.printers), problem.makespan_s(pieces)),
         )
     problem.on_stage("cut")
     refuse_misfits("cube-skeleton", best, problem, sufficient_printers=len(best))
@@ -86,7 +88,7 @@ def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tupl
     """Cut a shell by the sides of a cube, merge the pieces, and add those of the skeleton."""
     skeleton: list[Piece] = []
     if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
-        skeleton = _cut_skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
+        skeleton = _cut_skeleton([cube, *list_cubes_around(cube, shell.cavity)], grid, problem)
     pieces = _split_regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
     if not problem.options.faithful:
         pieces = [part for piece in pieces for part in _cut_to_fit(piece, problem)]
@@ -192,7 +194,7 @@ class _Merging:
                 self.touching[a].add(neighbour)
         return True
 
-    def smallest(self, numbers: set[int]) -> int | None:
+    def find_smallest(self, numbers: set[int]) -> int | None:
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
 
     def join_islands(self, islands: list[int]) -> None:
@@ -200,43 +202,43 @@ class _Merging:
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
             is_settled = False
             while not is_settled:
-                neighbour = self.smallest({i for i in self.touching[island] if self.fits(i, island)})
+                neighbour = self.find_smallest({i for i in self.touching[island] if self.fits(i, island)})
                 is_settled = neighbour is None or self.merge(neighbour, island)
 
-    def pair_once(self) -> None:
+    def pair_neighbours(self) -> None:
         """Pair each piece, the largest first, with its smallest single neighbour with which it fits."""
         unpaired = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
-            neighbour = self.smallest(self.touching[number] & unpaired)
+            neighbour = self.find_smallest(self.touching[number] & unpaired)
             if number not in unpaired or neighbour is None or not self.fits(number, neighbour):
                 continue
             if self.merge(number, neighbour):
                 unpaired -= {number, neighbour}
 
-    def merge_to(self, printers: int) -> None:
+    def merge_down_to(self, printers: int) -> None:
         """Merge the neighbours that print fastest until there are no more groups than printers.
 
         Where too many groups remain that way, those with the least common bounding box are merged instead.
         """
         groups, touching = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
-        self._merge_min(printers, lambda a, b: a.seconds + b.seconds)
+        self._merge_cheapest(printers, lambda a, b: a.seconds + b.seconds)
         if len(self.groups) > printers:
             self.groups, self.touching = groups, defaultdict(set, touching)
-            self._merge_min(printers, lambda a, b: float(a.size_mm(b).prod()))
+            self._merge_cheapest(printers, lambda a, b: float(a.size_mm(b).prod()))
 
-    def _merge_min(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
+    def _merge_cheapest(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
         while len(self.groups) > printers:
             pairs = [(a, b) for a in self.groups for b in self.touching[a] if a < b and self.fits(a, b)]
             if not pairs:
                 return
             self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
 
-    def merged_pieces(self) -> list[Piece]:
+    def list_merged_pieces(self) -> list[Piece]:
         pieces = []
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
             planes = np.unique(np.concatenate([piece.planes for piece in members]), axis=0)
-            pieces += connected_pieces(Piece(group.solid, planes, members[0].boxes_mm))
+            pieces += split_connected(Piece(group.solid, planes, members[0].boxes_mm))
         return pieces
 
 
@@ -245,13 +247,13 @@ def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> lis
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:
-        parts = sorted(connected_pieces(region), key=lambda piece: -piece.solid.volume_mm3)
+        parts = sorted(split_connected(region), key=lambda piece: -piece.solid.volume_mm3)
         islands += range(len(pieces) + 1, len(pieces) + len(parts))
         pieces += parts
     merging = _Merging(pieces, problem)
     merging.join_islands(islands)
     if problem.options.faithful:
-        merging.pair_once()
+        merging.pair_neighbours()
     else:
-        merging.merge_to(printers)
-    return merging.merged_pieces()
+        merging.merge_down_to(printers)
+    return merging.list_merged_pieces()

@@ -13,7 +13,7 @@ from decompose.pieces import list_box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
-REACH = 2.0  # greatest growth of a cube on each side, as a multiple of a cell's longest side
+MAX_GROWTH_CELLS = 2.0  # greatest growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
 MARGIN_MM = 0.01  # margin above the least wall, since distances are rounded
 ROUNDS = 2  # rounds of growth in every direction
@@ -54,18 +54,18 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     return Shell(shell, cavity, planes, solid_boxes)
 
 
-def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
+def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
     """Drop cells that meet others along an edge alone, where the remaining surface would touch itself.
 
     Those of one box may be `kept`.
     """
     cells = cells.copy()
-    kept = np.zeros_like(cells) if kept is None else kept
+    kept_cells = np.zeros_like(cells) if kept_cells is None else kept_cells
     while True:
         count = int(cells.sum())
         for a, b in ((0, 1), (0, 2), (1, 2)):
             view = np.moveaxis(cells, (a, b), (0, 1))
-            kept_view = np.moveaxis(kept, (a, b), (0, 1))
+            kept_view = np.moveaxis(kept_cells, (a, b), (0, 1))
             near, far = view[:-1, :-1], view[1:, 1:]
             left, right = view[1:, :-1], view[:-1, 1:]
             meets = near & far & ~left & ~right
@@ -97,7 +97,7 @@ def blocks(cells: Bools) -> list[Block]:
     return boxes
 
 
-def largest_cube(cells: Bools) -> Block | None:
+def find_largest_cube(cells: Bools) -> Block | None:
     """Find the largest cube of cells, the one nearest to their middle; None if there are no cells."""
     if not cells.any():
         return None
@@ -117,14 +117,14 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the least wall.
 
     It grows about its middle and towards each corner, by bisection against the mesh itself, for `ROUNDS`
-    rounds, after which hardly any larger cube that contains it keeps the wall; by `REACH` cells at most. The
-    given cube has to keep the wall.
+    rounds, by at most `MAX_GROWTH_CELLS` cells: then hardly any larger cube that contains it keeps the wall.
+    The given cube has to keep the wall.
     """
-    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, ACCURACY_MM) + MARGIN_MM
+    reach_mm, wall_mm = MAX_GROWTH_CELLS * cell_mm, max(wall_mm, ACCURACY_MM) + MARGIN_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
-    least, most = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
+    min_corner, max_corner = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
     far_mm = wall_mm + ACCURACY_MM
-    outside = Solid.box(least - far_mm, most + far_mm).subtract(solid)
+    outside = Solid.box(min_corner - far_mm, max_corner + far_mm).subtract(solid)
     cube = np.array([middle - half, middle + half])
     directions: Floats = np.array(
         [(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)]
@@ -139,7 +139,10 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     for _ in range(ROUNDS):
         before_mm = float(cube[1, 0] - cube[0, 0])
         for direction in directions:
-            share, room = np.array([direction, 1.0 - direction]), np.array([cube[0] - least, most - cube[1]])
+            share, room = (
+                np.array([direction, 1.0 - direction]),
+                np.array([cube[0] - min_corner, max_corner - cube[1]]),
+            )
             low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
             while high - low > ACCURACY_MM:
                 by_mm = (low + high) / 2.0
@@ -150,7 +153,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     return cube
 
 
-def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
+def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
     """Move the nearest planes of a grid to the sides of a cube (2, 3); the planes, and the cube in cells.
 
     A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
@@ -180,7 +183,7 @@ def _find_clear_place(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
     return float(places[clear[0] if len(clear) else int(gaps.argmax())])
 
 
-def cubes_about(cube: Block, cells: Bools) -> list[Block]:
+def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:
     """Find the largest cube of cells outwards from the middle of each face of a cube, no larger than it.
 
     Where cells are not cubes, each side of the block has the same number of cells less than the first cube's.

@@ -24,11 +24,11 @@ from decompose.pieces import Piece
 from decompose.print_time import price_axis_poses_s
 from decompose.problem import Partition, Problem
 from decompose.problem.fitting import (
-    connected_pieces,
     count_blocks,
     count_parts,
     place_clear_of_faces,
     refuse_misfits,
+    split_connected,
 )
 
 TREE_DEPTH = 3  # depth of the tree of cuts
@@ -97,7 +97,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     problem.on_stage("tree")
     parts = form.cut_further(parts)
     problem.on_stage("greedy")
-    pieces = tuple(piece for part in parts for piece in connected_pieces(part.piece))
+    pieces = tuple(piece for part in parts for piece in split_connected(part.piece))
     refuse_misfits(
         "symmetry", pieces, problem, sufficient_printers=None
     )  # with more printers it makes more parts
@@ -190,12 +190,12 @@ class _CorrectedForm(_Form):
         for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
             yield from self.pieces(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.find_planes_across(solid)
-        least, fewest = max(2, part.needs), None
+        part_count, fewest = max(2, part.needs), None
         for at_mm in places_mm:
             for children in self.pieces(part.piece, normal, at_mm):
                 if fewest is None or _sum_needs(children) < _sum_needs(fewest):
                     fewest = children
-            if fewest is not None and _sum_needs(fewest) <= least:
+            if fewest is not None and _sum_needs(fewest) <= part_count:
                 break
         if fewest is not None:
             yield fewest
@@ -203,7 +203,7 @@ class _CorrectedForm(_Form):
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
-        pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in connected_pieces(half)]
+        pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected(half)]
         min_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
             yield [self.part(fragment) for fragment in pieces]

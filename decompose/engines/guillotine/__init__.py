@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from decompose.engines.guillotine.class_search import class_tables, cut_by_guillotine
+from decompose.engines.guillotine.class_search import cut_by_guillotine, make_class_tables
 from decompose.engines.guillotine.curve import (
     ASSEMBLE_S,
     CLEAR_S,
     CurvePoint,
+    compute_makespan_curve,
     find_fewest_in_time,
     find_knee,
-    makespan_curve,
 )
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import shift_box_planes
@@ -20,11 +20,11 @@ __all__ = [
     "CLEAR_S",
     "CurvePoint",
     "Partitioner",
-    "class_tables",
     "classify_printers",
+    "compute_makespan_curve",
     "cut_by_guillotine",
     "find_fewest_in_time",
     "find_knee",
-    "makespan_curve",
+    "make_class_tables",
     "shift_box_planes",
 ]

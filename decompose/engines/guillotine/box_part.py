@@ -37,39 +37,39 @@ class BoxPart:
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
         """Return the part with its pieces in these poses, inf seconds where one fits in none."""
         fitting = tuple(pose for pose in poses if pose is not None)
-        return replace(self, poses=fitting, seconds=slowest_s(self.pieces, poses))
+        return replace(self, poses=fitting, seconds=find_slowest_s(self.pieces, poses))
 
     def is_like(self, other: BoxPart) -> bool:
         """Check whether it has as many pieces as another, and none that is a sliver by comparison."""
         return len(self.pieces) == len(other.pieces) and self.min_mm >= min(SLIVER_MM, other.min_mm)
 
 
-def slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
+def find_slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
     """Compute the time in seconds of the slowest piece on its printer; inf if one has no pose."""
     pairs = zip(pieces, poses, strict=True)
     times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in pairs]
     return max(times, default=math.inf)
 
 
-def sorted_times_s(parts: Sequence[BoxPart]) -> list[float]:
+def sort_times_s(parts: Sequence[BoxPart]) -> list[float]:
     """Sort the times of parts, the longest first; lexicographically lower is better."""
     return sorted((part.seconds for part in parts), reverse=True)
 
 
-def longest_s(parts: Sequence[BoxPart]) -> float:
+def find_longest_s(parts: Sequence[BoxPart]) -> float:
     """Find the time of the slowest part, in seconds."""
     return max(part.seconds for part in parts)
 
 
-def spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
+def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
     """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
 
     inf if it fits one of them only when rotated off the axes: the length is not known then.
     """
-    most = np.full(3, math.inf)
+    spare_mm = np.full(3, math.inf)
     for room in rooms:
         spare = np.array([extents for box in room.boxes for extents in permutations(box)]) - size_mm
         spare = spare[(spare >= 0.0).all(axis=1)]
         if len(spare):
-            most = np.minimum(most, spare.max(axis=0))
-    return most
+            spare_mm = np.minimum(spare_mm, spare.max(axis=0))
+    return spare_mm

@@ -31,9 +31,9 @@ Cut = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
 MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # number of rounds of true prices, and of rejected partitions
-GAIN = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
+WORTHWHILE_SHARE = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
 TOLERANCE = 0.003  # share of it to which the least makespan is found
-MAX_MORE = 32  # maximum number of printers that are added to a class where there are too few
+MAX_ADDED_PRINTERS = 32  # maximum number of printers that are added to a class where there are too few
 RETRY_RATIO = 1.01  # as in `exact_search`
 
 
@@ -57,12 +57,12 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     problem.on_stage("search")
     min_s *= problem.fastest_factor
     by_class = _ClassSearch(problem, grid, boxes, min_s)
-    cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
+    cuts += by_class.run(min((_compute_end_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
         raise _make_too_few_error(problem, grid, boxes) or failure
     problem.on_stage("classes")
-    best = min(cuts, key=lambda cut: _ends_s(problem, cut))
+    best = min(cuts, key=lambda cut: _compute_end_s(problem, cut))
     pieces = tuple(shift_planes(problem, grid, best))
     for cut in cuts:
         if cut is not best and not problem.effort.is_spent():
@@ -93,7 +93,7 @@ def _list_pieces(cut: Cut) -> list[Piece]:
     return [piece for box_pieces in cut.values() for piece in box_pieces]
 
 
-def _ends_s(problem: Problem, cut: Cut) -> float:
+def _compute_end_s(problem: Problem, cut: Cut) -> float:
     return problem.makespan_s(_list_pieces(cut))
 
 
@@ -105,7 +105,7 @@ class _ClassSearch(ExactSearch):
 
     def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, min_s: float) -> None:
         self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared.seconds))
-        self.tables = class_tables(problem, grid, shared, self.classes)
+        self.tables = make_class_tables(problem, grid, shared, self.classes)
         super().__init__(problem, grid, self.tables[0], min_s)
         other_classes = zip(self.tables[1:], self.classes[1:], strict=True)
         self.solver = Partitioner(
@@ -116,13 +116,13 @@ class _ClassSearch(ExactSearch):
         """Search for partitions that truly end sooner than a time, the soonest last; none for one class."""
         cuts: list[Cut] = []
         close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
-        if len(self.classes) == 1 or not self._may_succeed(GAIN * below_s, close_s):
+        if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, close_s):
             return cuts
         rounds = 0
         while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
             if math.isfinite(below_s) and self.problem.effort.is_spent():
                 break
-            limit_s = self._solve(self.classes[0].count, close_s, GAIN * below_s)
+            limit_s = self._solve(self.classes[0].count, close_s, WORTHWHILE_SHARE * below_s)
             if limit_s is None:
                 break
             self.min_s = max(self.min_s, limit_s - close_s)
@@ -131,7 +131,7 @@ class _ClassSearch(ExactSearch):
                 continue
             rounds += 1
             cut = self._assign_by_tables(boxes)
-            ends_s = _ends_s(self.problem, cut)
+            ends_s = _compute_end_s(self.problem, cut)
             if ends_s < below_s:
                 cuts, below_s = [cut], ends_s
             if ends_s <= RETRY_RATIO * limit_s:
@@ -194,8 +194,8 @@ class _ClassSearch(ExactSearch):
         problem = self.problem
         times = self._look_up_seconds(list(cut))
         takers = assign_bottleneck(times)
-        if takers is None:  # the cut for all printers may use boxes that this search gave up
-            makespan_s = _ends_s(problem, cut)
+        if takers is None:  # the cut for all printers may use boxes that this search has excluded
+            makespan_s = _compute_end_s(problem, cut)
         else:
             makespan_s = float(times[range(len(takers)), takers].max())
         if problem.needs_proof(pieces):
@@ -219,7 +219,7 @@ def _make_too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFi
     """
     max_sums = MAX_SUMS / len(shared.seconds)
     classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
-    tables = class_tables(problem, grid, shared, classes)
+    tables = make_class_tables(problem, grid, shared, classes)
     counts_available = [printer_class.count for printer_class in classes]
     shortages: list[tuple[int, list[int]]] = []
     for grown_class in range(1, len(classes)):
@@ -247,7 +247,7 @@ def _make_too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFi
 def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) -> list[int]:
     """Raise the count of one class as far as the search allows; return the counts of all but the first."""
     counts = list(available[1:])
-    for _ in range(MAX_MORE):
+    for _ in range(MAX_ADDED_PRINTERS):
         larger = list(counts)
         larger[grown_class - 1] += 1
         if count_sums([max(larger), *larger]) > max_sums:
@@ -256,7 +256,7 @@ def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) ->
     return counts
 
 
-def class_tables(
+def make_class_tables(
     problem: Problem, grid: Grid, shared: BoxTables, classes: Sequence[PrinterClass]
 ) -> list[BoxTables]:
     """Build the tables of each class, times multiplied by its speed; `trimmed` and `pieces` are shared.
@@ -270,8 +270,10 @@ def class_tables(
     for printer_class in classes:
         if printer_class.boxes in rooms:
             continue
-        least = all(room.fits(*box) for box in printer_class.boxes for room in problem.rooms)
-        rooms[printer_class.boxes] = shared if least else problem.price_boxes(grid, [printer_class.room])
+        is_smallest = all(room.fits(*box) for box in printer_class.boxes for room in problem.rooms)
+        rooms[printer_class.boxes] = (
+            shared if is_smallest else problem.price_boxes(grid, [printer_class.room])
+        )
     pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
     return [
         replace(

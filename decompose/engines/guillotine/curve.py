@@ -35,13 +35,13 @@ class CurvePoint:
 
 
 class _Narrowing:
-    """Bounds on the makespan of each number of printers; `fleets` as in `makespan_curve`."""
+    """Bounds on the makespan of each number of printers; `fleets` as in `compute_makespan_curve`."""
 
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
-        most = fleets.max(axis=0)
+        max_counts = fleets.max(axis=0)
         self._boxes = tables[0]
         self._others = [
-            OtherClass(table, int(count)) for table, count in zip(tables[1:], most[1:], strict=True)
+            OtherClass(table, int(count)) for table, count in zip(tables[1:], max_counts[1:], strict=True)
         ]
         self._fleets = fleets
         self.reached_s = np.full(len(fleets), np.inf)
@@ -53,7 +53,8 @@ class _Narrowing:
         solver.solve(limit_s)
         states, fewest = solver.class_shares()
         fewest_by_state = {
-            tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)
+            tuple(state): int(fewest_parts)
+            for state, fewest_parts in zip(states.tolist(), fewest, strict=True)
         }
         feasible = np.array(
             [first_count >= fewest_by_state[tuple(others)] for first_count, *others in self._fleets.tolist()]
@@ -79,7 +80,7 @@ class _Narrowing:
         return [(low + high) / 2.0 for low, high in widest]
 
 
-def makespan_curve(
+def compute_makespan_curve(
     tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
 ) -> tuple[CurvePoint, ...]:
     """Compute the least makespan of guillotine partitions for some fleets.
@@ -115,7 +116,7 @@ def find_knee(
     Parameters
     ----------
     points
-        Points of `makespan_curve`, at least one.
+        Points of `compute_makespan_curve`, at least one.
     clear_s, assemble_s
         A person's time for each part: to clear its bed, and to glue it.
     """
@@ -128,7 +129,7 @@ def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_
     Parameters
     ----------
     points
-        Points of `makespan_curve`, at least one.
+        Points of `compute_makespan_curve`, at least one.
     within_s
         Seconds from the first print command to the end of the last part, and its handling.
     handling_s

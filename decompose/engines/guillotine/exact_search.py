@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.bound import bound_by_surface_s
-from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
+from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, shift_planes
 from decompose.engines.guillotine.recursion import UNREACHABLE
@@ -28,8 +28,8 @@ RETRY_RATIO = 1.01  # a true makespan of more than this share of the tables' is 
 TOLERANCE_S = 1.0  # to which the least makespan by the tables is found
 SEARCH_SHARE = 0.75  # of the budget, besides what is reserved; the rest is left for windows
 LATE_STEP = 0.02  # share of the makespan by which its limit grows when that is used up and nothing is found
-LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
-LOOSEST = 1.06  # of the least makespan, if there is none for one printer less
+LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)  # share of the way to the least makespan with one printer less
+MAX_LATER_RATIO = 1.06  # of the least makespan, if there is none for one printer less
 CLOSE_RATIO = 1.03  # of the makespan to beat: a result that ends later is not improved further
 
 
@@ -52,7 +52,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     pieces = tuple(shift_planes(problem, grid, partition))
     is_promising = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     if is_promising and not problem.effort.is_spent():
-        for looser in engine.looser_partitions(list(partition)):
+        for looser in engine.list_looser_partitions(list(partition)):
             pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.makespan_s)
             if problem.effort.is_spent():
                 break
@@ -122,7 +122,7 @@ class ExactSearch:
                 break
         return {box: self.cut[box] for box in self._improve(best)}
 
-    def looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
+    def list_looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
         """Yield other partitions than the best: less work, with boxes that take a little longer.
 
         The partition that ends soonest on the grid need not end soonest once its planes are shifted: shifts
@@ -141,8 +141,8 @@ class ExactSearch:
         if min_s is None:
             return
         known_partitions = {frozenset(best)}
-        for share in LOOSER:
-            boxes = search._solve_within(min_s + share * ((fewer_s or LOOSEST * min_s) - min_s))
+        for share in LOOSER_LIMIT_SHARES:
+            boxes = search._solve_within(min_s + share * ((fewer_s or MAX_LATER_RATIO * min_s) - min_s))
             if boxes and frozenset(boxes) not in known_partitions:
                 known_partitions.add(frozenset(boxes))
                 yield {box: self.cut[box] for box in boxes}
@@ -186,7 +186,7 @@ class ExactSearch:
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             self._compute_true_makespan_s(boxes)
-            if sorted_times_s(self.boxes, boxes) < sorted_times_s(self.boxes, best):
+            if sort_times_s(self.boxes, boxes) < sort_times_s(self.boxes, best):
                 best = boxes
         return best
 

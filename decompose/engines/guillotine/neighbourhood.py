@@ -27,7 +27,7 @@ from decompose.problem import Effort, Work
 MAX_WINDOWS = 200  # solved in one search
 MAX_BOXES_IN_WINDOW = 5  # boxes in a window
 MAX_NEIGHBOURS = 10  # neighbours of a box in its windows, the quickest first
-MAX_EACH = 24  # windows about one box, those with the most slack first
+MAX_WINDOWS_OF_A_BOX = 24  # windows about one box, those with the most slack first
 MAX_BOXES = 150_000  # boxes of all sizes in a window: larger windows take too long
 MAX_TIME_RATIO = 0.999  # a window has to end sooner than this share of its time
 TOLERANCE = 0.002  # share of the time to which the least makespan is found
@@ -36,7 +36,7 @@ Pinwheel = tuple[int, int, int, int, int, int]  # axis that it is extruded along
 
 
 @jit
-def _two_parts(box: Box, shape: Shape) -> tuple[int, int]:
+def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
     """Find the two boxes that make up a box of two cells or more: all but its last layer, and that layer."""
     x0, y0, z0, x1, y1, z1 = box
     if z1 - z0 > 1:
@@ -125,7 +125,7 @@ def _fill_tables(
                 if not own[x0, y0, z0]:
                     continue
                 e[0], e[1], e[2], e[3], e[4], e[5] = x0, y0, z0, x1, y1, z1
-            elif not _join_ends(trimmed, ends, _two_parts((x0, y0, z0, x1, y1, z1), shape), e):
+            elif not _join_ends(trimmed, ends, _cut_in_two((x0, y0, z0, x1, y1, z1), shape), e):
                 continue
             trimmed[box] = index_of((e[0], e[1], e[2], e[3], e[4], e[5]), shape)
             if trimmed[box] == box and _count_cells(others, (x0, y0, z0, x1, y1, z1)) == 0:
@@ -135,7 +135,7 @@ def _fill_tables(
 
 
 @jit
-def _fewest_in_pinwheel(
+def _count_fewest_in_pinwheel(
     counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
 ) -> tuple[int, int, int, int, int, int, int]:
     """Find the pinwheel of the whole window with the fewest parts.
@@ -150,7 +150,7 @@ def _fewest_in_pinwheel(
     Returns
     -------
     tuple
-        Number of parts, `UNREACHABLE` for none, and the `Pinwheel`, see `pinwheel_boxes`.
+        Number of parts, `UNREACHABLE` for none, and the `Pinwheel`, see `list_pinwheel_boxes`.
     """
     sizes = (wx, wy, wz)
     strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
@@ -183,7 +183,7 @@ def _fewest_in_pinwheel(
     return best
 
 
-def pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
+def list_pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
     """List the five boxes of a pinwheel that fills a grid; the last one is in the middle."""
     axis, mirrored, p1, p2, q1, q2 = wheel
     p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
@@ -258,7 +258,7 @@ class Window:
     def fewest_parts(self, limit_s: float) -> int:
         """Find the fewest parts that each take at most limit_s; `UNREACHABLE` or more for none."""
         by_cuts = self._solver.solve(limit_s, ties=True)
-        count, *wheel = _fewest_in_pinwheel(self._solver.counts, *self.shape)
+        count, *wheel = _count_fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, mirrored, p1, p2, q1, q2 = wheel
         self._wheel = (axis, mirrored, p1, p2, q1, q2) if count < by_cuts else None
         return min(by_cuts, int(count))
@@ -268,7 +268,7 @@ class Window:
         if self._wheel is None:
             boxes = self._solver.chosen_boxes()
         else:
-            arms = pinwheel_boxes(self.shape, self._wheel)
+            arms = list_pinwheel_boxes(self.shape, self._wheel)
             boxes = [box for arm in arms for box in self._solver.chosen_boxes(arm)]
         x, y, z = self._lo.tolist()
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
@@ -314,17 +314,17 @@ def improve_locally(
     effort = effort or Effort()
     parts = list(partition)
     failed: set[frozenset[Box]] = set()
-    groups = _groups(boxes, parts)
+    groups = _list_groups(boxes, parts)
     for _ in range(max_windows):
         group = next((g for g in groups if g not in failed), None)
         if group is None or effort.is_spent():
             break
-        spare = printers - _pieces(boxes, parts)
+        spare = printers - _count_pieces(boxes, parts)
         remaining = [box for box in parts if box not in group]
-        times = [_seconds(boxes, box) for box in group]
+        times = [_find_seconds(boxes, box) for box in group]
         window = Window(boxes, group, remaining)
         replacement = window.solve(
-            _pieces(boxes, group) + spare, MAX_TIME_RATIO * max(times), 0.5 * float(np.mean(times))
+            _count_pieces(boxes, group) + spare, MAX_TIME_RATIO * max(times), 0.5 * float(np.mean(times))
         )
         effort.record(Work.BOX_PRICED, window.boxes)
         effort.record(Work.SUM, window.sums)
@@ -332,27 +332,27 @@ def improve_locally(
             failed.add(group)
         else:
             parts = remaining + replacement
-            groups = _groups(boxes, parts)
+            groups = _list_groups(boxes, parts)
     return parts
 
 
-def sorted_times_s(boxes: BoxTables, partition: Sequence[Box]) -> list[float]:
+def sort_times_s(boxes: BoxTables, partition: Sequence[Box]) -> list[float]:
     """Sort the times of a partition, the longest first; lexicographically lower is better."""
-    return sorted((_seconds(boxes, box) for box in partition), reverse=True)
+    return sorted((_find_seconds(boxes, box) for box in partition), reverse=True)
 
 
-def _seconds(boxes: BoxTables, box: Box) -> float:
+def _find_seconds(boxes: BoxTables, box: Box) -> float:
     return float(boxes.seconds[box_index(box, boxes.shape)])
 
 
-def _pieces(boxes: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
+def _count_pieces(boxes: BoxTables, partition: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
     return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in partition)
 
 
-def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
+def _list_groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
     """Yield windows about each part, the slowest part first, and its window with the most slack first."""
     ends = np.array(parts)
-    seconds = np.array([_seconds(boxes, box) for box in parts])
+    seconds = np.array([_find_seconds(boxes, box) for box in parts])
     for centre in np.lexsort((*ends.T, -seconds)):
         lo, hi = ends[centre, :3], ends[centre, 3:]
         gap = np.maximum(ends[:, :3] - hi, lo - ends[:, 3:]).max(axis=1)
@@ -367,5 +367,5 @@ def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
                 if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
                     groups.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))
-        for _, window in sorted(groups)[:MAX_EACH]:
+        for _, window in sorted(groups)[:MAX_WINDOWS_OF_A_BOX]:
             yield frozenset(window)

@@ -6,7 +6,7 @@ the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT 
 2012, in three dimensions and with a cost that is not additive.)
 
 Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
-cuts: the three are digits of one whole number, `_key`, whose sum is minimised.
+cuts: the three are digits of one whole number, `_make_key`, whose sum is minimised.
 
 Unequal printers are in classes. At a time T the number of printers of one class that a box needs is a
 function of the numbers of each other class that it may use; a cut adds the functions of its two sides, over
@@ -34,7 +34,7 @@ from decompose.engines.guillotine.recursion import (
 )
 from decompose.grid import Box, BoxTables, box_at, box_index, count_cuts
 
-GALLOP = 4.0  # factor on the steps by which a limit grows until it is reached
+LIMIT_GROWTH = 4.0  # factor on the steps by which a limit grows until it is reached
 MAX_TIED = 120_000_000  # values of all states, beyond which ties are not broken, to save memory
 
 
@@ -65,7 +65,7 @@ class Partitioner:
     def __init__(self, boxes: BoxTables, others: Sequence[OtherClass] = ()) -> None:
         self.boxes = boxes
         self.others = tuple(others)
-        self._states, self._sums = class_states([other.count for other in others])
+        self._states, self._sums = list_class_states([other.count for other in others])
         self._value: Table = np.zeros(0, np.int16)
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
@@ -199,7 +199,7 @@ class Partitioner:
             if reached:
                 high = self._find_reached_s(low + step_s)
             else:
-                low, step_s = low + step_s, GALLOP * step_s
+                low, step_s = low + step_s, LIMIT_GROWTH * step_s
         if high < 0.0 or (not reached and self.solve(high) > printers):
             return None
         while high - low > tolerance_s:
@@ -220,7 +220,7 @@ class Partitioner:
         return self.boxes.longest_s(self.chosen_boxes())
 
 
-def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
+def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     """List the numbers of printers of some classes that may be used, and the pairs that sum to a third.
 
     Returns

@@ -2,10 +2,10 @@
 
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
 that can move (`plane_moves`) moves at once, by a linear programme: it minimises the makespan as if every
-part's time were linear in the places of its faces, within short steps. The parts are then
-priced at the new places, which corrects the slopes. Every `ROUNDS_EACH` rounds all parts that moved get new
-poses; until then each keeps its pose, which is much faster to price. One such search is made even when the
-budget is spent: it gains more for its time than most other searches.
+part's time were linear in the places of its faces, within short steps. The parts are then priced at the new
+places, which corrects the slopes. After `STEPS_PER_ROUND` steps all parts that moved get new poses; until
+then each keeps its pose, which is much faster to price. One such search is made even when the budget is
+spent: it gains more for its time than most other searches.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.engines.guillotine.box_part import (
     BoxPart,
-    longest_s,
-    slowest_s,
-    sorted_times_s,
-    spare_length_mm,
+    find_longest_s,
+    find_slowest_s,
+    find_spare_length_mm,
+    sort_times_s,
 )
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
@@ -51,19 +51,19 @@ from decompose.problem import WORK_NS, Problem, Work
 Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
 
 PROBE_MM = 3.0  # move of a face inwards to measure the time that it saves
-REACH = 0.9  # share of a cell that a plane may move by in all
-FIRST_STEP = 0.5  # share of that
-TRIAL_MM = 0.4  # a group that cannot move so far alone never moves
-ROUNDS, ROUNDS_EACH = 4, 8
-SHORTER = 0.6  # factor on the next step, where one was no gain
+REACH = 0.9  # share of a cell by which a plane may move in total
+FIRST_STEP = 0.5  # share of `REACH`
+TRIAL_MM = 0.4  # a group that cannot move this far by itself is not moved
+ROUNDS, STEPS_PER_ROUND = 4, 8
+STEP_REDUCTION = 0.6  # factor on the length of the next step after one without a gain
 NOISE_MM = 2.0  # moves shorter than this show little: supports, and so times, change by jumps
 MIN_GAIN = 0.0015  # share of the makespan that a step has to promise
 MIN_TOTAL_GAIN = 0.003  # share that a search has to gain, so that another one starts from its result
 PLANE_DIGITS = 6  # of a plane that moved, in mm
-UNMOVED_MM = 0.02
+MIN_MOVE_MM = 0.02
 MAX_COVERED = 20_000_000  # fine cells times boxes in the test of the covering
-MAX_KEPT = 4  # solutions of a step, each around more planes that flat faces stop
-USUAL_MEASURED = 10  # times that each part of a search is priced: for its slopes, and after its moves
+MAX_SOLUTIONS = 4  # solutions of a step, each around more planes that flat faces stop
+MEAN_PRICINGS = 10  # times that each part of a search is priced: for its slopes, and after its moves
 
 
 def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
@@ -90,7 +90,7 @@ def estimate_shift_s(problem: Problem, parts: int) -> float:
     """Estimate the effort in s of the search that is made in any case, for a number of parts."""
     faces = problem.model.solid.faces
     measured_ns = WORK_NS[Work.PIECE_MEASURED] * parts + WORK_NS[Work.FACE_MEASURED] * 2.0 * faces
-    return (USUAL_MEASURED * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
+    return (MEAN_PRICINGS * measured_ns + WORK_NS[Work.FACE_GRIDDED] * faces) / 1e9
 
 
 def shift_box_planes(
@@ -126,8 +126,8 @@ def shift_box_planes(
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
         before = search.pose_start()
         parts = search.run(before)
-        gained = math.isfinite(longest_s(parts)) and (
-            longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * longest_s(before)
+        gained = math.isfinite(find_longest_s(parts)) and (
+            find_longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_s(before)
         )
         if not (gained and problem.thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
@@ -170,7 +170,7 @@ class _PlaneShift:
 
     def run(self, best: list[BoxPart]) -> list[BoxPart]:
         """Search for a better partition, starting from parts in their poses."""
-        if not (self.free.any() and math.isfinite(longest_s(best))):
+        if not (self.free.any() and math.isfinite(find_longest_s(best))):
             return best
         self._record_effort([i for i in range(len(best)) for _ in range(6)])
         slopes = np.array([self._measure_slopes(i, part) for i, part in enumerate(best)])
@@ -181,13 +181,13 @@ class _PlaneShift:
             if rough is best:
                 break
             new = self._pose(rough, best)
-            if sorted_times_s(new) >= sorted_times_s(best):
-                if not self._bar_faces(best, new, longest_s(best)):
+            if sort_times_s(new) >= sort_times_s(best):
+                if not self._bar_faces(best, new, find_longest_s(best)):
                     break
             elif self._has_faults(new):
                 self.reach_mm = self.reach_mm / 2.0
             else:
-                gain = 1.0 - longest_s(new) / longest_s(best)
+                gain = 1.0 - find_longest_s(new) / find_longest_s(best)
                 best = new
                 if gain < MIN_GAIN:
                     break
@@ -206,20 +206,20 @@ class _PlaneShift:
     def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
         """Take some steps, each part in its pose; returns the same parts where no step is worth it."""
         step_mm = FIRST_STEP * self.reach_mm
-        for _ in range(ROUNDS_EACH):
+        for _ in range(STEPS_PER_ROUND):
             boxes, promised_s = self._step(parts, slopes, step_mm)
-            if promised_s > (1.0 - MIN_GAIN) * longest_s(parts):
+            if promised_s > (1.0 - MIN_GAIN) * find_longest_s(parts):
                 break
             if not self.cells.is_partition(boxes):
-                step_mm *= SHORTER
+                step_mm *= STEP_REDUCTION
                 continue
             new = self._cut_moved(parts, boxes)
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
                 _update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
-            if sorted_times_s(new) < sorted_times_s(parts):
+            if sort_times_s(new) < sort_times_s(parts):
                 parts = new
             elif not self._bar_faces(parts, new):
-                step_mm *= SHORTER
+                step_mm *= STEP_REDUCTION
         return parts
 
     def _bar_faces(self, parts: Sequence[BoxPart], new: Sequence[BoxPart], limit_s: float = math.inf) -> bool:
@@ -265,11 +265,11 @@ class _PlaneShift:
         at = places - self._measure_places(self.start_mm)
         low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
         high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
-        longer_mm = np.array([spare_length_mm(part.size_mm, self._list_rooms(part)) for part in parts])
+        longer_mm = np.array([find_spare_length_mm(part.size_mm, self._list_rooms(part)) for part in parts])
         shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, promised_s = now, math.inf
-        for _ in range(MAX_KEPT):
+        for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
             by_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
             if not math.isfinite(min_s):  # no solution with all of these stopped: the one before is taken
@@ -277,7 +277,7 @@ class _PlaneShift:
             promised_s = min_s
             boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
             moved_mm = self._measure_places(boxes_mm) - places
-            moved_planes = np.abs(moved_mm - by_mm) > UNMOVED_MM
+            moved_planes = np.abs(moved_mm - by_mm) > MIN_MOVE_MM
             if not moved_planes.any():
                 break
             low_mm[moved_planes] = high_mm[moved_planes] = moved_mm[moved_planes]
@@ -293,7 +293,7 @@ class _PlaneShift:
         """Stop every plane short of flat faces, and leave it where it would hardly move."""
         old, new = self._measure_places(now), self._measure_places(boxes_mm)
         for group in range(len(old)):
-            if abs(new[group] - old[group]) < UNMOVED_MM:
+            if abs(new[group] - old[group]) < MIN_MOVE_MM:
                 new[group] = old[group]
             new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
             if new[group] != old[group]:  # groups that go to one plane get exactly the same place
@@ -375,7 +375,7 @@ class _PlaneShift:
             trimmed = self._cut(i, box)
             if len(trimmed.pieces) == len(part.pieces):
                 now = [self._measure(*pair) for pair in zip(trimmed.pieces, part.poses, strict=True)]
-                now_s = slowest_s(trimmed.pieces, now)
+                now_s = find_slowest_s(trimmed.pieces, now)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 

@@ -11,7 +11,7 @@ from decompose.jit import jit
 
 UNREACHABLE = 16_000  # more parts than any fleet has printers; twice as many fit an int16
 PART = 1 << 46  # digit of the parts in a key
-SECOND = 1 << 20  # digit of the seconds, rounded; the rest counts the area of the cuts
+SECOND_DIGIT = 1 << 20  # digit of the seconds, rounded; the rest counts the area of the cuts
 AREA_MM2 = 64.0  # unit of that area
 MAX_S = 1e6  # maximum time of a box in a key, so that the digits do not overlap
 
@@ -58,7 +58,7 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
     value
         (states * boxes,) int16 counts or int64 keys of the uncut boxes, state after state; lowered in place.
     sums
-        (m, 3) int64 of `partitioner.class_states`.
+        (m, 3) int64 of `partitioner.list_class_states`.
     nx, ny, nz
         Cells of the grid.
     """
@@ -127,7 +127,7 @@ def fill_counts(
     limit_s
         The time; a box that takes longer gets `UNREACHABLE`.
     seconds, trimmed, pieces
-        (boxes,) tables of `BoxTables`.
+        (boxes,) float32 in s, int32 and int16, of `BoxTables`.
     value
         (boxes,) int16, filled in.
     """
@@ -139,9 +139,9 @@ def fill_counts(
 
 
 @jit
-def _key(seconds: float, pieces: int, cut_mm2: float) -> int:
+def _make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
     """Compute the key of an uncut box: parts, seconds and area of cuts as digits of one number."""
-    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND + round(cut_mm2 / AREA_MM2)
+    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND_DIGIT + round(cut_mm2 / AREA_MM2)
     return key
 
 
@@ -161,9 +161,9 @@ def fill_keys(
     limit_s
         The time; a box that takes longer gets the key of `UNREACHABLE` parts.
     seconds, trimmed, pieces
-        (boxes,) tables of `BoxTables`.
+        (boxes,) float32 in s, int32 and int16, of `BoxTables`.
     cut_mm2
-        (boxes,) of `BoxTables`, or (0,) to count no area.
+        (boxes,) float32 in mm2, of `BoxTables`, or (0,) to count no area.
     value
         (boxes,) int64, filled in.
     """
@@ -171,6 +171,6 @@ def fill_keys(
         if trimmed[box] < 0:
             value[box] = 0
         elif seconds[box] <= limit_s:
-            value[box] = _key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+            value[box] = _make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         else:
             value[box] = UNREACHABLE * PART

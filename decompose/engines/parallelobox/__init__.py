@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from decompose.engines.parallelobox.search import cut_by_parallelobox, paper_settings
+from decompose.engines.parallelobox.search import apply_paper_settings, cut_by_parallelobox
 
 __all__ = [
+    "apply_paper_settings",
     "cut_by_parallelobox",
-    "paper_settings",
 ]

@@ -15,11 +15,17 @@ import numpy as np
 from trimesh.bounds import oriented_bounds
 
 from decompose.arrays import Floats
-from decompose.geometry import Model, convex_outline, find_mirror, rotation_to_axis, smallest_rectangle
+from decompose.geometry import (
+    Model,
+    find_convex_outline,
+    find_mirror,
+    find_rotation_to_axis,
+    find_smallest_rectangle,
+)
 from decompose.grid import CLEAR_MM, find_flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
-WORTH_TURNING = 0.95  # share of the original overhang: where more remains, a model is not turned
+MAX_TURNED_OVERHANG_SHARE = 0.95  # share of the original overhang: where more remains, a model is not turned
 ON_BED_MM = 1e-3  # a face as low as this lies on the bed
 
 
@@ -53,10 +59,12 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     """
     vertices, faces = model.solid.arrays()
     mirror = find_mirror(vertices, np.random.default_rng(seed))
-    rotation, axis = (np.eye(3), -1) if mirror is None else rotation_to_axis(mirror.normal)
+    rotation, axis = (np.eye(3), -1) if mirror is None else find_rotation_to_axis(mirror.normal)
     turn = _find_box_frame(vertices @ rotation.T, axis)
     corners = (vertices @ rotation.T)[faces]
-    if overhang_mm2(corners @ turn.T, overhang_cos) < WORTH_TURNING * overhang_mm2(corners, overhang_cos):
+    if measure_overhang_mm2(
+        corners @ turn.T, overhang_cos
+    ) < MAX_TURNED_OVERHANG_SHARE * measure_overhang_mm2(corners, overhang_cos):
         rotation = turn @ rotation
     if (rotation != np.eye(3)).any():
         model = replace(model, solid=model.solid.rotate(rotation))
@@ -69,7 +77,7 @@ def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     return AlignedModel(model, rotation, (axis, at_mm))
 
 
-def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
+def measure_overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
     """Compute the least overhanging area of a mesh (m, 3, 3) in mm2, over the six axes as the way up."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1)
@@ -90,7 +98,7 @@ def _find_box_frame(vertices: Floats, axis: int) -> Floats:
         to_box: Any = oriented_bounds  # its package has no types for it
         return _find_min_turn(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
-    angle = smallest_rectangle(convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
+    angle = find_smallest_rectangle(find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
     angle = (angle + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
     turn = np.eye(3)
     turn[x, x] = turn[y, y] = math.cos(angle)

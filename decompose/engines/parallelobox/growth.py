@@ -23,13 +23,13 @@ FREE, BARRED = -1, -2
 
 
 @jit
-def _block_index(block: Ints, shape: tuple[int, int, int]) -> int:
+def _find_block_index(block: Ints, shape: tuple[int, int, int]) -> int:
     """Compute the index of a block (6,) int64 among all boxes of a grid."""
     return index_of((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
 
 
 @jit
-def grown_box_index(
+def find_grown_index(
     block: Ints,
     direction: int,
     owner: Ints,
@@ -42,15 +42,15 @@ def grown_box_index(
     Parameters
     ----------
     block
-        (6,) x0, y0, z0, x1, y1, z1 in cells, half-open.
+        (6,) int64 x0, y0, z0, x1, y1, z1 in cells, half-open.
     direction
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
-        (nx, ny, nz) the block that has a cell, `FREE` or `BARRED`.
+        (nx, ny, nz) int64 number of the block that has a cell, `FREE` or `BARRED`.
     needed
-        (nx, ny, nz) cells that must be covered.
+        (nx, ny, nz) bool, true for cells that must be covered.
     seconds, pieces
-        (boxes,) of `Terrain`.
+        (boxes,) float32 in s and int16, of `Terrain`.
     """
     axis = direction % 3
     grown = block.copy()
@@ -72,8 +72,8 @@ def grown_box_index(
                 is_needed = is_needed or needed[x, y, z]
     if not is_needed:
         return -1
-    box = _block_index(grown, owner.shape)
-    now = _block_index(block, owner.shape)
+    box = _find_block_index(grown, owner.shape)
+    now = _find_block_index(block, owner.shape)
     if not np.isfinite(seconds[box]) or pieces[box] > pieces[now]:
         return -1
     return box
@@ -81,12 +81,12 @@ def grown_box_index(
 
 @jit
 def claim_cells(block: Ints, number: int, owner: Ints) -> None:
-    """Make a block (6,), by its number, the owner of all its cells in `owner` (nx, ny, nz)."""
+    """Make a block (6,) the owner of all its cells, by its number in `owner` (nx, ny, nz), both int64."""
     owner[block[0] : block[3], block[1] : block[4], block[2] : block[5]] = number
 
 
 @jit
-def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
+def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
     """Compute S_prox: 0.5 where another block in front touches, 1 if none is within the grid's length.
 
     The gap is the L1 distance of the centres less half the sizes, as in the paper. The paper's program
@@ -97,7 +97,7 @@ def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
     blocks
         (k, 6) in cells, half-open.
     number, direction
-        The block, and the direction in which it grows, as in `grown_box_index`.
+        The block, and the direction in which it grows, as in `find_grown_index`.
     cells
         Length of the grid in cells.
     """
@@ -146,18 +146,18 @@ def _grow(
     for i in range(len(blocks)):
         b = blocks[i]
         claim_cells(b, i, owner)
-        cost[i] = printing[_block_index(b, owner.shape)]
+        cost[i] = printing[_find_block_index(b, owner.shape)]
     while len(blocks):
         cheapest = int(np.argmin(cost))
         if cost[cheapest] == np.inf:
             return
         best_side, best, price = -1, 0.0, 0.0
         for direction in range(6):
-            box = grown_box_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
+            box = find_grown_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
             if box < 0:
                 continue
             score = abs(printing[box] + overhang[box])
-            proximity = _proximity(blocks, cheapest, direction, nx + ny + nz)
+            proximity = _compute_proximity(blocks, cheapest, direction, nx + ny + nz)
             score = score * proximity if high else -score / proximity
             if best_side < 0 or score > best:
                 best_side, best, price = direction, score, float(printing[box])
@@ -191,9 +191,9 @@ def _fill(
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
     number: int,
-    most: int,
+    max_blocks: int,
 ) -> tuple[bool, Ints]:
-    """Cover needed cells without an owner by blocks, numbered from `number`, of at most `most` parts.
+    """Cover needed cells without an owner by blocks, numbered from `number`, of at most `max_blocks` parts.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _fill(
         Whether all is covered, and the new blocks (n, 6).
     """
     nx, ny, nz = owner.shape
-    blocks = np.zeros((max(most, 0), 6), np.int64)
+    blocks = np.zeros((max(max_blocks, 0), 6), np.int64)
     seeds_used = parts = 0
     for z in range(nz):
         for y in range(ny):
@@ -218,13 +218,13 @@ def _fill(
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
                 at = index_of((x, y, z, x + 1, y + 1, z + 1), owner.shape)
                 parts += pieces[at]
-                if parts > most or not np.isfinite(seconds[at]):
+                if parts > max_blocks or not np.isfinite(seconds[at]):
                     return False, blocks[:seeds_used]
                 growing = True
                 while growing:
                     growing = False
                     for direction in (3, 0, 4, 1, 5, 2):
-                        if grown_box_index(block, direction, owner, needed, seconds, pieces) >= 0:
+                        if find_grown_index(block, direction, owner, needed, seconds, pieces) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
                             growing = True
                 claim_cells(block, number + seeds_used, owner)
@@ -233,7 +233,7 @@ def _fill(
     return True, blocks[:seeds_used]
 
 
-def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints | None:
+def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, max_blocks: int) -> Ints | None:
     """Cover the needed cells that have no owner by blocks of their own.
 
     The first such cell becomes a block, which grows in every direction in turn as far as it may; then the
@@ -243,7 +243,7 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints |
     ----------
     blocks, owner
         From `grow_blocks`; owner is changed.
-    most
+    max_blocks
         Parts that may be added.
 
     Returns
@@ -252,5 +252,5 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints |
         (n, 6) all blocks, or None if more would be needed.
     """
     tables = (terrain.needed, terrain.seconds, terrain.pieces)
-    covered, fillers = _fill(owner, *tables, len(blocks), most)
+    covered, fillers = _fill(owner, *tables, len(blocks), max_blocks)
     return np.concatenate([blocks, fillers]) if covered else None

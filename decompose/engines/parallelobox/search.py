@@ -23,8 +23,8 @@ from decompose.engines.parallelobox.attempts import BlockPartition, SeedSource, 
 from decompose.engines.parallelobox.terrain import (
     OVERHANG_TOLERANCE_DEG,
     Terrain,
-    paper_terrain,
-    time_terrain,
+    make_paper_terrain,
+    make_time_terrain,
 )
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Box, BoxTables, Grid
@@ -33,10 +33,10 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_CUT = 12  # number of partitions whose pieces are counted, the best first
-MAX_OF_A_HALF = 100  # number of attempts on a half that are combined with those on the other
+MAX_HALF_ATTEMPTS = 100  # number of attempts on a half that are combined with those on the other
 
 
-def paper_settings(options: Options) -> Options:
+def apply_paper_settings(options: Options) -> Options:
     """Set options to those of the paper's table; its speeds and overhang tolerance are in `terrain`.
 
     The table does not define the sign of the score: the reading of the paper's text is the default.
@@ -119,19 +119,19 @@ def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
     spaces = []
     if options.faithful or options.granularity == "auto":
-        like_paper = replace(problem, options=paper_settings(options))
+        like_paper = replace(problem, options=apply_paper_settings(options))
         aligned = align_model(problem.model, options.seed, steep)
         grid = like_paper.build_grid(aligned.model, aligned.mirror)
         boxes = problem.price_boxes(grid)
-        paper = paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
-        terrains = (paper,) if options.faithful else (paper, time_terrain(grid, boxes))
+        paper = make_paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
+        terrains = (paper,) if options.faithful else (paper, make_time_terrain(grid, boxes))
         spaces.append(_SearchSpace(aligned, grid, boxes, terrains))
     if not options.faithful:
         aligned = align_model(problem.model, options.seed, problem.cost.overhang_cos)
         grid = problem.build_grid(aligned.model, aligned.mirror)
         if not any(_is_same_space(aligned, grid, space) for space in spaces):
             boxes = problem.price_boxes(grid)
-            terrains = (paper_terrain(grid, boxes), time_terrain(grid, boxes))
+            terrains = (make_paper_terrain(grid, boxes), make_time_terrain(grid, boxes))
             spaces.append(_SearchSpace(aligned, grid, boxes, terrains))
     problem.on_stage("boxes")
     return spaces
@@ -142,7 +142,7 @@ def _is_same_space(aligned: AlignedModel, grid: Grid, space: _SearchSpace) -> bo
 
 
 def _search_in(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
-    """Find the best partitions on one space: the paper's choice and, unless faithful, the soonest ones."""
+    """Find the best partitions on one space: the paper's choice and, unless faithful, the fastest."""
     points = np.unique(space.aligned.model.solid.arrays()[0], axis=0)
     candidates: list[_Candidate] = []
     for halves in _list_halves(space, points, len(problem.printers)):
@@ -211,7 +211,7 @@ def _rank_partitions(
     groups: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
 ) -> Ranked:
     """Combine the attempts on the halves to partitions, the best first."""
-    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in groups]
+    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_HALF_ATTEMPTS] for half in groups]
     combined = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)

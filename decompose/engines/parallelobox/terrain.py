@@ -56,13 +56,13 @@ class Terrain:
         return replace(self, needed=self.needed & ~other, barred=self.barred | other)
 
 
-def time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
+def make_time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     """Build the terrain where P is the print time in the best pose, with supports, and O is 0."""
     none = np.zeros(len(boxes.seconds), np.float32)
     return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
 
 
-def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
+def make_paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     """Build the terrain where P is speed times volume plus area, and O the least overhanging area.
 
     Parameters
@@ -81,13 +81,15 @@ def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
         table = np.zeros([n + (i != axis) for i, n in enumerate(cut.shape)])
         table[tuple(slice(None) if i == axis else slice(1, None) for i in range(3))] = cut.cumsum(a).cumsum(b)
         faces.append(table)
-    printing, overhang = _paper_prices(prefix, faces[0], faces[1], faces[2], len(boxes.seconds), SPEED_MM_S)
+    printing, overhang = _compute_paper_prices(
+        prefix, faces[0], faces[1], faces[2], len(boxes.seconds), SPEED_MM_S
+    )
     free = np.zeros_like(grid.needed)
     return Terrain(grid.needed, free, boxes.seconds, boxes.pieces, printing, overhang)
 
 
 @jit
-def _paper_prices(
+def _compute_paper_prices(
     prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed: float
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Compute P and O of `Terrain` for every box.

@@ -18,7 +18,7 @@ from decompose.geometry.threemf.model_part import (
 )
 from decompose.geometry.threemf.package import Package, resolve_path
 
-DEEPEST = 64  # components in components
+MAX_DEPTH = 64  # components in components
 MAX_INSTANCES = 10_000
 MAX_TRIANGLES = 20_000_000  # where no memory limit is given
 
@@ -124,8 +124,8 @@ class _Build:
 
     def measure(self, path: str, references: list[Reference], depth: int = 0) -> _Size:
         """Count what references place, before anything is placed."""
-        if depth > DEEPEST:
-            raise ModelUnreadable(f"{self.name}: nests objects more than {DEEPEST} deep; export it again")
+        if depth > MAX_DEPTH:
+            raise ModelUnreadable(f"{self.name}: nests objects more than {MAX_DEPTH} deep; export it again")
         sizes = [self._measure_object(*self._find(path, reference), depth) for reference in references]
         return _Size(sum(size.triangles for size in sizes), sum(size.instances for size in sizes))
 

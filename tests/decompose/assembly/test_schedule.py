@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.assembly.schedule import Work, critical_path_s, order_steps
+from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
 
 
 def join(*bodies: set[int]) -> Work:
@@ -26,7 +26,7 @@ def test_person_waits_where_nothing_else_is_left() -> None:
     works = [join({0}, {1}), join({0, 1}, {2})]
     order = order_steps(works, dry_s=1000.0)
     assert order == [(0, 0.0), (1, pytest.approx(works[0].seconds + 1000.0))]
-    assert critical_path_s(works, dry_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
+    assert compute_critical_path_s(works, dry_s=1000.0) == pytest.approx(order[1][1] + works[1].seconds)
 
 
 def test_more_joints_more_glue_and_single_parts_take_longer() -> None:
@@ -59,7 +59,7 @@ def test_no_step_begins_before_its_bodies_are_dry(works: list[Work], dry_s: floa
         assert all(at_s >= dry_at_s[body] - 1e-6 for body in work.bodies if body in dry_at_s)
     ends_s = max(at_s + works[number].seconds for number, at_s in order)
     busy_s = sum(work.seconds for work in works)
-    assert max(busy_s, critical_path_s(works, dry_s)) - 1e-6 <= ends_s <= busy_s + dry_s * len(works)
+    assert max(busy_s, compute_critical_path_s(works, dry_s)) - 1e-6 <= ends_s <= busy_s + dry_s * len(works)
 
 
 def _match(works: list[Work], order: list[tuple[int, float]]) -> list[tuple[Work, tuple[int, float]]]:

@@ -17,7 +17,7 @@ from decompose.decompose import decompose_model
 from decompose.export.instructions import Pictures, render_instructions, write_instructions
 from decompose.export.layout import draw_layout
 from decompose.export.page_check import find_page_faults
-from decompose.export.picture import part_colours
+from decompose.export.picture import make_part_colours
 from decompose.export.pin_sheet import draw_gauge
 from decompose.export.raster import draw, make_camera
 from decompose.export.step_picture import (
@@ -279,7 +279,7 @@ def test_page_with_a_fault_says_so_first(
 def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
     picture = Image.open(BytesIO(draw_layout(table.parts, table.assembly.part_order))).convert("RGB")
     pixels = np.asarray(picture, dtype=np.float64) / 255.0
-    for colour in part_colours(len(table.parts)):
+    for colour in make_part_colours(len(table.parts)):
         shares = pixels / colour
         alike = (np.ptp(shares, axis=2) < 0.05) & (shares.max(axis=2) > 0.45)
         assert alike.sum() > 300

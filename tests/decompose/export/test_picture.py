@@ -10,7 +10,7 @@ import trimesh
 from matplotlib.image import imread
 
 from decompose.export import draw_assembly, write_glb
-from decompose.export.picture import part_colours
+from decompose.export.picture import make_part_colours
 from decompose.geometry import Solid
 from decompose.results import Part
 
@@ -25,7 +25,7 @@ def parts() -> list[Part]:
 
 
 def test_colours_of_parts_differ() -> None:
-    colours = part_colours(200)
+    colours = make_part_colours(200)
     assert colours.min() >= 0.0 and colours.max() <= 1.0
     assert len(np.unique(np.round(255 * colours), axis=0)) == 200
     apart = np.linalg.norm(np.diff(colours[:100], axis=0), axis=1)
@@ -50,7 +50,7 @@ def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
     picture = np.round(255 * imread(tmp_path / "assembly.png")[..., :3]).astype(int)
     height, width, _ = picture.shape
     assert abs(max(height, width) - 300) <= 1
-    tops = (255 * part_colours(4)).astype(int)
+    tops = (255 * make_part_colours(4)).astype(int)
     for observed in range(3):  # a face is lit between half and all of its colour
         shares = picture / np.maximum(1, tops[observed])
         alike = (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)

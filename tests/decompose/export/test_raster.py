@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.export.raster import AMBIENT, EDGE, LIGHT, Drawing, Shape, draw, make_camera
+from decompose.export.raster import AMBIENT_SHARE, EDGE, LIGHT_DIRECTION, Drawing, Shape, draw, make_camera
 
 COLOUR = np.array([0.2, 0.6, 0.9])
 
@@ -20,7 +20,7 @@ def draw_from_above(oversample: int, longest_px: int = 100) -> Drawing:
 @pytest.mark.parametrize("oversample", [1, 2, 3])
 def test_level_faces_have_their_colour_in_the_light(oversample: int) -> None:
     drawing = draw_from_above(oversample)
-    shade = AMBIENT + (1.0 - AMBIENT) * LIGHT[2]
+    shade = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]
     column, row = drawing.place(np.array([[-12.0, 0.0, 0.5]]))[0].astype(int)
     assert drawing.picture[row, column] == pytest.approx(shade * COLOUR)
     assert drawing.picture[0, 0] == pytest.approx(1.0)
@@ -28,7 +28,7 @@ def test_level_faces_have_their_colour_in_the_light(oversample: int) -> None:
 
 def test_only_jumps_of_depth_are_outlined() -> None:
     drawing = draw_from_above(1)
-    shade = (AMBIENT + (1.0 - AMBIENT) * LIGHT[2]) * COLOUR[2]
+    shade = (AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]) * COLOUR[2]
     row = int(drawing.place(np.array([[0.0, 0.0, 0.5]]))[0, 1])
     blue = drawing.picture[row, drawing.visible[row] == 1, 2]
     dark = blue < shade * (1.0 + EDGE) / 2.0

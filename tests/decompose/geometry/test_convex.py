@@ -8,7 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPoint
 
-from decompose.geometry import convex_outline, half_planes, rectangles, smallest_rectangle
+from decompose.geometry import (
+    find_convex_outline,
+    find_half_planes,
+    find_smallest_rectangle,
+    measure_rectangles,
+)
 
 places = st.integers(-20, 20).map(lambda v: v / 2.0)
 several = st.lists(st.tuples(places, places), min_size=3, max_size=30).map(np.array)
@@ -17,14 +22,14 @@ several = st.lists(st.tuples(places, places), min_size=3, max_size=30).map(np.ar
 @settings(deadline=None)  # the first call compiles
 @given(several)
 def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarray) -> None:
-    outline = convex_outline(points)
+    outline = find_convex_outline(points)
     hull = MultiPoint(points).convex_hull
     if hull.area == 0.0:
         assert len(outline) == 0
         return
     x, y = outline.T
     assert (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2.0 == pytest.approx(hull.area)
-    edges = half_planes(outline)
+    edges = find_half_planes(outline)
     assert len(outline) == len(hull.exterior.coords) - 1  # nothing on a straight side
     assert (points @ edges[:, :2].T + edges[:, 2] <= 1e-9).all()
 
@@ -32,14 +37,14 @@ def test_outline_has_the_area_of_the_hull_and_holds_all_points(points: np.ndarra
 @settings(deadline=None)  # the first call compiles
 @given(several)
 def test_smallest_rectangle_equals_that_of_shapely(points: np.ndarray) -> None:
-    outline = convex_outline(points)
+    outline = find_convex_outline(points)
     if not len(outline):
         return
-    ((length, width),) = rectangles(outline, np.array([smallest_rectangle(outline)]))
+    ((length, width),) = measure_rectangles(outline, np.array([find_smallest_rectangle(outline)]))
     assert length >= width - 1e-9
     assert length * width == pytest.approx(MultiPoint(points).minimum_rotated_rectangle.area)
 
 
 def test_points_on_a_line_have_no_outline() -> None:
-    assert len(convex_outline(np.array([[0.0, 0.0], [1.0, 1.0], [3.0, 3.0]]))) == 0
-    assert len(convex_outline(np.zeros((0, 2)))) == 0
+    assert len(find_convex_outline(np.array([[0.0, 0.0], [1.0, 1.0], [3.0, 3.0]]))) == 0
+    assert len(find_convex_outline(np.zeros((0, 2)))) == 0

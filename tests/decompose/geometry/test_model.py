@@ -149,7 +149,7 @@ def test_many_loose_triangles_are_refused_before_the_repair(
     def refuse_call(body: object) -> None:
         raise AssertionError("closes bodies one by one")
 
-    monkeypatch.setattr("decompose.geometry.repair._mesh_fix", refuse_call)
+    monkeypatch.setattr("decompose.geometry.repair._run_mesh_fix", refuse_call)
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
     with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as raised:
         load_model(save(tmp_path / "soup.stl", soup))

@@ -17,10 +17,10 @@ from decompose.engines.baselines.cube_skeleton import _Merging
 from decompose.engines.baselines.hollow import (
     ACCURACY_MM,
     blocks,
-    cubes_about,
+    find_largest_cube,
     hollow_model,
-    largest_cube,
-    planes_at,
+    list_cubes_around,
+    move_planes_to,
     refine_cube,
     remove_diagonals,
 )
@@ -62,7 +62,7 @@ def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, sha
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.3, 1.0))
 def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
-    result = largest_cube(cells)
+    result = find_largest_cube(cells)
     sizes = [
         n
         for n in range(1, min(shape) + 1)
@@ -73,7 +73,7 @@ def test_largest_cube_is_found(shape: tuple[int, int, int], seed: int, share: fl
         assert not sizes
         return
     assert result[3] - result[0] == result[4] - result[1] == result[5] - result[2] == max(sizes)
-    for x0, y0, z0, x1, y1, z1 in [result, *cubes_about(result, cells)]:
+    for x0, y0, z0, x1, y1, z1 in [result, *list_cubes_around(result, cells)]:
         assert cells[x0:x1, y0:y1, z0:z1].all()
         assert x1 - x0 == y1 - y0 == z1 - z0 <= max(sizes)
 
@@ -132,16 +132,16 @@ def test_grid_planes_lie_on_the_sides_of_the_refined_cube(cost: CostModel) -> No
     body = ball(100.0).solid
     vertices, faces = body.arrays()
     rough = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
-    started = largest_cube(hollow_model(body, rough).cavity)
+    started = find_largest_cube(hollow_model(body, rough).cavity)
     assert started is not None
     side_mm = float(refine_cube(body, np.array(rough.bounds_mm(started)), 10.0, 12.0)[0, 2])
     solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
-    started = largest_cube(hollow_model(solid, grid).cavity)
+    started = find_largest_cube(hollow_model(solid, grid).cavity)
     assert started is not None
     cube_mm = refine_cube(solid, np.array(grid.bounds_mm(started)), 10.0, 12.0)
-    planes, cube = planes_at(solid, grid, cube_mm)
+    planes, cube = move_planes_to(solid, grid, cube_mm)
     assert all((np.diff(positions) > 0.0).all() for positions in planes)
     moved = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
     assert (moved[0] >= cube_mm[0]).all() and (moved[1] <= cube_mm[1]).all()
@@ -251,8 +251,8 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     pieces = [Piece(Solid.box(*box), list_box_planes(box), box[None]) for box in boxes]
     model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
     merging = _Merging(pieces, Problem(model, tuple(printers(1)), cost, MENDED))
-    merging.merge_to(1)
-    merged = merging.merged_pieces()
+    merging.merge_down_to(1)
+    merged = merging.list_merged_pieces()
     assert len(merged) == 2
     assert all(round_triangles(*piece.solid.arrays()) is not None for piece in merged)
     assert round_triangles(*model.solid.arrays()) is None

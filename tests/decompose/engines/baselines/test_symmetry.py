@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, draw_mirrors, find_good_mirrors
-from decompose.geometry.symmetry import APART_RAD
+from decompose.geometry.symmetry import MIN_ANGLE_RAD
 from decompose.grid import CLEAR_MM
 from decompose.options import Engine, Options
 from decompose.pieces import Piece, find_cut_faces
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem.fitting import (
-    connected_pieces,
     count_blocks,
     count_parts,
     place_clear_of_faces,
+    split_connected,
 )
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
@@ -78,7 +78,7 @@ def test_number_of_parts_required_by_the_room_is_computed() -> None:
 
 def test_films_on_a_cut_are_ignored() -> None:
     two = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
-    result = connected_pieces(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
+    result = split_connected(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
     assert [piece.solid.volume_mm3 for piece in result] == pytest.approx([1000.0])
 
 
@@ -99,7 +99,7 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
         errors = [mirror.error_mm for mirror in result]
         assert errors == sorted(errors)
         for i, a in enumerate(result):
-            assert all(abs(a.normal @ b.normal) <= np.cos(APART_RAD) for b in result[:i])
+            assert all(abs(a.normal @ b.normal) <= np.cos(MIN_ANGLE_RAD) for b in result[:i])
     assert find_good_mirrors(block, np.random.default_rng(0), 3, 25)[0].error_mm == pytest.approx(
         0.0, abs=1e-9
     )

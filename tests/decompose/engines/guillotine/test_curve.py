@@ -15,9 +15,9 @@ from decompose.auto import CountGoal
 from decompose.engines.guillotine import (
     CurvePoint,
     Partitioner,
+    compute_makespan_curve,
     find_fewest_in_time,
     find_knee,
-    makespan_curve,
 )
 from decompose.engines.guillotine.curve import TOLERANCE
 from decompose.engines.guillotine.partitioner import OtherClass
@@ -34,7 +34,7 @@ def equal(most: int) -> np.ndarray:
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
 def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
     boxes, needed = tables(shape, seed)
-    points = {p.printers: p.makespan_s for p in makespan_curve([boxes], equal(MAX_PRINTERS))}
+    points = {p.printers: p.makespan_s for p in compute_makespan_curve([boxes], equal(MAX_PRINTERS))}
     for printers in range(1, MAX_PRINTERS + 1):
         least = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
         if least is None or not needed.any():
@@ -60,7 +60,7 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
     scaled_tables = replace(first, seconds=first.seconds * odd[0])
     other = replace(first, seconds=first.seconds * np.float32(quicker) * odd[1])
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
-    points = {p.printers: p.makespan_s for p in makespan_curve([scaled_tables, other], fleets)}
+    points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other], fleets)}
     for first_count, others in fleets.tolist():
         least = Partitioner(scaled_tables, [OtherClass(other, others)]).find_min_makespan(
             first_count, 0.0, tolerance_s=1e-3
@@ -73,17 +73,17 @@ def test_each_point_of_unequal_printers_equals_a_separate_search(
 
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
     boxes, _ = tables((6, 5, 4), 3)
-    points = makespan_curve([boxes], equal(30))
+    points = compute_makespan_curve([boxes], equal(30))
     assert [p.printers for p in points] == list(range(points[0].printers, 31))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(points))
     with ThreadPoolExecutor(2) as executor:
-        assert makespan_curve([boxes], equal(30), executor) == points
+        assert compute_makespan_curve([boxes], equal(30), executor) == points
 
 
 def test_curve_of_an_empty_model_is_empty() -> None:
     boxes, _ = tables((2, 2, 2), 1)
     boxes.seconds[:] = np.inf
-    assert makespan_curve([boxes], equal(4)) == ()
+    assert compute_makespan_curve([boxes], equal(4)) == ()
 
 
 def test_knee_includes_the_work_of_a_person() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from decompose.engines.guillotine import exact_search
-from decompose.engines.guillotine.exact_search import LOOSER, ExactSearch
+from decompose.engines.guillotine.exact_search import LOOSER_LIMIT_SHARES, ExactSearch
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.geometry import Model
 from decompose.grid import Box, box_index, count_cuts
@@ -41,8 +41,8 @@ def work_s(search: ExactSearch, boxes: list[Box]) -> float:
 
 def test_looser_partitions_are_complete_without_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
     search, best = searched
-    results = [list(cut) for cut in search.looser_partitions(best)]
-    assert 0 < len(results) <= len(LOOSER)
+    results = [list(cut) for cut in search.list_looser_partitions(best)]
+    assert 0 < len(results) <= len(LOOSER_LIMIT_SHARES)
     assert len({frozenset(chosen) for chosen in [best, *results]}) == len(results) + 1
     limits_s = [max(search.posed_s[box] for box in chosen) for chosen in results]
     assert min(limits_s) >= max(search.posed_s[box] for box in best)
@@ -84,7 +84,7 @@ def test_partitions_far_above_the_best_are_not_improved(
     def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
-    monkeypatch.setattr(ExactSearch, "looser_partitions", looser)
+    monkeypatch.setattr(ExactSearch, "list_looser_partitions", looser)
     exact_search.cut_for_uniform_printers(
         replace(task, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
     )

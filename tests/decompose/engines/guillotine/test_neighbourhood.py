@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from box_tables import Shape, every_box, tables
 from decompose.engines.guillotine import Partitioner
-from decompose.engines.guillotine.neighbourhood import Window, improve_locally, pinwheel_boxes, sorted_times_s
+from decompose.engines.guillotine.neighbourhood import (
+    Window,
+    improve_locally,
+    list_pinwheel_boxes,
+    sort_times_s,
+)
 from decompose.engines.guillotine.partitioner import UNREACHABLE
 from decompose.grid import Box, BoxTables, box_index
 
@@ -47,7 +52,7 @@ def test_improved_partition_is_valid_and_no_slower(shape: Shape, seed: int, spar
     assert cells.max() <= 1
     assert (cells[needed] == 1).all()
     assert all(boxes.trimmed[box_index(box, shape)] == box_index(box, shape) for box in after)
-    assert sorted_times_s(boxes, after) <= sorted_times_s(boxes, before)
+    assert sort_times_s(boxes, after) <= sort_times_s(boxes, before)
     assert improve_locally(boxes, before, printers) == after
 
 
@@ -64,7 +69,7 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
         chosen = window.chosen_boxes()
         assert count(boxes, chosen) == fewest
         assert (cover(shape, chosen)[needed] == 1).all()
-        assert max(sorted_times_s(boxes, chosen)) <= limit_s
+        assert max(sort_times_s(boxes, chosen)) <= limit_s
 
 
 def even(shape: Shape) -> BoxTables:
@@ -82,7 +87,7 @@ def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored: int) ->
     shape: list[int] = [3, 3, 3]
     shape[axis] = 1
     boxes = even((shape[0], shape[1], shape[2]))
-    wheel = pinwheel_boxes(boxes.shape, (axis, mirrored, 1, 2, 1, 2))
+    wheel = list_pinwheel_boxes(boxes.shape, (axis, mirrored, 1, 2, 1, 2))
     allowed = [box_index(box, boxes.shape) for box in wheel]
     boxes.seconds[[i for i in range(len(boxes.seconds)) if i not in allowed]] += 10.0
     boxes.seconds[box_index((0, 0, 0, *boxes.shape), boxes.shape)] = 40.0
@@ -94,8 +99,8 @@ def test_pinwheel_without_a_guillotine_cut_is_found(axis: int, mirrored: int) ->
 def test_face_is_moved_and_a_spare_printer_is_used() -> None:
     boxes = even((6, 2, 1))
     uneven: list[Box] = [(0, 0, 0, 5, 2, 1), (5, 0, 0, 6, 2, 1)]
-    assert sorted_times_s(boxes, improve_locally(boxes, uneven, 2)) == [6.0, 6.0]
-    assert sorted_times_s(boxes, improve_locally(boxes, uneven, 3)) == [4.0, 4.0, 4.0]
+    assert sort_times_s(boxes, improve_locally(boxes, uneven, 2)) == [6.0, 6.0]
+    assert sort_times_s(boxes, improve_locally(boxes, uneven, 3)) == [4.0, 4.0, 4.0]
 
 
 def test_l_shape_is_recut_between_other_boxes() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine.neighbourhood import pinwheel_boxes
+from decompose.engines.guillotine.neighbourhood import list_pinwheel_boxes
 from decompose.engines.guillotine.plane_moves import (
     ShiftLimits,
     fill_out_boxes,
@@ -61,7 +61,7 @@ def test_simultaneous_moves_of_all_groups_keep_a_complete_partition(seed: int, c
 
 @pytest.mark.parametrize("mirrored", [0, 1])
 def test_arms_of_a_pinwheel_move_alone(mirrored: int) -> None:
-    boxes = in_mm(pinwheel_boxes((6, 6, 6), (2, mirrored, 2, 4, 2, 4)))
+    boxes = in_mm(list_pinwheel_boxes((6, 6, 6), (2, mirrored, 2, 4, 2, 4)))
     groups = group_faces(boxes)
     assert groups.max() == 3
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))

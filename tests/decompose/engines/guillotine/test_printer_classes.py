@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.engines.guillotine import classify_printers
-from decompose.engines.guillotine.partitioner import class_states
+from decompose.engines.guillotine.partitioner import list_class_states
 from decompose.engines.guillotine.printer_classes import count_sums
 from decompose.printers import PrinterRoom
 
@@ -60,4 +60,4 @@ def test_each_printer_of_a_class_can_print_its_parts(
 
 @given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))
 def test_count_sums_equals_the_sums_of_the_search(counts: list[int]) -> None:
-    assert count_sums(counts) == len(class_states(sorted(counts)[:-1])[1])
+    assert count_sums(counts) == len(list_class_states(sorted(counts)[:-1])[1])

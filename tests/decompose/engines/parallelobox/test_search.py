@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 
 from decompose.decompose import decompose_model
 from decompose.engines.parallelobox import search
-from decompose.engines.parallelobox.alignment import align_model, overhang_mm2
+from decompose.engines.parallelobox.alignment import align_model, measure_overhang_mm2
 from decompose.engines.parallelobox.attempts import SeedSource, draw_seed_sets, draw_seeds, run_attempts
 from decompose.engines.parallelobox.growth import FREE, fill_voids, grow_blocks
-from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, paper_terrain, time_terrain
+from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, make_paper_terrain, make_time_terrain
 from decompose.errors import NoFit
-from decompose.geometry import Model, Solid, find_mirror, rotation_to_axis
+from decompose.geometry import Model, Solid, find_mirror, find_rotation_to_axis
 from decompose.grid import BoxTables, Cell, Grid, GridRules, box_index, build_grid, price_boxes
 from decompose.grid.box_index import find_interval_ends
 from decompose.options import Engine, Options, ParalleloboxOptions, Score
@@ -175,7 +175,7 @@ def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray)
 def test_attempts_cover_the_model_and_are_deterministic(
     score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
 ) -> None:
-    terrain = time_terrain(ball_grid, ball_boxes)
+    terrain = make_time_terrain(ball_grid, ball_boxes)
     drawn = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
     result = run_attempts(drawn, terrain, 14, score)
     assert result
@@ -199,7 +199,7 @@ def test_attempts_cover_the_model_and_are_deterministic(
 def test_prices_of_the_paper_match_the_solid_in_each_box(
     ball: Model, ball_grid: Grid, ball_boxes: BoxTables
 ) -> None:
-    terrain = paper_terrain(ball_grid, ball_boxes)
+    terrain = make_paper_terrain(ball_grid, ball_boxes)
     rng = np.random.default_rng(1)
     shape = ball_grid.shape
     for at in rng.choice(len(ball_boxes.seconds), 25, replace=False):
@@ -233,7 +233,7 @@ def test_mirror_of_a_mirrored_cloud_is_found(angle: float, seed: int) -> None:
     assert mirror is not None
     assert abs(mirror.normal @ rotation[:, 0]) == pytest.approx(1.0, abs=1e-3)
     assert mirror.offset_mm == pytest.approx(float(mirror.normal @ (7.0, 8.0, 9.0)), abs=0.5)
-    aligned, axis = rotation_to_axis(mirror.normal)
+    aligned, axis = find_rotation_to_axis(mirror.normal)
     assert aligned @ aligned.T == pytest.approx(np.eye(3), abs=1e-9)
     assert np.linalg.det(aligned) == pytest.approx(1.0)
     assert abs((aligned @ mirror.normal)[axis]) == pytest.approx(1.0)
@@ -319,7 +319,7 @@ def test_option_faithful_uses_the_settings_of_the_paper(
     assert SPEED_MM_S == 20.0
     assert result.options.parallelobox.score is Score.HIGH
     assert (
-        search.paper_settings(
+        search.apply_paper_settings(
             replace(options, parallelobox=ParalleloboxOptions(score=Score.LOW))
         ).parallelobox.score
         is Score.LOW
@@ -345,11 +345,11 @@ def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:
     solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])
     vertices, faces = solid.arrays()
     crooked = vertices @ turn(0.7, (1.0, 0.3, 0.2)).T
-    assert overhang_mm2(vertices[faces], cost.overhang_cos) == pytest.approx(0.0)
-    assert overhang_mm2(crooked[faces], cost.overhang_cos) > 1000.0
+    assert measure_overhang_mm2(vertices[faces], cost.overhang_cos) == pytest.approx(0.0)
+    assert measure_overhang_mm2(crooked[faces], cost.overhang_cos) > 1000.0
     aligned = align_model(Model(Solid.from_arrays(crooked, faces), (), 1.0), 1, cost.overhang_cos)
     straight, on = aligned.model.solid.arrays()
-    assert overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
+    assert measure_overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
     assert aligned.rotation @ aligned.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
     assert np.linalg.det(aligned.rotation) == pytest.approx(1.0)
     repeated = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
