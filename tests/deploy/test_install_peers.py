@@ -79,11 +79,11 @@ def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path
         *("libx", "openssh-server", "prometheus", "prusa-slicer", "ser2net", "tcc")
     }
     assert not (tmp_path / "other-calls").exists()
-    here = tmp_path / "env" / "debian" / "usr"
+    unpacked = tmp_path / "env" / "debian" / "usr"
     message = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
-    assert message == f"{here}/sbin/sshd {here}/lib -D a b\n"
+    assert message == f"{unpacked}/sbin/sshd {unpacked}/lib -D a b\n"
     message = subprocess.check_output([tmp_path / "env" / "bin" / "tcc", "x.c"], text=True, env={})
-    assert message.endswith(f" -B{here}/lib/tcc x.c\n")
+    assert message.endswith(f" -B{unpacked}/lib/tcc x.c\n")
     assert install() == ""
 
 

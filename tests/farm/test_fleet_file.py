@@ -68,7 +68,7 @@ def test_fleet_file_of_the_repository_is_valid():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("printers: [", "not YAML"),
         (GOOD.replace("name: lab", "quiet: at night"), "fleet.yaml:2: fleet.quiet: 'at night' is not a time"),
@@ -161,17 +161,17 @@ def test_fleet_file_of_the_repository_is_valid():
         (GOOD.replace("colour: blue", "power_off_cmd: ''"), "printers.1.power_off_cmd: is empty"),
     ],
 )
-def test_error_is_reported_in_one_line(tmp_path, text, said):
+def test_error_is_reported_in_one_line(tmp_path, text, message):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text)
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
     assert not re.search("Input|String|valid|instance|parse|Field", str(error.value))
     assert error.value.exit_code == ExitCode.USAGE
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (GOOD.replace("model: ultimaker2_plus", "model: ultimaker2_plus, material: PAL"), "3: defaults.mat"),
         (GOOD.replace("colour: blue", "material: PETG"), "6: printers.1.material: PETG: Cura has no profile"),
@@ -187,10 +187,10 @@ def test_error_is_reported_in_one_line(tmp_path, text, said):
         (GOOD.replace("colour: blue", "nozzle_mm: 7"), "it has 0.25 mm, 0.4 mm, 0.6 mm, 0.8 mm"),
     ],
 )
-def test_unknown_cura_material_is_reported_as_a_field_error(tmp_path, text, said):
+def test_unknown_cura_material_is_reported_as_a_field_error(tmp_path, text, message):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text, complete_section)
-    assert said in str(error.value)
+    assert message in str(error.value)
     assert error.value.exit_code == ExitCode.USAGE
 
 

@@ -22,11 +22,11 @@ def record(text: str, **extra: object) -> logging.LogRecord:
 
 
 @given(ANY_TEXT, ANY_TEXT)
-def test_any_text_is_one_line_of_json(text: str, who: str):
-    line = JsonFormatter().format(record(text.replace("%", "%%"), job=3, who=who))
+def test_any_text_is_one_line_of_json(text: str, user: str):
+    line = JsonFormatter().format(record(text.replace("%", "%%"), job=3, who=user))
     assert len(line.splitlines()) == 1 and line.isascii()
     fields = json.loads(line)
-    assert fields["message"] == text.replace("%", "%%") and fields["job"] == 3 and fields["who"] == who
+    assert fields["message"] == text.replace("%", "%%") and fields["job"] == 3 and fields["who"] == user
     assert (fields["level"], fields["logger"]) == ("warning", "farm.test")
     assert "plate" not in fields
 

@@ -70,9 +70,9 @@ def test_temporary_folder_open_to_others_is_refused(temporary, prepare, reason):
 def test_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
     folder, find_socket = temporary
     find_socket()
-    own = os.getuid()
-    monkeypatch.setattr("os.getuid", lambda: own + 1)
-    folder.rename(folder.with_name(f"farm-{own + 1}"))
+    own_uid = os.getuid()
+    monkeypatch.setattr("os.getuid", lambda: own_uid + 1)
+    folder.rename(folder.with_name(f"farm-{own_uid + 1}"))
     with pytest.raises(Refused, match="belongs to another user"):
         find_socket()
 
@@ -80,14 +80,14 @@ def test_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
 def test_user_without_a_farm_uses_the_shared_one(tmp_path):
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
     shared = tmp_path / "shared" / "farm.sock"
-    own = tmp_path / "run" / "farm" / "farm.sock"
-    assert find_places(None, None, None, env, shared).socket == own
+    own_socket = tmp_path / "run" / "farm" / "farm.sock"
+    assert find_places(None, None, None, env, shared).socket == own_socket
     shared.parent.mkdir()
     assert find_places(None, None, None, env, shared).socket == shared
     assert find_places(tmp_path, None, None, env, shared).socket == tmp_path / "farm.sock"
-    own.parent.mkdir(parents=True)
-    own.touch()
-    assert find_places(None, None, None, env, shared).socket == own
+    own_socket.parent.mkdir(parents=True)
+    own_socket.touch()
+    assert find_places(None, None, None, env, shared).socket == own_socket
 
 
 def test_inaccessible_folders_are_skipped(tmp_path, monkeypatch):

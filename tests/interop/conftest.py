@@ -18,17 +18,17 @@ def find_profile():
     top = Path(PROGRAM).resolve().parents[1]
     return next(
         chain.from_iterable(
-            top.glob(f"{way}share/PrusaSlicer/profiles/Ultimaker.ini") for way in ("", "*/*/")
+            top.glob(f"{prefix}share/PrusaSlicer/profiles/Ultimaker.ini") for prefix in ("", "*/*/")
         )
     )
 
 
 def flatten_preset(presets, title):
     """Return the values of a preset with those that it inherits."""
-    own, values = dict(presets[title]), {}
-    for name in filter(None, map(str.strip, own.pop("inherits", "").split(";"))):
+    preset, values = dict(presets[title]), {}
+    for name in filter(None, map(str.strip, preset.pop("inherits", "").split(";"))):
         values |= flatten_preset(presets, f"{title.partition(':')[0]}:{name}")
-    return values | own
+    return values | preset
 
 
 @pytest.fixture(scope="session")

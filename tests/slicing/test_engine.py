@@ -92,8 +92,8 @@ def test_each_way_to_end_has_its_error(run, body, error, message):
 
 
 def test_success_at_the_second_attempt_counts(run, tmp_path):
-    once = f"[ -e {tmp_path}/tried ] && exec touch part.gcode; touch {tmp_path}/tried"
-    assert run(f"{once}; echo '[ERROR] Unknown exception.'; exit 1").gcode == b""
+    command = f"[ -e {tmp_path}/tried ] && exec touch part.gcode; touch {tmp_path}/tried"
+    assert run(f"{command}; echo '[ERROR] Unknown exception.'; exit 1").gcode == b""
 
 
 def test_hanging_engine_is_killed_with_its_children(run, tmp_path):

@@ -28,8 +28,8 @@ def raise_error():
 class UnpicklableError(Exception):
     """An exception that pickle cannot make again."""
 
-    def __init__(self, one, two):
-        super().__init__(one + two)
+    def __init__(self, first, second):
+        super().__init__(first + second)
 
 
 def raise_unpicklable_error():

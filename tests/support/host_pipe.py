@@ -24,9 +24,9 @@ class HostPipe:
         )
         script.chmod(0o700)
         self.ssh = str(script)
-        there = folder / "there"
-        self.command = f"XDG_STATE_HOME={there} {sys.executable} -m farm.cli.main host"
-        self.places = HostPlaces(farm, {"XDG_STATE_HOME": str(there)})
+        remote_folder = folder / "there"
+        self.command = f"XDG_STATE_HOME={remote_folder} {sys.executable} -m farm.cli.main host"
+        self.places = HostPlaces(farm, {"XDG_STATE_HOME": str(remote_folder)})
 
     @property
     def pids(self) -> list[int]:

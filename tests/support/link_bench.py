@@ -57,9 +57,9 @@ class Firmware:
             return b"Reporting endstop status\nx_min: openy_max: openz_max: openok\n"
         return b"ok\n"
 
-    def wrong(self, what: bytes) -> bytes:
+    def wrong(self, data: bytes) -> bytes:
         self.partial = b""
-        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (what, self.last, self.last + 1)
+        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (data, self.last, self.last + 1)
 
 
 class Wire:
@@ -102,8 +102,8 @@ class Bench:
             if self.now_s >= until_s:
                 return
             if out := self.link.take():
-                for there in self.wire.carry(out):
-                    for back in self.wire.carry(self.firmware.feed(there)):
+                for delivered in self.wire.carry(out):
+                    for back in self.wire.carry(self.firmware.feed(delivered)):
                         self.events += self.link.receive(back, self.now_s) or ()
                 self.now_s += 0.01
             elif self.link.deadline_s == math.inf:

@@ -14,9 +14,9 @@ class Summed:
         self._here, self._s = (5.0, 50.0, 20.0, 0.0), 0.0
 
     def move(self, x, y, z, e, speed_mm_s):
-        there = (x, y, z, e)
-        way_mm = math.dist(self._here[:3], there[:3]) or abs(e - self._here[3])
-        self._here, self._s = there, self._s + way_mm / speed_mm_s
+        position = (x, y, z, e)
+        way_mm = math.dist(self._here[:3], position[:3]) or abs(e - self._here[3])
+        self._here, self._s = position, self._s + way_mm / speed_mm_s
 
     def wait(self, seconds):
         self._s += seconds

@@ -67,19 +67,19 @@ class NetworkFarm:
 
     def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **more):
         """Send a request, with the text of a key."""
-        own = {"x-api-key": text} if text else {}
+        own_headers = {"x-api-key": text} if text else {}
 
         async def call():
             transport = httpx.ASGITransport(self.web, client=(address, 1), raise_app_exceptions=False)
             async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
-                return await client.request(method, path, headers={**own, **(headers or {})}, **more)
+                return await client.request(method, path, headers={**own_headers, **(headers or {})}, **more)
 
         return asyncio.run(call())
 
     def browse(self, method, path, session=None, headers=None, **more):
         """Send a request as a browser does from the farm's own pages, with the text of a session."""
-        own = {"accept": "text/html", **OWN_PAGE, **(self.hold(session) if session else {})}
-        return self.ask(method, path, headers={**own, **(headers or {})}, **more)
+        own_headers = {"accept": "text/html", **OWN_PAGE, **(self.hold(session) if session else {})}
+        return self.ask(method, path, headers={**own_headers, **(headers or {})}, **more)
 
     def hold(self, session):
         """Return the header with the cookie of a session."""

@@ -46,7 +46,7 @@ def copy_parts(parts, plates, copies):
     copied_parts = [part.model_copy(update={**own, "copy_number": n}) for n, part, own in names]
     copied_plates = [
         plate.model_copy(
-            update={"id": f"{plate.id}.{n}", "parts": tuple(f"{one}.{n}" for one in plate.parts)}
+            update={"id": f"{plate.id}.{n}", "parts": tuple(f"{part_id}.{n}" for part_id in plate.parts)}
         )
         for n in numbers
         for plate in plates

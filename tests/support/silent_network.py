@@ -23,7 +23,7 @@ class SilentRoute:
         self._over = threading.Event()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.ssh = f"{sys.executable} {Path(__file__)} {self._listener.getsockname()[1]}"
-        self.there: list[subprocess.Popen[bytes]] = []  # the bridges, oldest first
+        self.bridges: list[subprocess.Popen[bytes]] = []  # the bridges, oldest first
         self._threads = [threading.Thread(target=self._accept, daemon=True)]
         self._threads[0].start()
 
@@ -37,7 +37,7 @@ class SilentRoute:
         self._over.set()
         for thread in self._threads:
             thread.join(10.0)
-        for bridge in self.there:
+        for bridge in self.bridges:
             bridge.wait(10.0)
         self._listener.close()
 
@@ -58,7 +58,7 @@ class SilentRoute:
         bridge = subprocess.Popen(
             ["sh", "-c", "exec env " + command.decode()], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
-        self.there.append(bridge)
+        self.bridges.append(bridge)
         assert bridge.stdin is not None and bridge.stdout is not None
         pairs = {caller.fileno(): bridge.stdin.fileno(), bridge.stdout.fileno(): caller.fileno()}
         with caller, bridge.stdin, bridge.stdout, suppress(OSError):
@@ -75,10 +75,10 @@ class SilentRoute:
 
 
 def main() -> None:
-    """``silent_way.py PORT -- HOST COMMAND``."""
-    with socket.create_connection(("127.0.0.1", int(sys.argv[1]))) as way:
-        way.sendall(sys.argv[-1].encode() + b"\n")
-        pairs = {0: way.fileno(), way.fileno(): 1}
+    """``silent_network.py PORT -- HOST COMMAND``."""
+    with socket.create_connection(("127.0.0.1", int(sys.argv[1]))) as connection:
+        connection.sendall(sys.argv[-1].encode() + b"\n")
+        pairs = {0: connection.fileno(), connection.fileno(): 1}
         while True:
             for ready in select.select([*pairs], [], [])[0]:
                 data = os.read(ready, 65536)

@@ -24,7 +24,10 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
     farm.ok("fail", "one", "--why", "a blob")
     job = wait_for("it to be printed", lambda: (job := farm.job())["state"] == "printed" and job)
     (part,) = job["parts"]
-    assert [(rig["printer"], rig["state"]) for rig in part["prints"]] == [("one", "failed"), ("two", "done")]
+    assert [(attempt["printer"], attempt["state"]) for attempt in part["prints"]] == [
+        ("one", "failed"),
+        ("two", "done"),
+    ]
     (plate,) = job["plates"]
     assert (part["id"], plate["id"], plate["printer"]) == ("1/p01", "1/01-2", "two")
     assert farm.emulator_status("two").bed_clear is False

@@ -53,8 +53,8 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
         Link(ULTIMAKER2),
     )
     link.on_opened(0.0)
-    now_s, up, answers = 0.0, False, 0
-    while not (up and link.drained):
+    now_s, connected, answers = 0.0, False, 0
+    while not (connected and link.drained):
         assert link.phase is not Phase.DEAD
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s)) + 1e-3
         back = firmware.feed(link.take(), now_s)
@@ -63,8 +63,8 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
             back = b"" if answers in hits else back
         link.receive(back, now_s)
         link.tick(now_s)
-        if not up and link.phase is Phase.LIVE:
-            up = True
+        if not connected and link.phase is Phase.LIVE:
+            connected = True
             link.send(now_s, b"M302 S0", b"G28")
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
     now_s += 200.0

@@ -67,20 +67,20 @@ def printed(
     """Stream a program to the end, or until the link has given up."""
     rng = random.Random(seed)
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
-    there, back = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
-    now_s, up, fault_texts = 0.0, False, []
+    to_board, to_host = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
+    now_s, connected, fault_texts = 0.0, False, []
     link.on_opened(now_s)
     for _ in range(100_000):
-        there.put(link.take(), now_s)
-        due_s = min(firmware.deadline_s(), link.deadline_s, there.due_s(), back.due_s())
+        to_board.put(link.take(), now_s)
+        due_s = min(firmware.deadline_s(), link.deadline_s, to_board.due_s(), to_host.due_s())
         now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
-        back.put(firmware.feed(there.take(now_s), now_s), now_s)
-        events = [*(link.receive(back.take(now_s), now_s) or ()), *link.tick(now_s)]
+        to_host.put(firmware.feed(to_board.take(now_s), now_s), now_s)
+        events = [*(link.receive(to_host.take(now_s), now_s) or ()), *link.tick(now_s)]
         fault_texts += [event.fault for event in events if isinstance(event, LinkFault)]
-        if not up and link.phase is Phase.LIVE:
-            up = True
+        if not connected and link.phase is Phase.LIVE:
+            connected = True
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        elif (up and link.drained) or fault_texts:
+        elif (connected and link.drained) or fault_texts:
             return firmware, link, fault_texts
     raise AssertionError("it does not end")
 

@@ -79,8 +79,8 @@ def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: st
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 2.1 * MOVE_S)
     assert has_ended(host)
-    [up] = [event for event in events if isinstance(event, Connected)]
-    assert not up.restarted
+    [connection] = [event for event in events if isinstance(event, Connected)]
+    assert not connection.restarted
 
 
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
@@ -103,8 +103,8 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     assert has_ended(host)
     link = Link(MARLIN2)
     link.on_opened(host.now_s, MARLIN2.abort_unnumbered)
-    [up] = [event for event in exchange(host, link, 5.0) if isinstance(event, Connected)]
-    assert not up.restarted
+    [connection] = [event for event in exchange(host, link, 5.0) if isinstance(event, Connected)]
+    assert not connection.restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
     exchange(host, link, 5.0)
     assert has_ended(host) and link.drained

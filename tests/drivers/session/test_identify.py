@@ -32,12 +32,12 @@ def test_unreadable_banner_is_requested_again_and_then_refused(banner: bytes):
     rig.link.receive = lambda data, now_s: listen(data.replace(banner, b"?????"), now_s)  # type: ignore[method-assign]
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert rig.firmware.resets == 3
-    once = Rig()
-    listen = once.link.receive
-    once.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
-        data.replace(banner, b"?????") if once.firmware.resets < 2 else data, now_s
+    restarted = Rig()
+    listen = restarted.link.receive
+    restarted.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
+        data.replace(banner, b"?????") if restarted.firmware.resets < 2 else data, now_s
     )
-    assert_ended_off(once.run(), PrintPhase.DONE, None)
+    assert_ended_off(restarted.run(), PrintPhase.DONE, None)
 
 
 def test_extended_with_a_plain_banner_is_detected_by_its_height():

@@ -20,7 +20,7 @@ NEAR_MM = 0.5
 AFTER = [field.name for field in fields(Faults) if field.name.endswith("_after")]
 MADE_MM = Rig(text=gcode(150)).run().firmware.board.filament_mm
 
-Way = Callable[[Rig], None]
+Leave = Callable[[Rig], None]
 
 
 def finish_print(rig: Rig) -> None:
@@ -61,53 +61,53 @@ def mute_board_and_cancel(rig: Rig) -> None:
     cancelled(rig)
 
 
-def cause_fault(name: str) -> Way:
-    def way(rig: Rig) -> None:
+def cause_fault(name: str) -> Leave:
+    def leave(rig: Rig) -> None:
         rig.firmware.trigger_fault(name, rig.now_s)
 
-    way.__name__ = name
-    return way
+    leave.__name__ = name
+    return leave
 
 
-def cancelled_after_a_pause_of(seconds: float) -> Way:
-    def way(rig: Rig) -> None:
+def cancelled_after_a_pause_of(seconds: float) -> Leave:
+    def leave(rig: Rig) -> None:
         pause(rig, seconds)
         cancelled(rig)
 
-    way.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
-    return way
+    leave.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
+    return leave
 
 
-def killed_after_a_pause_of(seconds: float) -> Way:
-    def way(rig: Rig) -> None:
+def killed_after_a_pause_of(seconds: float) -> Leave:
+    def leave(rig: Rig) -> None:
         pause(rig, seconds)
         kill_agent(rig)
 
-    way.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
-    return way
+    leave.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
+    return leave
 
 
-def cancelled_after_a_resume_of(seconds: float) -> Way:
-    def way(rig: Rig) -> None:
+def cancelled_after_a_resume_of(seconds: float) -> Leave:
+    def leave(rig: Rig) -> None:
         pause(rig, 60.0)
         rig.session.resume(rig.now_s)
         until_s = rig.now_s + seconds
         rig.run(until=lambda: rig.now_s >= until_s)
         cancelled(rig)
 
-    way.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
-    return way
+    leave.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
+    return leave
 
 
 def let_pause_expire(rig: Rig) -> None:
     pause(rig, 60.0)
 
 
-EVERYDAY: list[Way] = [
+EVERYDAY: list[Leave] = [
     finish_print, cancelled, let_pause_expire,
     cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
 ]  # fmt: skip
-WAYS: list[Way] = [
+LEAVES: list[Leave] = [
     *EVERYDAY,
     *(cancelled_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
     *(cancelled_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
@@ -120,14 +120,14 @@ WAYS: list[Way] = [
 ]
 
 
-def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
+def ended(leave: Leave, lines: int, seconds: float, text: str) -> Rig:
     """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
     rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
     until_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= until_s)
     if not rig.session.context.ended:
-        way(rig)
+        leave(rig)
     rig.run()
     assert rig.session.context.ended
     return rig
@@ -145,19 +145,19 @@ def print_again(rig: Rig) -> float:
 
 
 @pytest.mark.parametrize("lines", [0, 12, 60, 137])
-@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
-def test_next_print_knows_the_filament_or_asks_for_a_person(way: Way, lines: int):
-    rig = ended(way, lines, 0.7, hopping(50))
+@pytest.mark.parametrize("leave", LEAVES, ids=lambda leave: leave.__name__)
+def test_next_print_knows_the_filament_or_asks_for_a_person(leave: Leave, lines: int):
+    rig = ended(leave, lines, 0.7, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
         end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.context.filament]
         assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=NEAR_MM)
 
 
-@given(way=st.sampled_from(WAYS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
+@given(leave=st.sampled_from(LEAVES), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
 @settings(max_examples=40, deadline=None)
-def test_fault_at_any_line_ends_the_print_safely(way: Way, lines: int, seconds: float):
-    rig = ended(way, lines, seconds, hopping(50))
+def test_fault_at_any_line_ends_the_print_safely(leave: Leave, lines: int, seconds: float):
+    rig = ended(leave, lines, seconds, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
 
@@ -165,8 +165,8 @@ def test_fault_at_any_line_ends_the_print_safely(way: Way, lines: int, seconds: 
 @pytest.mark.parametrize("lines", [60, 137, 210])
 def test_responsive_firmware_parks_the_filament(lines: int):
     """Usual ends of a print need no person."""
-    for way in EVERYDAY:
-        assert ended(way, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
+    for leave in EVERYDAY:
+        assert ended(leave, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
 
 
 @given(

@@ -295,6 +295,6 @@ def test_disk_failure_ends_the_print_safely_without_skipped_lines(bad: bytes | N
     disk.mended = True
     sent = rig.moves()
     assert 0 < len(sent) < 1500
-    whole = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
-    assert sent == whole[: len(sent)]
+    moves = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
+    assert sent == moves[: len(sent)]
     assert rig.session.context.filament is not Filament.AT_NOZZLE

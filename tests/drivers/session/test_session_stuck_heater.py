@@ -49,13 +49,17 @@ def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
 
 
 @pytest.mark.parametrize("after_s", [0.5, 5.0, 12.0])
-@pytest.mark.parametrize("what", ["reset_after", "kill_after", "stop_after", "silent_after", "stuck_after"])
+@pytest.mark.parametrize(
+    "activity", ["reset_after", "kill_after", "stop_after", "silent_after", "stuck_after"]
+)
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
-def test_activity_of_the_board_does_not_delay_the_power_off(heater: HeaterName, what: str, after_s: float):
+def test_activity_of_the_board_does_not_delay_the_power_off(
+    heater: HeaterName, activity: str, after_s: float
+):
     rig = burning(heater)
     found_s = finding_time_s(rig)
     rig.run(until=lambda: rig.now_s >= found_s + after_s)
-    rig.firmware.trigger_fault(what, rig.now_s)
+    rig.firmware.trigger_fault(activity, rig.now_s)
     assert request_time_s(rig) - found_s <= LIMIT_S
 
 

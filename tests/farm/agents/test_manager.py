@@ -228,13 +228,13 @@ class FakeClient:
     def __init__(self) -> None:
         self.sent: list[m.Request] = []
         self.let = asyncio.Event()
-        self.says = m.Snapshot(protocol=m.PROTOCOL, printer="a", agent_pid=7, link=m.LinkState.ABSENT)
+        self.snapshot = m.Snapshot(protocol=m.PROTOCOL, printer="a", agent_pid=7, link=m.LinkState.ABSENT)
 
     async def request(self, request: m.Request) -> m.Reply:
         self.sent.append(request)
         if isinstance(request, m.Upload):
             await self.let.wait()
-        return m.Reply(id=request.id, snapshot=self.says)
+        return m.Reply(id=request.id, snapshot=self.snapshot)
 
 
 def run_connection(tmp_path: Path, scenario, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
@@ -275,7 +275,7 @@ class TalkingClient(FakeClient):
         self.connected += 1
 
     async def snapshots(self) -> AsyncIterator[m.Snapshot]:
-        yield self.says
+        yield self.snapshot
 
     async def close(self) -> None:
         pass
@@ -314,7 +314,7 @@ def test_snapshot_of_another_printer_is_ignored_and_only_an_emulator_reports_its
     lie = m.Snapshot(protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
 
     async def scenario(link, client):  # type: ignore[no-untyped-def]
-        client.says = lie
+        client.snapshot = lie
         link.send(m.CancelPrint(id=0, print_id="x"))
 
     _, listener = run_connection(tmp_path, scenario, port)

@@ -158,11 +158,13 @@ class SilentNetwork(SilentRoute):
 
     def ended(self) -> int:
         """Count the bridges that have noticed a lost client."""
-        return sum(bridge.poll() is not None for bridge in self.there)
+        return sum(bridge.poll() is not None for bridge in self.bridges)
 
 
 @pytest.fixture(params=[Pipe, Sshd])
-def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def remote_host(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Any]:
     if request.param is Sshd and SSHD is None:
         pytest.skip("needs openssh-server")
     folder = tmp_path / "way"
@@ -182,15 +184,15 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("way", [Pipe, Sshd, SilentNetwork], indirect=True)
+@pytest.mark.parametrize("remote_host", [Pipe, Sshd, SilentNetwork], indirect=True)
 def test_print_survives_a_network_failure_of_ten_minutes(
-    tmp_path: Path, way: Any, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, remote_host: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    if isinstance(way, SilentNetwork):  # its ten minutes are five seconds of the wall
+    if isinstance(remote_host, SilentNetwork):  # its ten minutes are five seconds of the wall
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
-    there = tmp_path / "there" / "farm-agents" / "test" / "a"
+    remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
         name="a",
         model=MODEL,
@@ -230,32 +232,32 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 )
             )
             await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
-            first = find_agent_pid(there)
+            first = find_agent_pid(remote_folder)
             started_s = clock.now()
-            way.cut()
+            remote_host.cut()
             await until(lambda s: s.link is Link.STARTING)
             async with asyncio.timeout(DEADLINE_S):
                 while clock.now() < started_s + GONE_S:
-                    assert is_alive(there)
+                    assert is_alive(remote_folder)
                     await asyncio.sleep(0.05)
-            way.mend()
+            remote_host.mend()
             ended = await until(lambda s: s.print is not None and s.print.state.ended)
             assert ended.print is not None and ended.print.state is PrintState.DONE, ended
-            assert find_agent_pid(there) == first
-            if isinstance(way, SilentNetwork):
+            assert find_agent_pid(remote_folder) == first
+            if isinstance(remote_host, SilentNetwork):
                 async with asyncio.timeout(DEADLINE_S):
-                    while way.ended() < len(way.there) - 1:
+                    while remote_host.ended() < len(remote_host.bridges) - 1:
                         await asyncio.sleep(0.05)
-                assert len(way.there) >= 2
+                assert len(remote_host.bridges) >= 2
             await link.close()
             listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
             link = AgentConnection("a", None, state, clock, listener)  # taken out of the fleet meanwhile
             link.start()
             await until(lambda s: s.print is not None and s.print.state.ended)
-            assert read_status(there / "emulator").starved_s < 60.0
+            assert read_status(remote_folder / "emulator").starved_s < 60.0
             await link.shut_down()
             async with asyncio.timeout(DEADLINE_S):
-                while is_alive(there):
+                while is_alive(remote_folder):
                     await asyncio.sleep(0.05)
         finally:
             await link.close()
@@ -264,29 +266,31 @@ def test_print_survives_a_network_failure_of_ten_minutes(
 
 
 @pytest.mark.system
-def test_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_named(tmp_path: Path, way: Any):
+def test_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_named(
+    tmp_path: Path, remote_host: Any
+):
     command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(
         f"fleet: {{name: test}}\ndefaults: {{host: pc-b, host_command: '{command}'}}\n"
         f"printers:\n  - {{name: a, model: {MODEL}, port: 'sim://{MODEL}'}}\n"
     )
-    there = tmp_path / "there" / "farm-agents" / "test" / "a"
-    launch(f"sim://{MODEL}", there / "emulator", Clock(SCALE, time.time()))
+    remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
+    launch(f"sim://{MODEL}", remote_folder / "emulator", Clock(SCALE, time.time()))
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path / "here", "--fleet", fleet]
     done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
     assert done.returncode == 0 and "seen off" in done.stdout, done
-    assert read_status(there / "emulator").resets == 1
-    way.cut()
+    assert read_status(remote_folder / "emulator").resets == 1
+    remote_host.cut()
     done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
     assert done.returncode == 1 and "a: cannot be stopped: pc-b:" in done.stdout, done
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("way", [Pipe], indirect=True)
-def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, way: Any):
+@pytest.mark.parametrize("remote_host", [Pipe], indirect=True)
+def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, remote_host: Any):
     command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
-    there = tmp_path / "there" / "farm-agents" / "test" / "a"
+    remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
     state.make()
     kept = state.agent("a") / "way.json"
@@ -305,14 +309,14 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, wa
     async def scenario() -> None:
         before = farm("a")
         before.start(())
-        await until(lambda: is_alive(there))
+        await until(lambda: is_alive(remote_folder))
         await before.close()
         for _ in range(2):  # the second time nobody lives there any more
             load_route = kept.read_text()
             after = farm()
             after.start(())
             await until(lambda: not kept.exists())
-            await until(lambda: not is_alive(there))
+            await until(lambda: not is_alive(remote_folder))
             await after.close()
             kept.write_text(load_route)
 

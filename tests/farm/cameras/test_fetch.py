@@ -111,7 +111,7 @@ def send_endless_401(request):
 
 
 @pytest.mark.parametrize(
-    ("answer", "why"),
+    ("answer", "message"),
     [
         (lambda request: request.send(b"<html>Login</html>"), "no JPEG or PNG"),
         (lambda request: request.send(make_jpeg(10_000, 10_000)), "10000 x 10000 pixels"),
@@ -132,9 +132,9 @@ def send_endless_401(request):
         (send_endless_401, "refuses user"),
     ],
 )  # fmt: skip
-def test_hostile_camera_gives_an_error_without_its_address(answer, why, monkeypatch):
+def test_hostile_camera_gives_an_error_without_its_address(answer, message, monkeypatch):
     monkeypatch.setattr(fetch, "FETCH_S", 5.0 if answer is not send_slowly else 0.2)
-    with run_camera(answer) as camera, pytest.raises(CameraError, match=why) as error:
+    with run_camera(answer) as camera, pytest.raises(CameraError, match=message) as error:
         take(f"http://look:{SECRET}@{camera.address}/secret-path")
     assert SECRET not in str(error.value) and "secret-path" not in str(error.value)
 

@@ -17,7 +17,7 @@ def test_jpeg_and_png_are_images():
 
 
 @pytest.mark.parametrize(
-    ("content", "why"),
+    ("content", "message"),
     [
         (b"", "cut off"),
         (b"\xff\xd8\xff", "cut off"),
@@ -34,8 +34,8 @@ def test_jpeg_and_png_are_images():
         (make_jpeg() + bytes(LARGEST_IMAGE_BYTES), "larger than 5 MB"),
     ],
 )
-def test_other_bytes_are_not_an_image(content, why):
-    with pytest.raises(NoImage, match=why):
+def test_other_bytes_are_not_an_image(content, message):
+    with pytest.raises(NoImage, match=message):
         read_image(content)
 
 

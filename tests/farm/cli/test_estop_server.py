@@ -130,6 +130,6 @@ def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch)
 
 
 def test_peer_is_identified_by_the_kernel():
-    here, there = socket.socketpair()
-    with here, there:
-        assert read_peer_uid(here) == estop_server.struct.unpack("=iII", there.getsockopt(1, 17, 12))[1]
+    own_end, peer = socket.socketpair()
+    with own_end, peer:
+        assert read_peer_uid(own_end) == estop_server.struct.unpack("=iII", peer.getsockopt(1, 17, 12))[1]

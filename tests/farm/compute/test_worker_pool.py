@@ -88,13 +88,13 @@ def test_work_is_given_to_a_started_worker(pool, tmp_path):
     assert len(set(pool.run(use, count=2, warm=warm))) == 1
 
 
-@pytest.mark.parametrize("how", ["dies", "is cancelled"])
-def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, how):
+@pytest.mark.parametrize("ending", ["dies", "is cancelled"])
+def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, ending):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
         other = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
-        if how == "dies":
+        if ending == "dies":
             with pytest.raises(FarmError, match="2 times"):
                 await workers.run(work.die)
         else:
@@ -125,16 +125,16 @@ def test_error_is_transferred_between_processes_unchanged(pool):
     pool.run(use)
 
 
-@pytest.mark.parametrize("how", ["cancelled", "too long", "closed"])
-def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, how):
+@pytest.mark.parametrize("ending", ["cancelled", "too long", "closed"])
+def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, ending):
     """The engine holds a FIFO open: its end is read when nobody runs it any more."""
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
-        limit = Limit("hanging", 0.0 if how == "too long" else 1000.0)
+        limit = Limit("hanging", 0.0 if ending == "too long" else 1000.0)
         before = workers.pids
         task = asyncio.ensure_future(workers.run(work.hang, tmp_path, limit=limit))
-        if how == "too long":
+        if ending == "too long":
             with pytest.raises(FarmError, match="hanging did not end within 0 min") as error:
                 await task
             assert error.value.code is ErrorCode.LIMIT
@@ -143,12 +143,12 @@ def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, how):
                 engine = int(await asyncio.to_thread(fifo.readline))
                 assert not gone(engine)
                 assert list(pool.scratch.glob("worker-*/farm-engine-*"))
-                workers.close() if how == "closed" else task.cancel()
-                with pytest.raises(FarmError if how == "closed" else asyncio.CancelledError):
+                workers.close() if ending == "closed" else task.cancel()
+                with pytest.raises(FarmError if ending == "closed" else asyncio.CancelledError):
                     await task
                 assert await asyncio.to_thread(fifo.read) == ""
         assert all(gone(pid) for pid in before)
-        if how != "closed":
+        if ending != "closed":
             # A fresh worker takes its place, and only its folder is there.
             assert await workers.run(work.whoami) not in before
             assert list(pool.scratch.iterdir()) == [await workers.run(work.temporary_folder)]

@@ -82,9 +82,9 @@ def test_unmatched_job_does_not_block_the_next_one(farm):
 def test_own_gcode_is_planned_for_one_matching_printer(farm):
     def submit(request_id, nozzle_mm, half_mm):
         box = {"min_mm": (-half_mm, -half_mm, 0.2), "max_mm": (half_mm, half_mm, 9.0)}
-        own = OwnGcode(nozzle_mm=nozzle_mm, **box)
+        own_gcode = OwnGcode(nozzle_mm=nozzle_mm, **box)
         return farm.jobs.submit(
-            request_id, "x.gcode", InspectedSubmission("x.gcode", (), 1.0, own), JobOptions()
+            request_id, "x.gcode", InspectedSubmission("x.gcode", (), 1.0, own_gcode), JobOptions()
         )[0]
 
     farm.ready("a")

@@ -96,8 +96,8 @@ def copied(folder, plates=1, printing=None):
     farm.controller.handle(event.model_copy(update={"at_s": PLANNED_S}))
     if printing is not None:
         farm.controller.handle(ev.BedReported(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
-        given = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
-        farm.controller.handle(given)
+        assigned_event = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
+        farm.controller.handle(assigned_event)
     farm.controller.start(farm.effects, restored_s=PLANNED_S + 1.0)
     return farm
 

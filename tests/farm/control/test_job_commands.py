@@ -190,8 +190,8 @@ def test_own_gcode_is_planned_during_decompositions(farm):
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
     holds = {number: farm.controller.books.job(number).hold.code for number in (third, urgent)}
     assert set(holds.values()) == {HoldCode.NOT_FIRST}
-    own = submit(farm, "v", GCODE)
-    assert [plan[0] for plan in farm.effects.plans] == [first, second, own]
+    gcode_job = submit(farm, "v", GCODE)
+    assert [plan[0] for plan in farm.effects.plans] == [first, second, gcode_job]
     farm.jobs.cancel(first, "ann")
     assert farm.effects.plans[-1][0] == urgent
 
@@ -200,8 +200,8 @@ def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
     """A dry run of G-code behind such a job once hung for ten minutes."""
     blocked = submit(farm, material="generic_abs")
     assert farm.controller.books.job(blocked).hold.code is HoldCode.NO_SUCH_PRINTER
-    own = submit(farm, "s", GCODE, hold=True, dry_run=True)
-    assert farm.effects.plans == [(own, ["a", "b"], 1)]
+    gcode_job = submit(farm, "s", GCODE, hold=True, dry_run=True)
+    assert farm.effects.plans == [(gcode_job, ["a", "b"], 1)]
 
 
 def test_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
@@ -294,15 +294,15 @@ def test_spare_printers_are_excluded_from_the_plan(farm):
 
 def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
     kept = {}
-    for when, hours in {"day": ["00:00-24:00"], "night": []}.items():
-        farm = Farm(tmp_path / when, attended=hours)
+    for period, hours in {"day": ["00:00-24:00"], "night": []}.items():
+        farm = Farm(tmp_path / period, attended=hours)
         farm.ready("a", "b")
         first = submit(farm, spares=1)
         farm.controller.on_plan(first, plan_for(first, state, plates=1))
         submit(farm, "s")
-        kept[when] = [names for number, names, _ in farm.effects.plans if number != first]
+        kept[period] = [names for number, names, _ in farm.effects.plans if number != first]
         assert farm.controller.list_reservations().get("b") == (
-            "job 2" if when == "day" else "a failed part (--spares)"
+            "job 2" if period == "day" else "a failed part (--spares)"
         )
     assert kept == {"day": [["b"]], "night": [["a", "b"]]}
 

@@ -23,13 +23,13 @@ def plan_of(number, hours, printers):
     plates = tuple(
         plate.model_copy(
             update={
-                "sliced_s": item * HOUR,
-                "expected_s": item * HOUR + 300.0,
+                "sliced_s": length_h * HOUR,
+                "expected_s": length_h * HOUR + 300.0,
                 "printer": printers[at % len(printers)],
                 "kin": PLUS,
             }
         )
-        for at, (plate, item) in enumerate(zip(event.plates, hours, strict=True))
+        for at, (plate, length_h) in enumerate(zip(event.plates, hours, strict=True))
     )
     return Plan(event.parts, plates, (), 1.0, 500.0, 100.0)
 

@@ -270,8 +270,8 @@ def test_shutdown_is_refused_during_planning(daemon):
     answer = ask(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "being planned: job 1; use --wait" in answer.json()["error"]
-    for how in ("wait", "now"):
-        assert ask(daemon, "POST", "/down", json={how: True}).status_code == 200
+    for mode in ("wait", "now"):
+        assert ask(daemon, "POST", "/down", json={mode: True}).status_code == 200
     assert daemon.state.went_down == [False, True]
 
 
@@ -295,8 +295,8 @@ def test_shutdown_is_refused_during_an_inspection(daemon):
     answer = ask(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "being checked: bunny.stl; use --wait" in answer.json()["error"]
-    for how in ("wait", "now"):
-        assert ask(daemon, "POST", "/down", json={how: True}).status_code == 200
+    for mode in ("wait", "now"):
+        assert ask(daemon, "POST", "/down", json={mode: True}).status_code == 200
 
 
 def test_shutdown_request_ends_the_daemon(daemon):

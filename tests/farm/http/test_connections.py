@@ -27,9 +27,9 @@ from real_farm import RealFarm, wait_for
 
 LOW = 64
 IDLE = 80
-HALF = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
+INCOMPLETE_REQUEST = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
 LARGE = 20_000_000
-WHOLE = HALF + b"Connection: close\r\n\r\n"
+COMPLETE_REQUEST = INCOMPLETE_REQUEST + b"Connection: close\r\n\r\n"
 
 
 @dataclass
@@ -53,11 +53,11 @@ def test_incomplete_requests_are_ended_the_oldest_first():
 
 
 def test_repeated_error_is_logged_once_a_minute(caplog):
-    seldom = RateLimitedLog()
+    limited_log = RateLimitedLog()
     with caplog.at_level(logging.WARNING):
         for number in range(1000):
-            seldom.warn("no room", number / 100)
-        seldom.warn("no room", 60.0)
+            limited_log.warn("no room", number / 100)
+        limited_log.warn("no room", 60.0)
     assert [record.getMessage() for record in caplog.records] == ["no room (1 times)", "no room (1000 times)"]
 
 
@@ -105,8 +105,8 @@ def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
     async def scenario(server, path):
         idle = [await asyncio.open_unix_connection(path) for _ in range(40)]
         for _, writer in idle[::2]:
-            writer.write(HALF)
-        assert b"well" in await ask(path, WHOLE)
+            writer.write(INCOMPLETE_REQUEST)
+        assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert len(server.server_state.connections) <= 4
         for _, writer in idle:
             writer.close()
@@ -118,10 +118,10 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
     async def story(server, path):
         unread = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
         for _, writer in unread:
-            writer.write(WHOLE.replace(b"/status", b"/large"))
+            writer.write(COMPLETE_REQUEST.replace(b"/status", b"/large"))
         while not all(connection.flow.write_paused for connection in server.server_state.connections):
             await asyncio.sleep(0.001)
-        assert b"well" in await ask(path, WHOLE)
+        assert b"well" in await ask(path, COMPLETE_REQUEST)
         for _, writer in unread:
             writer.close()
 
@@ -132,9 +132,9 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
     "sent",
     [
         b"",
-        HALF,
+        INCOMPLETE_REQUEST,
         b"POST / HTTP/1.1\r\nHost: farm\r\nContent-Length: 100\r\n\r\nhalf",
-        WHOLE.replace(b"close", b"keep"),
+        COMPLETE_REQUEST.replace(b"close", b"keep"),
     ],
     ids=["nothing", "half a head", "half a body", "idle after its answer"],
 )
@@ -159,7 +159,7 @@ def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
         while not server.server_state.connections:
             await asyncio.sleep(0.0)
         started_s = await since()
-        writer.write(HALF)
+        writer.write(INCOMPLETE_REQUEST)
         assert await since() == started_s
         writer.write(b"Content-Length: 9\r\n\r\nhalf")
         body_s = await since()
@@ -185,8 +185,8 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
             return await accept(listening)
 
         monkeypatch.setattr(loop, "sock_accept", full)
-        assert b"well" in await ask(path, WHOLE)  # by the accept that was under way
-        assert b"well" in await ask(path, WHOLE)
+        assert b"well" in await ask(path, COMPLETE_REQUEST)  # by the accept that was under way
+        assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert len(tries) >= 20
 
     with caplog.at_level(logging.WARNING, logger="farm"):
@@ -214,7 +214,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
         monkeypatch.setattr(loop, "sock_accept", failing)
         server._make_protocol = broken
         assert await ask(path) == b""  # by the accept that was under way: refused
-        assert b"well" in await ask(path, WHOLE)
+        assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert not faults
 
     with caplog.at_level(logging.WARNING, logger="farm"):
@@ -257,7 +257,7 @@ def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
         with socket.socket(socket.AF_UNIX) as client:
             client.settimeout(60.0)
             client.connect(str(tmp_path / "farm.sock"))
-            client.send(WHOLE)
+            client.send(COMPLETE_REQUEST)
             assert client.recv(100).startswith(b"HTTP/1.1 204")  # so the server has begun
         process.send_signal(number)
         output, _ = process.communicate(timeout=30)
@@ -278,7 +278,7 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
                 client.settimeout(30.0)
                 client.connect(str(farm.state / "farm.sock"))
                 if number % 2:
-                    client.send(HALF)
+                    client.send(INCOMPLETE_REQUEST)
             os.kill(killed, signal.SIGKILL)
 
             def started():

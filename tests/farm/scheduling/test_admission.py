@@ -109,8 +109,8 @@ SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
 
 
 def test_long_plans_are_limited_and_quick_ones_do_not_wait():
-    own = OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
-    jobs = [queued(n) for n in (1, 2, 3)] + [queued(4, **SMALL), queued(5, own_gcode=own)]
+    own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
+    jobs = [queued(n) for n in (1, 2, 3)] + [queued(4, **SMALL), queued(5, own_gcode=own_gcode)]
     orders, holds = decide(jobs, [printer("a"), printer("b")])
     assert orders == [(n, ("a", "b")) for n in (1, 2, 4, 5)]
     assert (holds[3].code, holds[3].text) == (HoldCode.NOT_FIRST, "job 1 and job 2 are planned first")

@@ -183,8 +183,8 @@ def test_every_plate_is_served_eventually(waiting, fleet, spares):
     stuck = {HoldCode.NO_SUCH_PRINTER, HoldCode.BED_NOT_CLEAR, HoldCode.REEL_TOO_SHORT, HoldCode.UNATTENDED}
     for candidate in waiting:
         if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
-            own = [p for p in fleet if p.name == candidate.planned]
-            assert not assign([candidate], own, rules(max_heating=4), FRIDAY)[0]
+            planned_printer = [p for p in fleet if p.name == candidate.planned]
+            assert not assign([candidate], planned_printer, rules(max_heating=4), FRIDAY)[0]
         else:
             assert holds[candidate.id].code in stuck
 

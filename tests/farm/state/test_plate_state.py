@@ -172,10 +172,10 @@ def test_unconfirmed_print_cancelled_elsewhere_has_failed():
     )
     assert books.prints["x"].state is PrintState.FAILED
     assert (books.printer("a").attention_reason is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
-    never, _ = apply_events(
+    not_started, _ = apply_events(
         make_printing_books(1),
         assigned,
         make_end_event("x", PrintState.CANCELLED, 50.0, False, started_s=None),
     )
-    assert never.prints["x"].state is PrintState.CANCELLED
-    assert (never.printer("a").attention_reason, never.printer("a").bed) == (None, Bed.CLEAR)
+    assert not_started.prints["x"].state is PrintState.CANCELLED
+    assert (not_started.printer("a").attention_reason, not_started.printer("a").bed) == (None, Bed.CLEAR)

@@ -16,13 +16,16 @@ from make_books import apply_events, make_end_event, make_printing_books
 DIED = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
 
 
-def given(plate, printer, print_id, at_s=2.0):
+def assigned_event(plate, printer, print_id, at_s=2.0):
     return ev.PlateAssigned(at_s=at_s, plate=plate, printer=printer, print_id=print_id)
 
 
 def died(plates=1, at_s=110.0, **facts):
     """A plate of 90 s on `a`, whose agent was found dead after so long."""
-    start = (given("1/01", "a", "x"), make_end_event("x", PrintState.FAILED, at_s, **{**DIED, **facts}))
+    start = (
+        assigned_event("1/01", "a", "x"),
+        make_end_event("x", PrintState.FAILED, at_s, **{**DIED, **facts}),
+    )
     return apply_events(make_printing_books(plates), *start)[0]
 
 
@@ -59,7 +62,7 @@ def test_failed_job_is_done_if_its_last_part_is_complete():
         name = f"x{attempt}"
         cleared = ev.BedCleared(at_s=1.0, printer="a", by="ann")
         failed = make_end_event(name, PrintState.FAILED, 110.0, **DIED)
-        books, _ = apply_events(books, cleared, given("1/01", "a", name), failed)
+        books, _ = apply_events(books, cleared, assigned_event("1/01", "a", name), failed)
     assert books.jobs[1].state is JobState.FAILED
     books, _ = apply_events(books, finished_part(f"x{ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
@@ -69,7 +72,7 @@ def test_salvaged_part_uses_its_full_filament():
     reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
     books, _ = apply_events(make_printing_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     failed = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
-    books, _ = apply_events(books, given("1/01", "a", "x"), failed)
+    books, _ = apply_events(books, assigned_event("1/01", "a", "x"), failed)
     assert books.printer("a").reel.grams == pytest.approx(98.5)
     books, _ = apply_events(books, finished_part())
     assert books.printer("a").reel.grams == pytest.approx(97.0)
@@ -77,7 +80,7 @@ def test_salvaged_part_uses_its_full_filament():
 
 
 def test_reprint_that_has_not_started_is_cancelled():
-    books, _ = apply_events(died(), given("1/01", "b", "y", 120.0))
+    books, _ = apply_events(died(), assigned_event("1/01", "b", "y", 120.0))
     books, reported = apply_events(books, finished_part())
     assert [type(event) for event in reported] == [ev.SendCancel, ev.SendCleared]
     assert (reported[0].print_id, reported[0].printer) == ("y", "b")
@@ -92,7 +95,7 @@ def test_started_reprint_continues_until_a_person_ends_it():
     started = ev.PrintProgressed(
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
-    books, _ = apply_events(died(), given("1/01", "b", "y", 120.0), started)
+    books, _ = apply_events(died(), assigned_event("1/01", "b", "y", 120.0), started)
     books, reported = apply_events(books, finished_part())
     assert [type(event) for event in reported] == [ev.SendCleared]
     assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
@@ -112,7 +115,7 @@ def test_part_recut_before_is_complete_with_all_pieces():
     parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]
     plates = [old.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
     replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
-    books, _ = apply_events(books, replaced, given("1/01a", "b", "y", 120.0))
+    books, _ = apply_events(books, replaced, assigned_event("1/01a", "b", "y", 120.0))
     assert find_possibly_complete_print(books, "a").id == "x"
     books, reported = apply_events(books, finished_part())
     assert books.jobs[1].state is JobState.DONE
@@ -128,7 +131,7 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 
 
 def test_task_asks_for_the_verdict_after_an_outage():
-    start = (given("1/01", "a", "x"), given("1/02", "b", "y"))
+    start = (assigned_event("1/01", "a", "x"), assigned_event("1/02", "b", "y"))
     lost = (make_end_event(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
     (item,) = list_asked(apply_events(make_printing_books(2), *start, *lost)[0])
     assert item.code == "outage"
@@ -144,7 +147,7 @@ def test_task_asks_for_the_verdict_after_an_outage():
         {"then": (finished_part(),)},
         {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
         {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
-        {"then": (given("1/01", "b", "y"), make_end_event("y", at_s=300.0))},  # printed meanwhile
+        {"then": (assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))},  # printed meanwhile
     ],
 )
 def test_no_verdict_is_requested_for_an_incomplete_part(facts):
@@ -156,6 +159,6 @@ def test_no_verdict_is_requested_for_an_incomplete_part(facts):
 def test_print_ended_by_a_person_is_not_salvageable():
     fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
     removed = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
-    books, _ = apply_events(make_printing_books(1), given("1/01", "a", "x"), fail, removed)
+    books, _ = apply_events(make_printing_books(1), assigned_event("1/01", "a", "x"), fail, removed)
     assert books.prints["x"].state is PrintState.FAILED
     assert find_possibly_complete_print(books, "a") is None

@@ -57,11 +57,11 @@ def test_starved_time_does_not_exceed_the_printing_time():
     books = make_printing_books(plates=1)
     assert view(books).starved_share is None
     for name, begun_s in (("p", 2.0), ("q", 202.0)):
-        given = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
+        assigned_event = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
         done = make_end_event(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
         cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
         repeated = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
-        books, _ = apply_events(books, given, done, cleared, repeated)
+        books, _ = apply_events(books, assigned_event, done, cleared, repeated)
     assert view(books).starved_share == pytest.approx(0.8)
 
 

@@ -14,9 +14,9 @@ from farm.web import address_limit
 from farm.web.address_limit import AddressLimitedServer, group_address
 from farm.web.guard import MAX_HEAD_BYTES, check_head
 
-HALF = b"GET / HTTP/1.1\r\nHost: farm\r\n"
-WHOLE = HALF + b"Connection: close\r\n\r\n"
-SLOW = HALF + b"X-Slow: yes\r\n\r\n"
+INCOMPLETE_REQUEST = b"GET / HTTP/1.1\r\nHost: farm\r\n"
+COMPLETE_REQUEST = INCOMPLETE_REQUEST + b"Connection: close\r\n\r\n"
+SLOW = INCOMPLETE_REQUEST + b"X-Slow: yes\r\n\r\n"
 
 
 @pytest.mark.parametrize(
@@ -91,10 +91,10 @@ async def wait_until(condition):
 
 def test_idle_connections_are_closed_for_their_own_client_only():
     async def story(server, at):
-        other = await connect(at, "127.0.0.2", HALF)
+        other = await connect(at, "127.0.0.2", INCOMPLETE_REQUEST)
         await wait_until(lambda: len(server.connections) == 1)
-        flood = [await connect(at, "127.0.0.1", HALF) for _ in range(40)]
-        reader, writer = await connect(at, "127.0.0.1", WHOLE)
+        flood = [await connect(at, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
+        reader, writer = await connect(at, "127.0.0.1", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
         assert len(server._list_own("127.0.0.1")) <= 4
         other[1].write(b"Connection: close\r\n\r\n")  # it was not closed for them
@@ -113,7 +113,7 @@ def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
         )
         reader, refused = await connect(at, "127.0.0.1")
         assert await reader.read() == b""
-        reader, writer = await connect(at, "127.0.0.2", WHOLE)
+        reader, writer = await connect(at, "127.0.0.2", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
         assert len(server._list_own("127.0.0.1")) == 4
         for _, connection in (*busy, (reader, writer), (reader, refused)):

@@ -92,9 +92,9 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     file.touch(mode=0o600)
     file.write_text(added + "\n")
     url = f"https://localhost:{port}"
-    there = {"FARM_URL": url, "FARM_KEY_FILE": str(file), "SSL_CERT_FILE": str(cert)}
-    assert json.loads(farm.ok("status", "--json", **there))["printers"][0]["name"] == "um2-01"
-    refused = farm.run("cleared", "um2-01", **there)
+    environment = {"FARM_URL": url, "FARM_KEY_FILE": str(file), "SSL_CERT_FILE": str(cert)}
+    assert json.loads(farm.ok("status", "--json", **environment))["printers"][0]["name"] == "um2-01"
+    refused = farm.run("cleared", "um2-01", **environment)
     assert (refused.returncode, "needs a key with the role operate; laptop has look" in refused.stderr) == (
         5,
         True,
@@ -103,10 +103,10 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     file.write_text(farm.ok("key", "add", "ann", "--role", "print").strip())
     model = tmp_path / "box.stl"
     trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
-    answer = json.loads(farm.ok("submit", model, "--json", **there))
+    answer = json.loads(farm.ok("submit", model, "--json", **environment))
     assert answer["job"]["submitted_by"] == "key ann"
     file.chmod(0o644)
-    assert "chmod 600" in farm.run("status", **there).stderr
+    assert "chmod 600" in farm.run("status", **environment).stderr
     listed = json.loads(farm.ok("key", "--json"))["keys"]
     assert [(listed_key["name"], listed_key["used"] is not None) for listed_key in listed] == [
         ("laptop", True),

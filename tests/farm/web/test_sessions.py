@@ -271,18 +271,18 @@ def test_session_does_no_more_than_it_was_opened_for(farm):
 
 
 def test_stream_of_a_session_ends_when_its_user_is_gone(farm):
-    asked = []
+    requests = []
 
     async def read_stream(scope, receive, send):
         is_allowed = scope["state"]["is_allowed"]
-        asked.append(is_allowed())
+        requests.append(is_allowed())
         farm.user_roles["ann"] = None
-        asked.append(is_allowed())
+        requests.append(is_allowed())
         await Response()(scope, receive, send)
 
     farm.web._app = read_stream
     farm.browse("GET", "/api/v1/events", farm.open_session())
-    assert asked == [True, False]
+    assert requests == [True, False]
 
 
 @pytest.mark.parametrize("role", Role)

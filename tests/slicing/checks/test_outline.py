@@ -151,8 +151,8 @@ def test_missing_top_is_refused():
 def test_short_gap_without_flow_does_not_open_a_ring():
     layers = [list(rings(shape)) for shape in shapes_of(BOX)]
     outer = np.asarray(layers[5][0])
-    there = outer[2] + (outer[3] - outer[2]) / 20
-    layers[5] = [outer[:3], np.vstack((there, outer[3:]))]
+    gap_end = outer[2] + (outer[3] - outer[2]) / 20
+    layers[5] = [outer[:3], np.vstack((gap_end, outer[3:]))]
     assert checked(BOX, layers) == ()
 
 

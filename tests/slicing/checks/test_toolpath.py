@@ -70,25 +70,25 @@ def test_line_that_the_firmware_misreads_is_refused_with_its_number(line):
 
 NUMBERS = st.integers(-99_999, 99_999).map(lambda n: n / 1000)
 MOVES = st.dictionaries(st.sampled_from("XYZEF"), NUMBERS, min_size=1)
-OTHERS = st.sampled_from([";TYPE:SKIN", ";LAYER:3", "M107", "", "G92 X1 E0", "M105 ; G1 X1"])
+OTHER_LINES = st.sampled_from([";TYPE:SKIN", ";LAYER:3", "M107", "", "G92 X1 E0", "M105 ; G1 X1"])
 
 
-@given(st.lists(st.one_of(MOVES, OTHERS), max_size=40), st.booleans())
+@given(st.lists(st.one_of(MOVES, OTHER_LINES), max_size=40), st.booleans())
 def test_columns_equal_those_of_a_line_reader(lines, spaced):
     text, expected = [], []
-    here = dict.fromkeys("XYZE", 0.0)
+    position = dict.fromkeys("XYZE", 0.0)
     for line in lines:
         if isinstance(line, str):
             text.append(line)
             if line.startswith("G92"):
-                here |= {"X": 1.0, "E": 0.0}
+                position |= {"X": 1.0, "E": 0.0}
             continue
         line_words = [f"{letter}{number:.3f}" for letter, number in line.items()]
         text.append(
             " ".join(["G1", *line_words]) if spaced else "G1" + "".join(line_words).replace("E", " E")
         )
-        here |= {letter: number for letter, number in line.items() if letter != "F"}
-        expected.append(list(here.values()))
+        position |= {letter: number for letter, number in line.items() if letter != "F"}
+        expected.append(list(position.values()))
     after = read_toolpath("\n".join(text).encode()).after
     assert after == pytest.approx(np.array(expected).reshape(-1, 4))
 

@@ -79,8 +79,8 @@ def test_output_of_slicers_has_their_stated_filament_and_time(slicer, filament_m
     assert accepted.print_time_s == pytest.approx(seconds or accepted.print_time_s, rel=0.06)
 
 
-def rewritten(lines, how):
-    match how:
+def rewritten(lines, notation):
+    match notation:
         case "lower case":
             return [line if line.startswith(";") else line.lower() for line in lines]
         case "numbered":
@@ -103,10 +103,10 @@ def xor(line):
     return value
 
 
-@pytest.mark.parametrize("how", ["lower case", "numbered", "commented", "aside", "indented"])
-def test_lines_are_read_in_any_notation(how):
-    assert body(take(rewritten(marlin(), how))) == body(take(marlin()))
-    assert body(take(rewritten(marlin(), how), end=b"\r\n")) == body(take(marlin()))
+@pytest.mark.parametrize("notation", ["lower case", "numbered", "commented", "aside", "indented"])
+def test_lines_are_read_in_any_notation(notation):
+    assert body(take(rewritten(marlin(), notation))) == body(take(marlin()))
+    assert body(take(rewritten(marlin(), notation), end=b"\r\n")) == body(take(marlin()))
 
 
 @st.composite
@@ -152,8 +152,8 @@ def test_low_move_over_clips_counts_as_printed():
 
 
 def test_factors_of_speed_and_flow_are_multiplied_out():
-    whole, half = take(marlin()), take(marlin(body=["M221 S50", "M220 S200"]))
-    assert half.filament_mm == pytest.approx(whole.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
+    full, half = take(marlin()), take(marlin(body=["M221 S50", "M220 S200"]))
+    assert half.filament_mm == pytest.approx(full.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
     assert "G1 F3600 X120.000" in "\n".join(body(half))
 
 

@@ -18,7 +18,7 @@ TOWER_18 = square(layers=90)
 
 
 @pytest.mark.parametrize(
-    ("way", "hit"),
+    ("moves", "hit"),
     [
         (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle
         (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # slanting
@@ -31,10 +31,10 @@ TOWER_18 = square(layers=90)
         (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the head is wide
     ],
 )
-def test_move_through_printed_lines_is_refused(way, hit):
+def test_move_through_printed_lines_is_refused(moves, hit):
     lines = marlin(TOWER_18)
     at = lines.index(";LAYER:89") + 1
-    lines[at:at] = way
+    lines[at:at] = moves
     if hit:
         refused(lines, rf"line {at + hit}: moves at Z .* into what is printed up to Z 17.8")
     else:

@@ -28,13 +28,13 @@ def cura_settings():
 
 
 @cache
-def whole(slicer):
+def write_complete(slicer):
     """A file as a slicer wrote it on the tile, or the plate, of the fixtures."""
     if slicer == "cura 5":
         record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
         return record["gcode"].encode()
     if slicer == "cura and its settings":
-        return whole("ultigcode") + cura_settings()
+        return write_complete("ultigcode") + cura_settings()
     return gzip.decompress((FIXTURES / f"tile-{slicer}.gcode.gz").read_bytes())
 
 
@@ -43,11 +43,11 @@ SLICERS = ["ultigcode", "cura 5", "cura and its settings", "prusaslicer"]
 
 @pytest.mark.parametrize("slicer", [*SLICERS, "slic3r"])
 def test_complete_file_is_accepted(slicer):
-    safe(take(whole(slicer).splitlines(keepends=True)))
+    safe(take(write_complete(slicer).splitlines(keepends=True)))
 
 
 def cut_is_refused(file, at):
-    assume(file[:at] != whole("ultigcode"))  # a whole file, to which Cura adds its settings
+    assume(file[:at] != write_complete("ultigcode"))  # a whole file, to which Cura adds its settings
     with pytest.raises(GcodeRefused, match=r"line \d+|prints nothing|start of its print|its flavour"):
         take(file[:at].splitlines(keepends=True))
 
@@ -57,7 +57,7 @@ def cut_is_refused(file, at):
 @example(share=0.9999999)
 @settings(max_examples=60, deadline=None)
 def test_file_cut_at_any_byte_is_refused(slicer, share):
-    file = whole(slicer)
+    file = write_complete(slicer)
     cut_is_refused(file, int(share * len(file)))
 
 
@@ -65,7 +65,7 @@ def test_file_cut_at_any_byte_is_refused(slicer, share):
 @given(data=st.data())
 @settings(max_examples=40, deadline=None)
 def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
-    file = whole(slicer)
+    file = write_complete(slicer)
     ends = [result.end() for result in re.finditer(rb"\n", file)]
     cut_is_refused(file, data.draw(st.sampled_from(ends[:-1])))
 
@@ -74,7 +74,7 @@ def test_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
 @settings(max_examples=40, deadline=None)
 def test_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
     """Slic3r closes with its settings; a file of an unknown slicer has only its end code."""
-    slic3r, unknown = whole("slic3r"), "\n".join(marlin(square(layers=20))).encode() + b"\n"
+    slic3r, unknown = write_complete("slic3r"), "\n".join(marlin(square(layers=20))).encode() + b"\n"
     for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
         ends = [result.end() for result in re.finditer(rb"\n", file[: file.index(end)])]
         cut_is_refused(file, data.draw(st.sampled_from(ends)))
@@ -124,7 +124,7 @@ def test_empty_layers_that_cura_omits_are_a_warning():
 @settings(max_examples=20, deadline=None)
 def test_file_with_missing_layers_and_an_intact_end_is_refused(data):
     """Missing filament would be extruded in one move; only the count reveals missing last layers."""
-    lines = whole("ultigcode").splitlines(keepends=True)
+    lines = write_complete("ultigcode").splitlines(keepends=True)
     starts = [at for at, line in enumerate(lines) if line.startswith(b";LAYER:")]
     last = max(at for at, line in enumerate(lines) if line.startswith(b";TIME_ELAPSED:")) + 1
     starts.append(last)
@@ -148,10 +148,10 @@ def with_figures(slicer):
         [head] = re.findall(
             r"Gcode header after slicing:\n(.*?)\n+End of gcode header", record["log"], re.DOTALL
         )
-        return head.encode() + whole(slicer)[whole(slicer).index(b"\n\n;Generated") :]
+        return head.encode() + write_complete(slicer)[write_complete(slicer).index(b"\n\n;Generated") :]
     if slicer == "ultigcode":
-        return whole(slicer).replace(b":6666\n;MATERIAL:6666", b":105\n;MATERIAL:246")
-    return whole(slicer)
+        return write_complete(slicer).replace(b":6666\n;MATERIAL:6666", b":105\n;MATERIAL:246")
+    return write_complete(slicer)
 
 
 @pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer", "slic3r"])

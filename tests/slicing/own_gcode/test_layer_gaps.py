@@ -12,7 +12,7 @@ SMALL = square(side_mm=2.0, layers=20)  # 0.1 mm of filament in a layer
 WRITERS = pytest.mark.parametrize("write", [marlin, ultigcode])
 
 
-def without(lines, *numbers):
+def remove_layers(lines, *numbers):
     """Take layers out of the text of a file."""
     starts = [at for at, line in enumerate(lines) if line.startswith(";LAYER:")]
     printed = [at for at, line in enumerate(lines) if line.startswith(("G1 F1800", ";TIME_ELAPSED"))]
@@ -21,7 +21,7 @@ def without(lines, *numbers):
     return [line for at, line in enumerate(lines) if at not in lost]
 
 
-def renumbered(lines, first, by):
+def renumber(lines, first, by):
     """Shift the numbers of the layers from `first` on, as if those between were empty."""
     numbers = {f";LAYER:{n}": f";LAYER:{n + by}" for n in range(first, 20)}
     return [numbers.get(line, line) for line in lines]
@@ -30,56 +30,61 @@ def renumbered(lines, first, by):
 @WRITERS
 @pytest.mark.parametrize("lost", [(0,), (7,), (3, 4, 5), (2, 9, 18)])
 def test_missing_thin_layers_are_detected_by_their_numbers(write, lost):
-    whole = write(SMALL)
-    assert take(whole).layers == 20
-    refused(without(whole, *lost), r"line \d+: the first move that feeds after ;LAYER:.*lines are missing")
+    complete = write(SMALL)
+    assert take(complete).layers == 20
+    refused(
+        remove_layers(complete, *lost),
+        r"line \d+: the first move that feeds after ;LAYER:.*lines are missing",
+    )
 
 
 @WRITERS
 def test_layers_that_were_empty_leave_a_gap_and_no_filament(write):
-    assert safe(take(renumbered(write(SMALL), 8, 3)))
+    assert safe(take(renumber(write(SMALL), 8, 3)))
 
 
-@pytest.mark.parametrize(("lost_mm", "is_lost"), [(0.0, False), (0.002, True)])
-def test_filament_that_is_primed_in_every_layer_is_not_missing(lost_mm, is_lost):
+@pytest.mark.parametrize(("missing_mm", "is_lost"), [(0.0, False), (0.002, True)])
+def test_filament_that_is_primed_in_every_layer_is_not_missing(missing_mm, is_lost):
     gaps = LayerGaps(0.1)
     for number in (0, 1, 3, 4):
         gaps.begin_layer(number)
-        gaps.feed(0.0, 0.03 + lost_mm * (number == 3), 1)
+        gaps.feed(0.0, 0.03 + missing_mm * (number == 3), 1)
         gaps.feed(10.0, 0.125, 2)
     assert (gaps.describe_loss() is not None) == is_lost
 
 
-def with_header(lines, *figures):
+def add_header(lines, *figures):
     head = [";Generated with Cura_SteamEngine 4.13.0", *(f";{figure}" for figure in figures)]
     return [lines[0], *head, *lines[1:], ";End of Gcode"]
 
 
 @pytest.mark.parametrize("relative", [False, True])
 def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(relative):
-    whole = with_header(marlin(SMALL, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
-    assert safe(take(whole))
-    refused(without(whole, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
-    refused(without(whole, 19), "up to Z 4, and it ends at Z 3.8: lines are missing")
+    complete = add_header(marlin(SMALL, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
+    assert safe(take(complete))
+    refused(remove_layers(complete, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
+    refused(remove_layers(complete, 19), "up to Z 4, and it ends at Z 3.8: lines are missing")
     for placeholder in ("TIME:6666", "MINZ:2.14748e+06"):
-        assert take(without([*whole[:2], f";{placeholder}", *whole[2:]], 5) if relative else whole)
+        assert take(
+            remove_layers([*complete[:2], f";{placeholder}", *complete[2:]], 5) if relative else complete
+        )
 
 
 def test_hop_above_the_highest_layer_is_not_a_layer():
     lines = marlin(SMALL)
     lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
-    whole = with_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
-    assert safe(take(whole))
-    refused(without(whole, 18, 19), "up to Z 5, and it ends at Z 3.6")
+    complete = add_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
+    assert safe(take(complete))
+    refused(remove_layers(complete, 18, 19), "up to Z 5, and it ends at Z 3.6")
 
 
 def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
     figures = f"TIME:200 MATERIAL:{round(take(ultigcode(SMALL)).filament_mm * FILAMENT_MM2)}".split()
-    whole = [line for line in ultigcode(SMALL) if not line.startswith((";TIME:", ";MATERIAL:"))]
-    whole[1:1] = [f";{figure}" for figure in figures]
-    assert safe(take(whole))
-    assert take([line.replace("ED:200.0", "ED:200.9") for line in whole])
-    refused(without(whole, 19), "takes 200 s, and its last layer ends after 190 s")
+    complete = [line for line in ultigcode(SMALL) if not line.startswith((";TIME:", ";MATERIAL:"))]
+    complete[1:1] = [f";{figure}" for figure in figures]
+    assert safe(take(complete))
+    assert take([line.replace("ED:200.0", "ED:200.9") for line in complete])
+    refused(remove_layers(complete, 19), "takes 200 s, and its last layer ends after 190 s")
 
 
 def tear(lines, number, to):
@@ -97,9 +102,9 @@ def test_missing_layers_are_detected_by_their_numbers(write, to):
 
 @WRITERS
 def test_large_loss_within_a_layer_is_detected(write):
-    whole = write(square(side_mm=30.0, layers=20))
-    refused(tear(whole, 6, 6), r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes")
-    assert take(whole).layers == 20
+    complete = write(square(side_mm=30.0, layers=20))
+    refused(tear(complete, 6, 6), r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes")
+    assert take(complete).layers == 20
 
 
 def test_thick_line_among_thin_ones_is_accepted():
@@ -125,10 +130,10 @@ lengths_mm = st.floats(0.05, 100.0)
 def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost):
     """E is written to 1e-5 mm, and one layer is left out: with its filament, or without."""
     lost = min(lost, len(layers) - 2)
-    lost_mm = flow * sum(layers[lost])
+    missing_mm = flow * sum(layers[lost])
     noise = 2e-5 / min(map(min, layers))  # of the flow, in the shortest line
-    assume(lost_mm > 3e-4 + (0.02 * flow + noise) * layers[lost + 1][0])
-    for carried_mm in (0.0, lost_mm):
+    assume(missing_mm > 3e-4 + (0.02 * flow + noise) * layers[lost + 1][0])
+    for carried_mm in (0.0, missing_mm):
         gaps = LayerGaps(0.1)
         for number, lengths in enumerate(layers):
             if number == lost:

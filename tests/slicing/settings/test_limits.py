@@ -179,7 +179,7 @@ def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data
 
 
 def test_limits_are_those_of_the_printer_model(resources):
-    cooler = replace(UM2_PLUS, limits=replace(LIMITS, max_nozzle_c=230.0))
-    request = SettingsRequest(cooler, overrides={"material_print_temperature": "231"})
+    cooler_printer = replace(UM2_PLUS, limits=replace(LIMITS, max_nozzle_c=230.0))
+    request = SettingsRequest(cooler_printer, overrides={"material_print_temperature": "231"})
     with pytest.raises(BadSetting, match="at most 230"):
         resolve_settings(request, resources)

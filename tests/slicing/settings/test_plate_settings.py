@@ -88,9 +88,11 @@ def test_override_changes_dependent_settings(settings_of):
 
 
 def test_crossing_patterns_count_all_their_lines(settings_of):
-    item, two = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
-    assert float(two.extruder["infill_line_distance"]) == 2 * float(item.extruder["infill_line_distance"])
-    assert two.infill_line_distance_mm == item.infill_line_distance_mm
+    zigzag, crossed = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
+    assert float(crossed.extruder["infill_line_distance"]) == 2 * float(
+        zigzag.extruder["infill_line_distance"]
+    )
+    assert crossed.infill_line_distance_mm == zigzag.infill_line_distance_mm
 
 
 def test_temperatures_reach_the_start_code(settings_of):
@@ -102,8 +104,8 @@ def test_temperatures_reach_the_start_code(settings_of):
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_tpu", "generic_nylon", "generic_pc"])
 def test_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, material):
-    cooler = {"default_material_print_temperature": "240"}
-    request = SettingsRequest(UM2_PLUS, material=material, overrides=cooler)
+    overrides = {"default_material_print_temperature": "240"}
+    request = SettingsRequest(UM2_PLUS, material=material, overrides=overrides)
     s = resolve_settings(request, resources)
     assert s.brim_width_mm == pytest.approx(lines_mm(s, 8.0))
     narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))

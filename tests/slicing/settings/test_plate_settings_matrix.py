@@ -33,7 +33,7 @@ REASONS = (
     "a raft is not supported; set it to",
 )
 # Cura's own profiles go beyond its definitions here (as a park at a speed that the feeder does not reach).
-CURA_S = {
+CURA_VIOLATIONS = {
     "material_anti_ooze_retraction_speed",
     "material_break_preparation_speed",
     "material_break_speed",
@@ -76,7 +76,7 @@ def test_every_combination_of_printer_and_quality_resolves(resources, model, noz
 
 @pytest.mark.parametrize("model", FIRST)
 def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
-    beyond = set()
+    violations = set()
     for nozzle_mm in NOZZLES_MM if model.endswith("plus") else (0.4,):
         for material in materials_of(resources):
             for quality in ("fast", "draft"):
@@ -85,10 +85,10 @@ def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
                 except BadSetting:
                     continue
                 resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
-                beyond |= {
+                violations |= {
                     item.key for item in find_violations(resolver, PRINTERS[model]) if not item.is_farm_limit
                 }
-    assert beyond <= CURA_S
+    assert violations <= CURA_VIOLATIONS
 
 
 def test_brand_without_qualities_has_those_of_its_kind(resources):

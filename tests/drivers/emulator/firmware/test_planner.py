@@ -71,15 +71,15 @@ def test_feeder_keeps_its_speed_limit() -> None:
 @given(pieces=st.integers(2, 60), v=st.sampled_from([20.0, 60.0, 150.0]))
 @settings(max_examples=40, deadline=None)
 def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, v: float) -> None:
-    whole, cut = Bench(), Bench()
-    whole.go((180, 100, 50, 4), v)
+    unsplit, cut = Bench(), Bench()
+    unsplit.go((180, 100, 50, 4), v)
     for k in range(1, pieces + 1):
         cut.go((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
-    one_s, many_s = whole.finish(), cut.finish()
+    one_s, many_s = unsplit.finish(), cut.finish()
     # Up to two starts from a stand and the queue's end cost a little; nothing is won.
     assert many_s >= one_s - 1e-9
     assert many_s == pytest.approx(one_s, abs=0.07)
-    assert cut.fed_mm == pytest.approx(whole.fed_mm)
+    assert cut.fed_mm == pytest.approx(unsplit.fed_mm)
 
 
 moves = st.lists(
@@ -95,13 +95,13 @@ moves = st.lists(
 @settings(max_examples=150, deadline=None)
 def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float) -> None:
     bench = Bench()
-    min_s, here = 0.0, START
+    min_s, position_mm = 0.0, START
     for target in moves:
         bench.go(target, v)
         assert len(bench.planner) <= CAPACITY
-        here_mm = math.dist(bench.planner.target[:3], here[:3])
+        here_mm = math.dist(bench.planner.target[:3], position_mm[:3])
         min_s += here_mm / v
-        here = bench.planner.target
+        position_mm = bench.planner.target
     assert bench.finish() >= min_s * (1 - 1e-9)
     # Moves of under six steps are put off, and the next ones make up for them.
     for axis, steps_per_mm in enumerate((80.0, 80.0, 200.0, 369.0)):
@@ -125,11 +125,11 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
     while len(planner) and now_s < 20.0:
         now_s += 0.001
         planner.advance(now_s)
-        here = planner.position(now_s)
+        position_mm = planner.position(now_s)
         for axis in range(3):
             max_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
-            assert abs(here[axis] - last[axis]) <= max_mm * 1.001 + 1e-9
-        last = here
+            assert abs(position_mm[axis] - last[axis]) <= max_mm * 1.001 + 1e-9
+        last = position_mm
 
 
 @given(moves=moves, v=st.floats(5, 300))
@@ -150,10 +150,10 @@ def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
     bench = Bench()
     bench.go((200, 100, 50, 10), 100.0)
     bench.go((200, 200, 50, 20), 100.0)
-    here = bench.planner.stop(0.5)
-    assert 100 < here[0] < 200 and here[1] == 100
-    assert bench.fed_mm == pytest.approx(here[3]) == pytest.approx((here[0] - 100) / 10)
-    assert len(bench.planner) == 0 and bench.planner.position(9.0) == here
+    position_mm = bench.planner.stop(0.5)
+    assert 100 < position_mm[0] < 200 and position_mm[1] == 100
+    assert bench.fed_mm == pytest.approx(position_mm[3]) == pytest.approx((position_mm[0] - 100) / 10)
+    assert len(bench.planner) == 0 and bench.planner.position(9.0) == position_mm
 
 
 def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:

@@ -171,7 +171,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
 
         return end
 
-    def say(message):
+    def report(message):
         busy.append(message)
         threading.Event().wait(0.0001)  # lets another thread in
         overlaps.extend(busy[1:])
@@ -180,7 +180,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
 
     targets = {name: ends(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
-    estop.stop_all(find_places(tmp_path, None, None), [], say)
+    estop.stop_all(find_places(tmp_path, None, None), [], report)
     assert overlaps == [] and len(received) == 8 * 21
 
 

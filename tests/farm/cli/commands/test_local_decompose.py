@@ -24,8 +24,8 @@ def test_coupon_is_a_closed_stl_and_its_fits_are_told(
     out = tmp_path / "new" / "coupon.stl"
     local.coupon(out, "3")
     assert trimesh.load_mesh(out).is_watertight
-    told = capsys.readouterr().out
-    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in told and "11 and 5 mm" in told
+    output = capsys.readouterr().out
+    assert "0.1 to 0.7 mm wider than a pin of 3 mm" in output and "11 and 5 mm" in output
 
 
 def test_coupon_needs_a_diameter_and_a_place(tmp_path: Path) -> None:

@@ -24,24 +24,24 @@ def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
     async def main():
         monkeypatch.setattr(Connection, "_watch_once", lose)
         link = Connection("tcp://127.0.0.1:1", None, HERE, lambda _: None, lambda _: None)
-        watching = asyncio.ensure_future(link.watch())
+        watch = asyncio.ensure_future(link.watch())
         await closing.wait()
-        watching.cancel()
-        await asyncio.wait({watching}, timeout=5.0)
-        assert watching.cancelled()
+        watch.cancel()
+        await asyncio.wait({watch}, timeout=5.0)
+        assert watch.cancelled()
 
     asyncio.run(main())
 
 
 def test_a_worker_whose_heartbeat_stands_still_is_stuck():
-    heard = {}
+    heartbeats = {}
     records = {"tls://a": {"last_seen": 100.0}, "tls://b": {"last_seen": 100.0}}
-    assert list_stuck(records, heard, 0.0) == [] and list(heard) == ["tls://a", "tls://b"]
+    assert list_stuck(records, heartbeats, 0.0) == [] and list(heartbeats) == ["tls://a", "tls://b"]
     records["tls://b"]["last_seen"] = 120.0
-    assert list_stuck(records, heard, 20.0) == []
-    assert list_stuck(records, heard, 20.5) == ["tls://a"]
+    assert list_stuck(records, heartbeats, 20.0) == []
+    assert list_stuck(records, heartbeats, 20.5) == ["tls://a"]
     del records["tls://a"]
-    assert list_stuck(records, heard, 21.0) == [] and list(heard) == ["tls://b"]
+    assert list_stuck(records, heartbeats, 21.0) == [] and list(heartbeats) == ["tls://b"]
 
 
 def test_workers_of_others_are_not_used():

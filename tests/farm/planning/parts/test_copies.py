@@ -41,8 +41,8 @@ def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
     chosen = choose_spaced(sorted(items), count)
     assert len(chosen) == count
     taken = Counter(chosen)
-    for item, there in Counter(items).items():
-        assert abs(taken[item] - there * count / len(items)) < 1.0
+    for item, available in Counter(items).items():
+        assert abs(taken[item] - available * count / len(items)) < 1.0
 
 
 def one_copy(*seconds):
@@ -158,8 +158,8 @@ def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp
 def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, files, tmp_path):
     auto = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
     assert len(decompose_job(auto).parts) == 1
-    given_ = replace(auto, options=JobOptions(copies=2, printers=4))
-    assert len(decompose_job(given_).parts) == 2
+    four_printers = replace(auto, options=JobOptions(copies=2, printers=4))
+    assert len(decompose_job(four_printers).parts) == 2
     many = replace(auto, options=JobOptions(copies=9, printers=4))
     assert len(decompose_job(many).parts) == 1
 

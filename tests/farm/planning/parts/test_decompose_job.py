@@ -56,8 +56,8 @@ def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_
     assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
     report = json.loads((slow.folder / REPORT).read_text())
     assert [part["printer"] for part in report["parts"]] == ["p1"]
-    given = replace(decompose_task(box, files, tmp_path), options=JobOptions(printers=2))
-    assert len(decompose_job(given).parts) == 2
+    two_printers = replace(decompose_task(box, files, tmp_path), options=JobOptions(printers=2))
+    assert len(decompose_job(two_printers).parts) == 2
 
 
 @pytest.mark.usefixtures("without_pictures")

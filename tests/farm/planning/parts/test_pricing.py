@@ -95,7 +95,7 @@ def cone():
 
 
 @pytest.mark.parametrize(
-    "how",
+    "variant",
     [
         {"quality": "glue"},
         {"quality": "paper"},
@@ -104,13 +104,13 @@ def cone():
     ],
     ids=["glue", "paper", "wide nozzle", "fine"],
 )
-def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
+def test_prices_are_those_of_the_engine(variant, settings_of, tmp_path):
     """The factors were fitted without these parts."""
     try:
         engine = find_engine()
     except EngineMissing as missing:
         pytest.skip(str(missing))
-    settings = resolve_slice_settings(**how)
+    settings = resolve_slice_settings(**variant)
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     errors = []
     for make in (block, cup, bridge, needle, cone):
@@ -155,5 +155,5 @@ def test_holes_have_the_fit_of_their_printer_unless_the_job_has_its_own():
     ]
     fleets = build_decompose_options(JobOptions(pin_mm=2.85), sections).connectors
     assert [fleets.find_fit_mm(name) for name in "ab"] == [0.5, 0.4]
-    own = build_decompose_options(JobOptions(pin_mm=2.85, pin_fit_mm=0.3), sections).connectors
-    assert [own.find_fit_mm(name) for name in "ab"] == [0.3, 0.3]
+    job_connectors = build_decompose_options(JobOptions(pin_mm=2.85, pin_fit_mm=0.3), sections).connectors
+    assert [job_connectors.find_fit_mm(name) for name in "ab"] == [0.3, 0.3]

@@ -58,11 +58,11 @@ def pieces(farm, plate, hours, printers):
     (part,) = (farm.controller.books.parts[name] for name in old.parts)
     parts, plates = [], []
     for letter, printer in zip("abcdefgh", printers, strict=False):
-        own = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
-        parts.append(part.model_copy(update=own))
+        changes = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
+        parts.append(part.model_copy(update=changes))
         time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0}
-        own = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
-        plates.append(old.model_copy(update={"prints": (), **own, **time}))
+        changes = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
+        plates.append(old.model_copy(update={"prints": (), **changes, **time}))
     return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
 
 

@@ -39,8 +39,8 @@ def test_cost_of_a_piece_equals_that_of_a_decomposition():
 
 def test_plate_of_a_bed_full_until_morning_is_resliced():
     full, other = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", PLAIN)
-    wish = policy.choose_reslice(part(), situation([part()], [full, other], NIGHT, NOW_S), [other])
-    assert wish == policy.Reslice("1/01", "b")
+    choice = policy.choose_reslice(part(), situation([part()], [full, other], NIGHT, NOW_S), [other])
+    assert choice == policy.Reslice("1/01", "b")
     assert policy.waits_for_its_printer_kind(HoldCode.BED_NOT_CLEAR)
 
 
@@ -69,13 +69,13 @@ def test_plate_waits_if_the_other_printer_does_not_match(changes, other):
 def test_plate_waits_if_its_printer_is_free_soon():
     """Ten hours: a fifth of the waiting time has to be saved."""
 
-    def wish(hours):
+    def choice(hours):
         busy = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
         other = printer_of("b", PLAIN)
         return policy.choose_reslice(part(), situation([part()], [busy, other], rules(), NOW_S), [other])
 
-    assert wish(2.0) is None
-    assert wish(4.0) is not None
+    assert choice(2.0) is None
+    assert choice(4.0) is not None
 
 
 def test_part_of_a_removed_printer_model_is_sliced_for_another():
@@ -89,21 +89,21 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
         printer_of("b", PLAIN, time_factor=2.0),
     )  # 20 h
 
-    def wish(start_rules):
+    def choice(start_rules):
         return policy.choose_reslice(
             part(), situation([part()], [broken, other], start_rules, NOW_S), [other]
         )
 
-    assert wish(NIGHT) is None  # by 18:15 on the next day
-    assert wish(rules()) == policy.Reslice("1/01", "b")
+    assert choice(NIGHT) is None  # by 18:15 on the next day
+    assert choice(rules()) == policy.Reslice("1/01", "b")
 
 
 def test_failed_part_is_cut_for_printers_not_needed_by_others():
     fleet = [printer_of(name, PLUS) for name in "abcd"]
     failed = part(failed_on=frozenset("a"))
     other = plate("1/02", "b", expected_s=HOUR)
-    wish = policy.choose_recut(failed, situation([failed, other], fleet, NIGHT, NOW_S))
-    assert wish == policy.Recut("1/01", ("c", "d", "a"))
+    choice = policy.choose_recut(failed, situation([failed, other], fleet, NIGHT, NOW_S))
+    assert choice == policy.Recut("1/01", ("c", "d", "a"))
     short = part(hours=1.0)
     assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
     two = part(places=2)

@@ -76,7 +76,7 @@ def run_replan(state, task, cut):
     results = []
 
     async def main():
-        worker = ReplanWorker(state, SameProcess(), lambda *came: results.append(came))
+        worker = ReplanWorker(state, SameProcess(), lambda *outcome: results.append(outcome))
         worker.start(task, cut)
         while not results:
             await asyncio.sleep(0)
@@ -90,7 +90,7 @@ def run_replan(state, task, cut):
 
 def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(state):
     task = task_of(state)
-    whole = in_model(state.files / task.part.file, task.part.geometry.to_model)
+    part_solid = in_model(state.files / task.part.file, task.part.geometry.to_model)
     result = run_replan(state, task, cut=True)
     assert isinstance(result, ReplannedPlate), result
     solids = [in_model(state.files / part.file, part.geometry.to_model) for part in result.parts]
@@ -98,9 +98,9 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     volumes = (
         sum(solid.volume_mm3 for solid in solids),  # nothing is left out
         together.volume_mm3,  # nothing is there twice
-        whole.intersect(together).volume_mm3,  # and all lies where the part does
+        part_solid.intersect(together).volume_mm3,  # and all lies where the part does
     )
-    assert volumes == pytest.approx((whole.volume_mm3,) * 3, rel=1e-5)
+    assert volumes == pytest.approx((part_solid.volume_mm3,) * 3, rel=1e-5)
     for part, solid in zip(result.parts, solids, strict=True):
         assert np.allclose(solid.bounds_mm, (part.geometry.min_mm, part.geometry.max_mm), atol=1e-3)
     letters = "abc"[: len(result.parts)]

@@ -80,10 +80,10 @@ def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damag
     books = fill(state)
     back_up(state, NIGHT_S)
     back_up(state, NIGHT_S + DAY_S).write_bytes(b"half a copy" * 100)
-    whole = state.books.read_bytes()
+    intact = state.books.read_bytes()
     harm = {
         "no database": b"these are not the books that you are looking for" * 50,
-        "a page": whole[:4096] + b"\xff" * 4096 + whole[8192:],
+        "a page": intact[:4096] + b"\xff" * 4096 + intact[8192:],
         "nothing left": b"",
     }[damage]
     state.books.write_bytes(harm)

@@ -26,10 +26,10 @@ def replaced(books, plate, names=("a", "b")):
         )
     parts, plates = [], []
     for name in names:
-        own = {"id": f"{part.id}{name}", "plate": f"{plate}{name}", "cut_from": part.id}
-        parts.append(part.model_copy(update=own))
-        own = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
-        plates.append(old.model_copy(update=own))
+        changes = {"id": f"{part.id}{name}", "plate": f"{plate}{name}", "cut_from": part.id}
+        parts.append(part.model_copy(update=changes))
+        changes = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
+        plates.append(old.model_copy(update=changes))
     new = {"parts": tuple(parts), "plates": tuple(plates)}
     return ev.PlateReplaced(
         at_s=9.0, plate=plate, **new, picture="n.png", decomposition="c.json", instructions="i.html"
@@ -118,27 +118,27 @@ steps = st.lists(
 def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
     """After any reslices and recuts, the current plates are the planned parts, each piece once."""
     books = make_printing_books(3)
-    for number, (what, which, printer) in enumerate(taken):
+    for number, (kind, which, printer) in enumerate(taken):
         waiting = sorted(plate.id for plate in books.waiting_plates())
         attempt = books.open_print_on(printer)
-        if what in ("slice", "cut") and waiting:
-            letters = "ab" if what == "cut" else ()
+        if kind in ("slice", "cut") and waiting:
+            letters = "ab" if kind == "cut" else ()
             books, _ = apply_events(books, replaced(books, waiting[which % len(waiting)], letters))
-        elif what == "begin" and waiting and attempt is None and books.printers[printer].bed is Bed.CLEAR:
+        elif kind == "begin" and waiting and attempt is None and books.printers[printer].bed is Bed.CLEAR:
             books, _ = apply_events(books, begun(waiting[which % len(waiting)], printer, f"p{number}"))
-        elif what in ("done", "fail") and attempt is not None:
-            state = PrintState.DONE if what == "done" else PrintState.FAILED
+        elif kind in ("done", "fail") and attempt is not None:
+            state = PrintState.DONE if kind == "done" else PrintState.FAILED
             books, _ = apply_events(books, make_end_event(attempt.id, state, 200.0 + number, fault="mintemp"))
-        elif what in ("clear", "bad") and attempt is None:
-            bad = what == "bad" and books.print_to_judge(printer) is not None
+        elif kind in ("clear", "bad") and attempt is None:
+            bad = kind == "bad" and books.print_to_judge(printer) is not None
             books, _ = apply_events(books, clear(printer, Verdict.BAD if bad else Verdict.GOOD))
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
     current = [name for plate in books.plates_of(job) for name in plate.parts]
     assert sorted(current) == sorted(job.parts)
     assert all(books.parts[name].plate in job.plates for name in job.parts)
-    for whole in ("1/p01", "1/p02", "1/p03"):  # each is there, or all of its pieces are
-        assert sum(_share(books, name, whole) for name in job.parts) == pytest.approx(1.0)
+    for part_id in ("1/p01", "1/p02", "1/p03"):  # each is there, or all of its pieces are
+        assert sum(_share(books, name, part_id) for name in job.parts) == pytest.approx(1.0)
     assert all(attempt.plate in job.plates for attempt in books.open_prints())
     for plate in books.plates_of(job):  # good ones have one print that counts
         kept = [
@@ -149,12 +149,12 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
         assert {books.plate_state(p) for p in books.plates_of(job)} <= {PlateState.PRINTED, PlateState.GOOD}
 
 
-def _share(books, part, whole):
+def _share(books, part, part_id):
     """Compute the share of a planned part; every cut makes halves."""
-    if part == whole:
+    if part == part_id:
         return 1.0
     parent = books.parts[part].cut_from
-    return 0.0 if parent is None else _share(books, parent, whole) / 2
+    return 0.0 if parent is None else _share(books, parent, part_id) / 2
 
 
 def test_failures_of_a_cut_part_are_shown_once():

@@ -33,9 +33,9 @@ def snapshot(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
 
 
 def begun():
-    given = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     going = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True)
-    return apply_events(make_printing_books(), given, going)[0]
+    return apply_events(make_printing_books(), assigned_event, going)[0]
 
 
 def context(books, message):

@@ -64,11 +64,11 @@ def test_boundaries_of_qt_and_of_curl_are_read_quoted_or_not(boundary, quote):
 
 
 def test_truncated_form_is_never_complete():
-    whole = len(PRUSA) - 2  # the last line end may be missing
-    for end in range(whole):
+    min_length = len(PRUSA) - 2  # the last line end may be missing
+    for end in range(min_length):
         with pytest.raises(BadForm, match="stopped before its end"):
             read(PRUSA[:end])
-    read(PRUSA[:whole])
+    read(PRUSA[:min_length])
 
 
 @pytest.mark.parametrize(

@@ -266,8 +266,8 @@ def test_text_of_people_is_escaped():
 
 def test_own_gcode_is_shown_with_size_layers_and_time():
     books = night_books()
-    own = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
-    job = books.job(1).model_copy(update={"own_gcode": own})
+    own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
+    job = books.job(1).model_copy(update={"own_gcode": own_gcode})
     figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of its moves", "90 s")]
     assert list_gcode_figures(job, books.plates_of(job)) == figures
     assert list_gcode_figures(job, ()) == figures[:1]
