@@ -48,6 +48,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm submit --dry-run --json", api.Timeline),
     ("farm history --json", api.History),
     ("farm queue --json", api.Queue),
+    ("farm hosts --json", api.HostList),
     ("farm submit of several models, --json", api.Submissions),
     ("farm prune --json", api.Pruned),
     ("One printer of farm estop --json", StopReport),

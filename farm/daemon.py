@@ -138,6 +138,7 @@ class Daemon:
             streams=self._streams,
             page_streams=self._page_streams,
             cluster=self._cluster,
+            hosts=self._agents.hosts,
         )
         dry_runs = DryRuns(self._controller)
         connection_limit = self._limit_connections()

@@ -70,7 +70,7 @@ class HostRequest(_Message):
 class HostMessage(_Message):
     """Message of the daemon on an open connection."""
 
-    do: Literal["ping", "agents", "update"]
+    do: Literal["ping", "agents", "update", "halt"]
     starts: tuple[StartFile, ...] = ()  # of `agents`: the agents that this host runs from now on
 
     def encode(self) -> bytes:

@@ -179,6 +179,8 @@ class HostService:
             self._set_agents(message.starts)
         elif message.do == "update":
             self._update.begin()
+        elif message.do == "halt":
+            self._update.halt()
         self._changed.set()
 
     def _on_stream(self, stream: MuxStream, name: str) -> None:

@@ -79,6 +79,10 @@ class AgentsUpdate:
         """Begin, or begin again after a fault."""
         self._running, self._reason = True, None
 
+    def halt(self) -> None:
+        """Replace no more agents: one of another host had a fault."""
+        self._running = False
+
     def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
         """Replace the next agent that is idle, unless one is being replaced; end when none is outdated."""
         if not self._running or self._replacing is not None:

@@ -1,7 +1,11 @@
 """Connections to agents, on this host and on others."""
 
+from farm.agents.host_record import HostRecord
+from farm.agents.hosts import Hosts
 from farm.agents.manager import AgentManager
 
 __all__ = [
     "AgentManager",
+    "HostRecord",
+    "Hosts",
 ]

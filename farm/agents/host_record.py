@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.host import HostState
+from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 
 LOST_S = 10.0
 """Wall seconds without a connection after which a host is lost; shorter ones are mended without a word."""
@@ -59,6 +59,26 @@ class HostRecord:
         self.reason = reason
         if self.disconnected_s is None:
             self.connected_s, self.disconnected_s = None, now_s
+
+    @property
+    def update(self) -> Update | None:
+        """State of the update of its agents; None if it is not connected."""
+        return None if self.state is None or self.disconnected_s is not None else self.state.update
+
+    def on_update_begun(self) -> None:
+        """Store that the update of its agents has begun, before its next state says so."""
+        if self.state is not None:
+            self.state = self.state.model_copy(update={"update": Update(phase=UpdatePhase.RUNNING)})
+
+    def describe_wait(self) -> str | None:
+        """Describe what the host waits for; None if for nothing."""
+        if self.disconnected_s is not None or self.state is None:
+            return f"a connection: {self.reason}"
+        waiting = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]
+        if waiting:
+            names = " ".join(agent.printer for agent in waiting)
+            return f"agents that ended: {names} ({waiting[0].reason or 'started again soon'})"
+        return self.state.update.reason
 
     def describe_outage(self) -> str:
         """Describe its loss for people, once for all of its printers."""

@@ -22,11 +22,13 @@ from drivers.host import (
     HostState,
     HostTask,
     MuxConnection,
+    UpdatePhase,
 )
 from drivers.log_file import rotate_log
 from drivers.remote import build_ssh_command, runs_host_service
 from farm.agents.host_record import HostChange, HostRecord
 from farm.agents.remote import make_start
+from farm.agents.rollout import plan_rollout
 from farm.config import Fleet, PrinterSection
 from farm.errors import FarmError
 from farm.paths import StateFolder
@@ -222,6 +224,7 @@ class Hosts:
         self._listener, self._clock = listener, clock
         self._connections: dict[str, HostConnection] = {}
         self._of_printer: dict[str, HostConnection] = {}
+        self._rollout: tuple[str, ...] | None = None  # the hosts that it has begun; None: there is none
         report_s = compute_report_s(len(fleet.printers))
         for (host, command), sections in _group_by_host(fleet):
             starts = tuple(make_start(section, clock) for section in sections)
@@ -251,7 +254,7 @@ class Hosts:
         return self._of_printer.get(printer)
 
     def watch(self) -> None:
-        """Record hosts that are lost, and those that are back; one that cannot be recorded is tried again."""
+        """Record hosts that are lost or back, trying again if that fails; go on with an update."""
         now_s = self._clock.now()
         for record in self.records:
             change = record.find_change(now_s, self._clock.scale)
@@ -272,6 +275,47 @@ class Hosts:
                 continue
             record.reported = lost
             self._listener.warn(f"host {record.host}", record.describe_outage() if lost else None)
+
+        if self._rollout is not None:
+            self._roll_out(self._rollout)
+
+    def begin_update(self, by: str) -> tuple[str, ...]:
+        """Begin to update the agents of all hosts to the versions of their services.
+
+        Returns
+        -------
+        tuple of str
+            The hosts with agents of another version.
+        """
+        outdated = tuple(
+            record.host
+            for record in self.records
+            if record.state is not None and record.state.update.phase is not UpdatePhase.CURRENT
+        )
+        if outdated:
+            log.info("%s updates the agents of %s", by, " ".join(outdated))
+            self._rollout = ()
+            self._listener.warn("update", None)
+        return outdated
+
+    def _roll_out(self, begun: tuple[str, ...]) -> None:
+        step = plan_rollout({record.host: record.update for record in self.records}, begun)
+        for host in step.begin:
+            connection = self._connections[host]
+            try:
+                connection.send(HostMessage(do="update"))
+            except AgentError as error:  # it is tried again
+                log.info("%s", error)
+                continue
+            connection.record.on_update_begun()
+            begun = (*begun, host)
+        for host in step.halt:
+            with suppress(AgentError):
+                self._connections[host].send(HostMessage(do="halt"))
+        if step.fault is not None:
+            log.error("the update of the agents has stopped: %s", step.fault)
+            self._listener.warn("update", f"the update of the agents has stopped: {step.fault}")
+        self._rollout = None if step.ended else begun
 
     def release_agents(self) -> None:
         """Let all hosts end their agents, and start none until the next connection."""

@@ -20,6 +20,11 @@ from farm.api.events import JobRow as JobRow
 from farm.api.events import Jobs as Jobs
 from farm.api.files import FileView as FileView
 from farm.api.files import JobFiles as JobFiles
+from farm.api.hosts import HostAgentView as HostAgentView
+from farm.api.hosts import HostList as HostList
+from farm.api.hosts import HostPortView as HostPortView
+from farm.api.hosts import HostUpdate as HostUpdate
+from farm.api.hosts import HostView as HostView
 from farm.api.keys import AppKeyGrant as AppKeyGrant
 from farm.api.keys import AppKeyRequestView as AppKeyRequestView
 from farm.api.keys import EndedSessions as EndedSessions

@@ -131,6 +131,11 @@ COMMANDS = {
             "List the plugged-in serial ports and their printers, without opening any of them.",
         ),
         CommandEntry(
+            "hosts",
+            "status.hosts",
+            "Show the hosts whose printers share one connection; update their agents (--update).",
+        ),
+        CommandEntry(
             "estop",
             "estop.estop",
             "Stop printers at once by resetting their boards, even if the daemon and the agents hang.",

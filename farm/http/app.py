@@ -16,6 +16,7 @@ from farm.http.callers import identify_caller
 from farm.http.routes.cameras import camera_routes
 from farm.http.routes.events import event_routes
 from farm.http.routes.files import file_routes
+from farm.http.routes.hosts import host_routes
 from farm.http.routes.jobs import job_routes, part_routes
 from farm.http.routes.keys import key_routes
 from farm.http.routes.printers import printer_routes
@@ -60,6 +61,7 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
         job_routes(services, jobs, dry_runs),
         part_routes(parts),
         printer_routes(services, printers, parts),
+        host_routes(services),
         camera_routes(services),
         file_routes(services),
     ):

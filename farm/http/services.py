@@ -10,6 +10,7 @@ from pathlib import Path
 import farm
 from drivers.messages import WireLine
 from farm import api
+from farm.agents import Hosts
 from farm.cameras import Image
 from farm.compute import Pool
 from farm.compute.cluster import ClusterPool
@@ -83,6 +84,8 @@ class Services:
         Processes that inspect models.
     cluster
         The cluster that plans; None if this computer does.
+    hosts
+        Hosts whose printers share one connection; None for a farm without agents.
     shut_down
         Shuts the farm down; with True, stops all prints first.
     prune
@@ -130,6 +133,7 @@ class Services:
     app_key_requests: AppKeyRequests = field(default_factory=AppKeyRequests)
     find_user_role: Callable[[str, str | None], Role | None] = find_user_role
     cluster: ClusterPool | None = None
+    hosts: Hosts | None = None
     sessions: SessionCommands = field(init=False)
     uploads: Uploads = field(init=False)
     since_s: float = field(init=False)

@@ -23,6 +23,7 @@ _LOOK = (
     "/prints",
     "/jobs",
     "/queue",
+    "/hosts",
     "/jobs/{number}",
     "/jobs/{number}/timeline",
     "/jobs/{number}/files",
@@ -101,6 +102,7 @@ HOST_ONLY = frozenset(
     (method, NETWORK_PREFIX + path)
     for method, path in (
         ("POST", "/printers/{name}/replace"),
+        ("POST", "/hosts/update"),
         ("POST", "/prune"),
         ("POST", "/down"),
     )

@@ -86,6 +86,12 @@ class Client:
     def record_assembly(self, number: int, request: api.AssembledRequest) -> api.JobStatus:
         return self._ask(api.JobStatus, "POST", f"/jobs/{number}/assembled", body=request)
 
+    def hosts(self) -> api.HostList:
+        return self._ask(api.HostList, "GET", "/hosts")
+
+    def update_hosts(self) -> api.HostUpdate:
+        return self._ask(api.HostUpdate, "POST", "/hosts/update")
+
     def queue(self) -> api.Queue:
         return self._ask(api.Queue, "GET", "/queue")
 

@@ -1,4 +1,4 @@
-"""`farm status`, `farm history` and `farm report`: commands that change nothing."""
+"""`farm status`, `farm history`, `farm report` and `farm hosts`: what is, and what was."""
 
 from __future__ import annotations
 
@@ -43,6 +43,15 @@ _HISTORY = (
     Column("USED", rank=5),
     Column("BY", rank=6),
     Column("OUTCOME", rank=1, min_width=16),
+)
+_HOSTS = (
+    Column("HOST"),
+    Column("CONNECTED"),
+    Column("VERSION", rank=4),
+    Column("PRINTING", rank=3),
+    Column("AGENTS", rank=2),
+    Column("PORTS", rank=5),
+    Column("WAITS FOR", rank=1, min_width=16),
 )
 _NOTE = Column("NOTE", rank=7, min_width=10)
 
@@ -161,3 +170,47 @@ def report(
     if page.without_pictures:
         print_notice(f"you may not read the files of job {job}: the page has no pictures")
     print(target)
+
+
+@with_farm
+def hosts(
+    places: Places,
+    update: Annotated[
+        bool,
+        typer.Option(
+            "--update",
+            help="Replace agents of other versions when they are idle: one host first; stop at a fault.",
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Show the hosts whose printers share one connection; update their agents (--update)."""
+    client = connect(places)
+    if update:
+        updated = client.update_hosts()
+        if not json:
+            print(f"agents are replaced when idle on {' '.join(updated.hosts)}, beginning with the first")
+    answer = client.hosts()
+    if json:
+        print_json(answer)
+        return
+    if not answer.hosts:
+        print("no printer has a `host_command` that ends with `farm host`")
+        return
+    rows = [
+        (
+            host.host,
+            format_time(host.connected, answer.now)
+            if host.connected
+            else f"lost {format_time(host.lost, answer.now)}",
+            host.version or "",
+            str(sum(agent.state == "printing" for agent in host.agents)),
+            f"{sum(agent.pid is not None for agent in host.agents)} of {len(host.printers)}",
+            str(len(host.ports)),
+            host.waiting or "",
+        )
+        for host in answer.hosts
+    ]
+    screen = open_console()
+    for line in lay_out_table(_HOSTS, rows, read_terminal_width(screen)):
+        screen.print(line)

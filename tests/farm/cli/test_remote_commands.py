@@ -13,6 +13,7 @@ REMOTE = {
     "submit": ["MODEL"],
     "approve": ["1"],
     "queue": [],
+    "hosts": [],
     "pause": ["a"],
     "resume": ["a"],
     "cancel": ["1"],

@@ -1,0 +1,64 @@
+"""Update of the agents of all hosts: one host first, then the others, and a stop at the first fault. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.host import Update, UpdatePhase
+
+
+@dataclass(frozen=True, slots=True)
+class RolloutStep:
+    """What to do next.
+
+    Attributes
+    ----------
+    begin
+        Hosts whose update begins now.
+    halt
+        Hosts whose update stops now.
+    ended
+        Whether nothing is left to do.
+    fault
+        Why it stops early.
+    """
+
+    begin: tuple[str, ...] = ()
+    halt: tuple[str, ...] = ()
+    ended: bool = False
+    fault: str | None = None
+
+
+def plan_rollout(updates: Mapping[str, Update | None], begun: tuple[str, ...]) -> RolloutStep:
+    """Plan the next step of an update.
+
+    Parameters
+    ----------
+    updates
+        State of the update of each host, by its name; None: it is not connected.
+    begun
+        Hosts whose update has begun, in order. The others wait until the first one is done.
+
+    Returns
+    -------
+    RolloutStep
+        Hosts that are not connected are updated when they are back.
+    """
+    phases = {host: None if update is None else update.phase for host, update in updates.items()}
+    for host in begun:
+        update = updates.get(host)
+        if update is not None and update.phase is UpdatePhase.FAILED:
+            running = tuple(other for other in begun if phases.get(other) is UpdatePhase.RUNNING)
+            return RolloutStep(halt=running, ended=True, fault=f"{host}: {update.reason}")
+    todo = tuple(
+        host
+        for host in sorted(updates)
+        if host not in begun and phases[host] in (UpdatePhase.OUTDATED, UpdatePhase.FAILED)
+    )
+    if not begun and todo:
+        return RolloutStep(begin=todo[:1])
+    if begun and phases.get(begun[0]) is UpdatePhase.CURRENT and todo:
+        return RolloutStep(begin=todo)
+    done = all(phase is UpdatePhase.CURRENT for phase in phases.values())
+    return RolloutStep(ended=done)

@@ -1,0 +1,55 @@
+"""Hosts with printers, as `farm hosts` shows them."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field
+
+from farm.api.base import SCHEMA, View
+
+
+class HostAgentView(View):
+    """Agent on a host."""
+
+    printer: str
+    state: str
+    pid: int | None
+    restarts: int
+    installation: str
+    reason: str | None
+
+
+class HostPortView(View):
+    """Serial port of a host."""
+
+    port: str
+    description: str
+    printer: str | None
+
+
+class HostView(View):
+    """Host whose printers share one connection."""
+
+    host: str
+    connected: str | None
+    lost: str | None
+    waiting: str | None
+    version: str | None
+    printers: list[str]
+    agents: list[HostAgentView]
+    ports: list[HostPortView]
+    update: str | None
+
+
+class HostList(View):
+    """All such hosts."""
+
+    model_config = ConfigDict(populate_by_name=True)
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    now: str
+    hosts: list[HostView]
+
+
+class HostUpdate(View):
+    """Hosts whose agents are updated."""
+
+    hosts: list[str]

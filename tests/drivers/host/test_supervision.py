@@ -1,0 +1,62 @@
+"""Decisions about the agents of a host."""
+
+import json
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers import messages as m
+from drivers.host.supervision import Backoff, ReportFilter
+
+
+def test_agent_that_ends_is_started_at_once_then_after_longer_and_longer_waits():
+    backoff, now_s, waits_s = Backoff(), 1000.0, []
+    for _ in range(10):
+        began_s = now_s
+        while not backoff.may_start(now_s):
+            now_s += 0.5
+        waits_s.append(now_s - began_s)
+        backoff = backoff.start(now_s)
+    assert waits_s == [0, 0, 0.5, 1, 2, 4, 8, 16, 32, 60]
+
+
+def test_agent_that_ran_for_long_is_started_soon_again():
+    backoff = Backoff(started_s=0.0, wait_s=60.0).start(500.0)
+    assert backoff.may_start(501.0) and not backoff.may_start(500.0)
+
+
+def line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase.PRINTING) -> bytes:
+    """Return a report of a printing agent."""
+    report = m.PrintSnapshot(print_id="p", phase=phase, progress_s=progress_s, layer=int(progress_s))
+    nozzle = m.Heater(now_c=200 + at_s % 3, target_c=210)
+    link = m.LinkState.BUSY
+    snapshot = m.Snapshot(
+        printer="a", agent_pid=1, now_s=at_s, link=link, nozzle=nozzle, print=report
+    )  # fmt: skip
+    return snapshot.model_dump_json().encode() + b"\n"
+
+
+def test_progress_is_thinned_and_changes_pass_at_once():
+    chosen = ReportFilter(5.0)
+    assert [second for second in range(12) if chosen.passes(line(second, second), float(second))] == [
+        0,
+        5,
+        10,
+    ]
+    assert chosen.passes(line(12, 12, m.PrintPhase.ENDING), 12.0)
+    assert not chosen.passes(line(13, 13, m.PrintPhase.ENDING), 13.0)
+    assert chosen.passes(m.Reply(id=3).model_dump_json().encode(), 13.0)
+
+
+def test_report_of_every_second_passes_where_no_rate_is_set():
+    chosen = ReportFilter(1.0)
+    assert all(chosen.passes(line(0, 0), 0.0) for _ in range(3))
+
+
+@given(
+    st.one_of(
+        st.binary(), st.recursive(st.none() | st.text(), st.lists).map(lambda v: json.dumps(v).encode())
+    )
+)
+def test_line_that_is_no_message_passes_so_that_the_daemon_judges_it(data):
+    assert ReportFilter(5.0).passes(data, 0.0)

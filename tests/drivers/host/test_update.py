@@ -1,0 +1,107 @@
+"""Update of the agents of one host, with agents that exist only here."""
+
+import asyncio
+from collections.abc import Callable
+
+import pytest
+
+from drivers import messages as m
+from drivers.errors import AgentError
+from drivers.host import UpdatePhase, update
+from drivers.host.update import AgentsUpdate, Trial, judge_trial
+from drivers.remote import Installation
+
+OLD, NEW = Installation("/old/python", "/old"), Installation("/new/python", "/new")
+
+
+class FakeWatch:
+    """An agent that starts again as the installation that it shall have."""
+
+    def __init__(self, printer: str, printing: bool = False, new_link: m.LinkState | None = None) -> None:
+        self.printer, self.wanted, self.kept = printer, True, None
+        self.new_link = new_link or m.LinkState.READY
+        self.snapshot = self.report(m.LinkState.BUSY if printing else m.LinkState.READY, printing)
+        self.runs = OLD
+        self.is_alive = True
+
+    def report(self, link: m.LinkState, printing: bool = False) -> m.Snapshot:
+        report = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING) if printing else None
+        return m.Snapshot(
+            printer=self.printer, agent_pid=1, link=link, print=report, reason="its port is gone"
+        )
+
+    def find_installation(self) -> Installation:
+        return self.runs
+
+    async def end(self) -> None:
+        if self.snapshot is not None and self.snapshot.print is not None:
+            raise AgentError("it is printing")
+        self.runs = self.kept or NEW
+        asyncio.get_running_loop().call_later(0.0, self.start)
+
+    def start(self) -> None:
+        self.snapshot = self.report(self.new_link if self.runs == NEW else m.LinkState.READY)
+
+    def restart(self) -> None:
+        self.runs = self.kept or NEW
+
+
+def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
+    """Begin an update, and step until a condition holds."""
+
+    async def run() -> AgentsUpdate:
+        agents, tasks = AgentsUpdate(NEW, lambda: None), set()
+        assert agents.describe(watches).phase is UpdatePhase.OUTDATED
+        agents.begin()
+        async with asyncio.timeout(20):
+            while not until(agents):
+                agents.step(watches, lambda work: tasks.add(asyncio.create_task(work)))
+                await asyncio.sleep(0)
+            await asyncio.gather(*tasks)
+        return agents
+
+    return asyncio.run(run())
+
+
+@pytest.fixture(autouse=True)
+def _no_waits(monkeypatch):
+    monkeypatch.setattr(update, "_POLL_S", 0.0)
+
+
+def test_idle_agents_are_replaced_one_by_one():
+    watches = [FakeWatch("a"), FakeWatch("b")]
+    run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.CURRENT)
+    assert [watch.runs for watch in watches] == [NEW, NEW]
+
+
+def test_printing_agent_is_left_until_its_print_has_ended():
+    watches = [FakeWatch("a", printing=True), FakeWatch("b")]
+    agents = run_update(watches, lambda _: watches[1].runs == NEW)
+    assert watches[0].runs == OLD
+    assert agents.describe(watches).phase is UpdatePhase.RUNNING
+    assert "a" in str(agents.describe(watches).reason)
+
+
+def test_first_fault_brings_the_old_version_back_and_ends_the_update(tmp_path, monkeypatch):
+    monkeypatch.setattr(Installation, "exists", True)
+    watches = [FakeWatch("a", new_link=m.LinkState.FAULT), FakeWatch("b")]
+    agents = run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.FAILED)
+    assert [watch.runs for watch in watches] == [OLD, OLD] and watches[0].kept == OLD
+    reason = str(agents.describe(watches).reason)
+    assert "a: its new agent reports: its port is gone; its old version runs again" in reason
+
+
+def test_verdict_on_a_new_agent():
+    ready, fault, absent = (
+        FakeWatch("a").report(link) for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
+    )
+    connecting = FakeWatch("a").report(m.LinkState.CONNECTING)
+    before = m.LinkState.READY
+    assert judge_trial(Trial(before, ready, True, 5.0)) is True
+    assert judge_trial(Trial(before, connecting, True, 5.0)) is False
+    assert judge_trial(Trial(before, None, True, 5.0)) is False
+    assert judge_trial(Trial(before, None, False, 0.5)) is False
+    assert judge_trial(Trial(before, None, False, 5.0)) == "its new agent has ended"
+    assert "its port is gone" in str(judge_trial(Trial(before, fault, True, 5.0)))
+    assert judge_trial(Trial(m.LinkState.ABSENT, absent, True, 5.0)) is True  # as before: not its fault
+    assert "was not ready" in str(judge_trial(Trial(before, connecting, True, 100.0)))

@@ -1,0 +1,67 @@
+"""Update of the agents of all hosts."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.host import HostState, Update, UpdatePhase
+from farm.agents.host_record import HostChange, HostRecord
+from farm.agents.hosts import compute_report_s
+from farm.agents.rollout import RolloutStep, plan_rollout
+
+CURRENT, OUTDATED, RUNNING, FAILED = (Update(phase=phase, reason="why") for phase in UpdatePhase)
+UPDATES = st.dictionaries(
+    st.sampled_from("abcde"), st.sampled_from([None, CURRENT, OUTDATED, RUNNING, FAILED])
+)
+
+
+def test_one_host_is_first_and_the_others_follow_when_it_is_done():
+    assert plan_rollout({"a": CURRENT, "b": OUTDATED, "c": OUTDATED}, ()) == RolloutStep(begin=("b",))
+    assert plan_rollout({"a": CURRENT, "b": RUNNING, "c": OUTDATED}, ("b",)) == RolloutStep()
+    after = plan_rollout({"a": OUTDATED, "b": CURRENT, "c": OUTDATED}, ("b",))
+    assert after == RolloutStep(begin=("a", "c"))
+    assert plan_rollout({"a": CURRENT, "b": CURRENT}, ("b",)).ended
+
+
+def test_first_fault_ends_the_update_on_all_hosts():
+    step = plan_rollout({"a": CURRENT, "b": FAILED, "c": RUNNING, "d": OUTDATED}, ("a", "b", "c"))
+    assert step == RolloutStep(halt=("c",), ended=True, fault="b: why")
+
+
+def test_host_that_failed_before_is_tried_again_by_a_new_update():
+    assert plan_rollout({"a": FAILED}, ()) == RolloutStep(begin=("a",))
+
+
+def test_host_that_is_not_connected_is_waited_for():
+    assert plan_rollout({"a": None, "b": CURRENT}, ("b",)) == RolloutStep()
+
+
+@given(UPDATES, st.sets(st.sampled_from("abcde")))
+def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates, names):
+    begun = tuple(sorted(names & updates.keys()))
+    step = plan_rollout(updates, begun)
+    assert not set(step.begin) & set(begun) and all(updates[host] is not None for host in step.begin)
+    if begun and updates[begun[0]] is not CURRENT:
+        assert not step.begin
+    if any(updates[host] is FAILED for host in begun):
+        assert step.ended and step.fault and not step.begin
+    if not begun:
+        assert len(step.begin) <= 1
+
+
+def test_loss_is_told_once_after_ten_seconds_and_the_return_once():
+    record = HostRecord("pc-b", ("a",), 100.0)
+    record.on_state(101.0, HostState(pid=1))
+    record.on_lost(200.0, "no route")
+    record.on_lost(205.0, "no route")
+    assert record.find_change(209.0, 1.0) is None
+    assert record.find_change(210.0, 1.0) is HostChange.LOST
+    record.reported = True
+    assert record.find_change(300.0, 1.0) is None
+    assert "a" in record.describe_outage() and record.describe_wait() == "a connection: no route"
+    record.on_state(301.0, HostState(pid=2))
+    assert record.find_change(301.0, 1.0) is HostChange.BACK
+    assert record.describe_wait() is None
+
+
+def test_report_interval_keeps_the_reports_of_the_fleet_to_200_a_second():
+    assert [compute_report_s(printers) for printers in (1, 200, 400, 1000, 5000)] == [1, 1, 2, 5, 5]
