@@ -5,11 +5,14 @@ rounds in which a process or the network fails; see `bench.cluster_faults`. The 
 printed when it ends, with `--json` to standard error. Checked: the job is planned as on one computer, each
 result is taken once, no task and in the end no process is left on any host.
 
-``... replay [--workers 4,16,64,256] [--jobs N] [--parts N] [--scale F] [--json]`` runs tasks that only sleep
-through the real scheduler: each job is cut (`CUT_S`), then all its parts are sliced (lognormal times with the
-median `SLICE_S`, the same in each run). Scheduler, workers and farm share one process and one core, so the
-overhead is an upper bound. `efficiency` is the work over workers times duration; `critical_s` the longest job
-on workers without number; both in unscaled seconds.
+``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
+this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
+
+``... replay [--workers 4,16,64,256] [--tasks FILE] [--jobs N] [--scale F] [--json]`` runs the recorded jobs
+with tasks that only sleep through the real scheduler, a job for each four workers. Scheduler, workers and
+farm share one process and one core, so the overhead is an upper bound. `efficiency` is the work over workers
+times duration; `critical_s` the longest job on workers without number, its tasks named in `critical_path`,
+and `drawn_first_s` the same if the parts were drawn before they are sliced; all in unscaled seconds.
 """
 
 from __future__ import annotations
@@ -17,8 +20,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import math
-import random
 import sys
 import tempfile
 import time
@@ -36,7 +37,7 @@ from farm.compute.cluster.dask_worker import FarmWorker
 from farm.compute.cluster.relocation import dump, load
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 
-CUT_S, SLICE_S, SPREAD = 20.0, 12.0, 0.6
+RECORDED = Path(__file__).with_name("cluster_jobs.json")
 LIMIT = Limit("sleeping", 600.0)
 
 
@@ -62,20 +63,55 @@ def _list_no_files(_: float) -> TaskFiles:
 sleep = Deferred("time:sleep", _list_no_files)
 
 
-def draw_jobs(jobs: int, parts: int) -> list[list[float]]:
-    """Draw the seconds of each part's slice, for each job."""
-    rng = random.Random(1)
-    return [[rng.lognormvariate(math.log(SLICE_S), SPREAD) for _ in range(parts)] for _ in range(jobs)]
+Stages = list[dict[str, list[float]]]
 
 
-async def replay(workers: int, jobs: list[list[float]], scale: float, folder: Path) -> dict[str, Any]:
+def find_critical_path(stages: Stages, drawn_first: bool = False) -> list[tuple[str, float]]:
+    """Find the longest chain of a job's tasks on workers without number, with the seconds of each.
+
+    Parameters
+    ----------
+    stages
+        See `bench.cluster_jobs.list_stages`.
+    drawn_first
+        If parts were drawn before they are sliced, in the task that cuts them.
+    """
+    path: list[tuple[str, float]] = []
+    drawn: list[tuple[str, float]] = []
+    for stage in stages:
+        begin = list(path)
+        if drawn_first:
+            path += [("draw_job", seconds) for seconds in stage.get("draw_job", [])]
+        path += [(what, max(times)) for what, times in stage.items() if what != "draw_job"]
+        for seconds in [] if drawn_first else stage.get("draw_job", []):  # behind the first slice
+            first = ("slice_part", min(stage["slice_part"]))
+            drawn = max(drawn, [*begin, first, ("draw_job", seconds)], key=sum_path)
+    return max(path, drawn, key=sum_path)
+
+
+def sum_path(path: list[tuple[str, float]]) -> float:
+    """Return the seconds of a chain."""
+    return sum(seconds for _, seconds in path)
+
+
+async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float) -> None:
+    """Run a job's tasks as a plan does: stage by stage, drawings beside what follows."""
+
+    def start(seconds: float) -> asyncio.Future[None]:
+        return asyncio.ensure_future(pool.run(sleep, seconds * scale, limit=LIMIT, group=number))
+
+    drawings = []
+    for stage in stages:
+        times = [seconds for what, each in stage.items() if what != "draw_job" for seconds in each]
+        running = [start(seconds) for seconds in sorted(times, reverse=True)]
+        await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+        drawings += [start(seconds) for seconds in stage.get("draw_job", [])]
+        await asyncio.gather(*running)
+    await asyncio.gather(*drawings)
+
+
+async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -> dict[str, Any]:
     """Run the jobs on sleeping workers. Returns the figures of the run."""
-
-    async def run_job(pool: ClusterPool, number: int, slices_s: list[float]) -> None:
-        await pool.run(sleep, CUT_S * scale, limit=LIMIT, group=number)
-        longest_first = sorted(slices_s, reverse=True)
-        await asyncio.gather(*(pool.run(sleep, s * scale, limit=LIMIT, group=number) for s in longest_first))
-
     async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
         serving = [
             FarmWorker(scheduler.address, SleepingExecutor(f"w{n}"), 1, folder / f"w{n}")  # type: ignore[arg-type]
@@ -88,34 +124,39 @@ async def replay(workers: int, jobs: list[list[float]], scale: float, folder: Pa
         while len(pool.state.workers) < workers:
             await asyncio.sleep(0.1)
         begin_s, begin_cpu_s = time.monotonic(), time.process_time()
-        await asyncio.gather(*(run_job(pool, number, slices) for number, slices in enumerate(jobs)))
+        await asyncio.gather(*(run_job(pool, number, job, scale) for number, job in enumerate(jobs)))
         duration_s, cpu_s = time.monotonic() - begin_s, time.process_time() - begin_cpu_s
         pool.close()
         await pool.wait_closed()
         await asyncio.gather(*(worker.close() for worker in serving))
-    tasks = sum(len(slices) + 1 for slices in jobs)
-    work_s = sum(CUT_S + sum(slices) for slices in jobs)
-    critical_s = max(CUT_S + max(slices) for slices in jobs)
+    times = [seconds for job in jobs for stage in job for each in stage.values() for seconds in each]
+    longest = max((find_critical_path(job) for job in jobs), key=sum_path)
+    critical_s = sum_path(longest)
     return {
         "workers": workers,
-        "tasks": tasks,
+        "jobs": len(jobs),
+        "tasks": len(times),
         "duration_s": duration_s / scale,
         "critical_s": critical_s,
-        "bound_s": max(critical_s, work_s / workers),
-        "efficiency": work_s * scale / (workers * duration_s),
-        "cpu_ms_per_task": 1000.0 * cpu_s / tasks,
+        "bound_s": max(critical_s, sum(times) / workers),
+        "efficiency": sum(times) * scale / (workers * duration_s),
+        "cpu_ms_per_task": 1000.0 * cpu_s / len(times),
+        "critical_path": ", ".join(f"{what} {seconds:.1f} s" for what, seconds in longest),
+        "drawn_first_s": max(sum_path(find_critical_path(job, drawn_first=True)) for job in jobs),
     }
 
 
 def main() -> None:
     """Parse the command line, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("what", choices=["faults", "replay"])
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("what", choices=["faults", "jobs", "replay"])
+    parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", default="4,16,64,256")
-    parser.add_argument("--jobs", type=int, default=8)
-    parser.add_argument("--parts", type=int, default=100)
+    parser.add_argument("--parts", default="20,100")
+    parser.add_argument("--workers", help="1,2 for jobs, and 4,16,64,256 for replay")
+    parser.add_argument("--record", type=Path, help="file for the times of the tasks")
+    parser.add_argument("--tasks", type=Path, default=RECORDED, help="file with the times of the tasks")
+    parser.add_argument("--jobs", type=int, help="default: one for each four workers")
     parser.add_argument("--scale", type=float, default=0.1)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
@@ -123,18 +164,42 @@ def main() -> None:
         folder = Path(name)
         if args.what == "faults":
             figures = measure_faults(args.rounds, args.seed, folder, args.json)
+        elif args.what == "jobs":
+            figures = {"runs": measure_jobs(args, folder)}
         else:
-            jobs = draw_jobs(args.jobs, args.parts)
-            rows = [
-                asyncio.run(replay(int(count), jobs, args.scale, folder / count))
-                for count in args.workers.split(",")
-            ]
-            figures = {"runs": rows}
+            figures = {"runs": replay_jobs(args, folder)}
     if args.json:
         print(json.dumps(figures))
         return
-    for row in figures["runs"] if args.what == "replay" else [figures]:
-        print("  ".join(f"{key} {value:.4g}" for key, value in row.items() if isinstance(value, int | float)))
+    for row in figures.get("runs", [figures]):
+        shown = {key: value for key, value in row.items() if isinstance(value, int | float | str)}
+        texts = (f"{value}" if isinstance(value, str) else f"{value:.4g}" for value in shown.values())
+        print("  ".join(f"{key} {text}" for key, text in zip(shown, texts, strict=True)))
+
+
+def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
+    """Plan each job by each number of workers, and record the times of its tasks."""
+    from bench.cluster_jobs import list_stages, measure_job
+
+    rows, recorded = [], {}
+    for parts in map(int, args.parts.split(",")):
+        for workers in map(int, (args.workers or "1,2").split(",")):
+            row = measure_job(parts, workers, folder)
+            recorded[str(parts)] = list_stages(row.pop("tasks"))
+            rows.append(row)
+    if args.record is not None:
+        args.record.write_text(json.dumps(recorded, indent=1) + "\n")
+    return rows
+
+
+def replay_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
+    """Run the recorded jobs on each number of sleeping workers."""
+    recorded = list(json.loads(args.tasks.read_text()).values())
+    rows = []
+    for workers in map(int, (args.workers or "4,16,64,256").split(",")):
+        jobs = [recorded[n % len(recorded)] for n in range(args.jobs or max(2, workers // 4))]
+        rows.append(asyncio.run(replay(workers, jobs, args.scale, folder / str(workers))))
+    return rows
 
 
 def measure_faults(rounds: int, seed: int, folder: Path, as_json: bool) -> dict[str, Any]:

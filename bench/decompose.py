@@ -122,10 +122,18 @@ def relevel(run: Run, cutting: Path, folder: Path, took_s: list[float]) -> dict[
     return None if result is None else _write_parts(result, folder, perf_counter() - start)
 
 
-deferred_cut = Deferred("bench.decompose:cut", lambda run, folder: TaskFiles((run.path,), (folder,)))
-deferred_relevel = Deferred(
-    "bench.decompose:relevel", lambda run, cutting, folder, _: TaskFiles((run.path, cutting), (folder,))
-)
+def list_cut_files(run: Run, folder: Path) -> TaskFiles:
+    """List the files of `cut`: the model, the folder of the parts."""
+    return TaskFiles(reads=(run.path,), folders=(folder,))
+
+
+def list_relevel_files(run: Run, cutting: Path, folder: Path, _: list[float]) -> TaskFiles:
+    """List the files of `relevel`: the model and its partition, the folder of the parts."""
+    return TaskFiles(reads=(run.path, cutting), folders=(folder,))
+
+
+deferred_cut = Deferred("bench.decompose:cut", list_cut_files)
+deferred_relevel = Deferred("bench.decompose:relevel", list_relevel_files)
 
 
 def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:

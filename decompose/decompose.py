@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
+T = TypeVar("T")
 PRICED_FACES = 300_000  # of the whole model: twice as many take twice as long, and change the price by 0.5 %
 PRICE_TOLERANCES_MM = (0.02, 0.05)
 
@@ -58,7 +60,7 @@ def decompose_model(
     began_s = perf_counter()
     validate_problem(model, tuple(printers), options)
     vertices, faces = simplify_for_price(model.solid).arrays()
-    serial = estimate_serial_s(vertices, faces, cost, options.fit_first_layer)
+    serial = _begin(executor, partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
     serial_s = perf_counter() - began_s
     problem = Problem(model, tuple(printers), cost, options, executor)
     by_engine = partial(_run_engine, serial=serial)
@@ -67,15 +69,23 @@ def decompose_model(
     return replace(partition, compute_s=stages)
 
 
-def _run_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
-    """Run the engine that the options name, and check its result; `serial` is from `estimate_serial_s`."""
+def _begin(executor: Executor | None, work: Callable[[], T]) -> Callable[[], T]:
+    """Begin work beside what follows, or do it without an executor. Returns the way to its result."""
+    if executor is None:
+        result = work()
+        return lambda: result
+    return executor.submit(work).result
+
+
+def _run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:
+    """Run the engine that the options name, and check its result; `serial` returns `estimate_serial_s`."""
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=apply_paper_settings(problem.options))
     problem = replace(problem, on_stage=watch.lap)
     partition = ENGINES[problem.options.engine](problem)
     watch.lap("engine")
-    return replace(finish_result(problem, partition, serial), compute_s=watch.laps())
+    return replace(finish_result(problem, partition, serial()), compute_s=watch.laps())
 
 
 def simplify_for_price(solid: Solid) -> Solid:

@@ -24,7 +24,17 @@ FindPlace = Callable[[Part], BedPlace | None]
 def write_decomposition(
     decomposition: Decomposition, folder: Path, find_place: FindPlace = lambda part: None
 ) -> Decomposition:
-    """Write one binary STL per part, report, picture, GLB and instructions; read each STL back.
+    """Write one binary STL per part, report, picture, GLB and instructions.
+
+    See `write_parts` and `draw_parts`.
+    """
+    stored = write_parts(decomposition, folder)
+    draw_parts(stored, folder, find_place)
+    return stored
+
+
+def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
+    """Write one binary STL per part, and the report; read each STL back.
 
     Parameters
     ----------
@@ -32,8 +42,6 @@ def write_decomposition(
         Its parts.
     folder
         Created where it does not exist.
-    find_place
-        For the instructions, which show each part on its bed.
 
     Returns
     -------
@@ -58,11 +66,25 @@ def write_decomposition(
     stored = replace(connected, parts=parts)
     text = json.dumps(stored.as_dict(), indent=1) + "\n"
     (folder / REPORT).write_text(text, encoding="utf-8")
+    return stored
+
+
+def draw_parts(stored: Decomposition, folder: Path, find_place: FindPlace = lambda part: None) -> None:
+    """Write picture, GLB and instructions.
+
+    Parameters
+    ----------
+    stored
+        Parts as `write_parts` returned them.
+    folder
+        Folder that exists.
+    find_place
+        For the instructions, which show each part on its bed.
+    """
     draw_assembly(stored.parts, folder / PICTURE)
     write_glb(stored.parts, folder / ASSEMBLY, stored.assembly.steps)
     places = [find_place(part) for part in stored.parts]
     write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE, places)
-    return stored
 
 
 def _write_parts(parts: Sequence[Part], folder: Path) -> tuple[Part, ...]:

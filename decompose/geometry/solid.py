@@ -39,6 +39,9 @@ class Solid:
 
     manifold: Any
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Solid.from_arrays, self.arrays()
+
     @classmethod
     def from_arrays(cls, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
         """Build from vertices (n, 3) in mm and faces (m, 3).

@@ -24,4 +24,5 @@ class Limit:
 
 CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
 DECOMPOSING = Limit("decomposing", 1800.0)
+DRAWING = Limit("drawing the parts", 1800.0)
 SLICING = Limit("slicing a part", 2400.0)  # above CuraEngine's own limit (slicing.plate)

@@ -41,7 +41,9 @@ def _describe_work(state: ClusterState) -> str:
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
     slots = format_count(sum(worker.slots for worker in usable), "slot")
     head = f"{format_count(len(usable), 'worker')} with {slots} on {state.scheduler}"
+    sent = len(state.tasks) - counts.total()
     running = f"running: {places}" if places else "nothing runs"
+    running += f", {format_count(sent, 'task')} on the way" if sent else ""
     here = f", {format_count(state.here, 'task')} on this host" if state.here else ""
     return f"{head}; {running}{waiting}{here}"
 

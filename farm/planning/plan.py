@@ -122,6 +122,8 @@ class DecomposedJob:
     ----------
     serial_price_s
         Price of the whole model in one piece, heat-up included.
+    drawing_record
+        File for `draw_job` (farm.planning.parts.draw_job).
     cut_record
         File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s
@@ -132,6 +134,7 @@ class DecomposedJob:
     serial_price_s: float
     repairs: tuple[str, ...]
     scale: float
+    drawing_record: Path
     cut_record: Path | None = None
     assembly_s: float | None = None
 

@@ -6,9 +6,10 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from farm.compute import CHECKING, DECOMPOSING, PoolShare
+from farm.compute import CHECKING, DECOMPOSING, DRAWING, PoolShare
 from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
@@ -18,7 +19,7 @@ from farm.planning.part_records import SliceBatch
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
 from farm.planning.slice_batch import slice_batch
-from farm.planning.tasks import decompose_job, plan_gcode, relevel_parts
+from farm.planning.tasks import decompose_job, draw_job, plan_gcode, relevel_parts
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class PlanBuilder:
     ) -> None:
         self.task = task
         self._workers, self._state, self._on_progress = workers, state, on_progress
+        self._drawings: dict[Path, asyncio.Future[None]] = {}  # by the folder of the parts
 
     async def plan_gcode(self) -> Plan:
         """Plan a person's own G-code as one plate."""
@@ -62,13 +64,24 @@ class PlanBuilder:
         return multiply_plan(plan, self.task)
 
     async def plan_model(self) -> Plan:
-        """Decompose a model, slice its parts, and balance them."""
-        decomposed = await self._decompose()
-        sliced = await self._slice(self.task, decomposed)
-        levelled = await self._relevel(sliced)
-        plan = await asyncio.to_thread(book_plan, levelled, self._state.files)
+        """Decompose a model, slice its parts while they are drawn, and balance them."""
+        try:
+            decomposed = await self._decompose()
+            sliced = await self._relevel(await self._slice(self.task, decomposed))
+            await self._drawings[sliced.task.folder]
+        finally:
+            await self._stop_drawings()
+        plan = await asyncio.to_thread(book_plan, sliced, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         return multiply_plan(plan, self.task)
+
+    async def _stop_drawings(self) -> None:
+        """Stop what is still drawn, and wait until its workers have ended."""
+        drawings = list(self._drawings.values())
+        for drawing in drawings:
+            drawing.cancel()
+        await asyncio.gather(*drawings, return_exceptions=True)
+        self._drawings.clear()
 
     async def _decompose(self) -> DecomposedJob:
         self._on_progress(PlanProgress(step=PlanStep.WAITING))
@@ -93,7 +106,7 @@ class PlanBuilder:
                 self._on_progress(now)
 
     async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
-        """Slice all parts, and report the progress."""
+        """Slice all parts, and report the progress; the drawing of the parts starts behind them."""
         sliced = cached = 0
 
         def report_progress() -> None:
@@ -105,12 +118,18 @@ class PlanBuilder:
             sliced += 1
             cached += result.cached
             report_progress()
+            if sliced == 1:  # all others wait for a worker before it
+                self._start_drawing(task, decomposed)
 
         report_progress()
         batch = SliceBatch(
             decomposed.parts, task.printers, task.options.quality, task.folder, self._state.slices
         )
         return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
+
+    def _start_drawing(self, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+        drawing = self._workers.run(draw_job, task, decomposed.drawing_record, limit=DRAWING)
+        self._drawings[task.folder] = asyncio.ensure_future(drawing)
 
     async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
         """Move the cuts as long as this shortens the slowest part, by its slice."""
@@ -125,13 +144,15 @@ class PlanBuilder:
                 if decomposed is None:
                     break
                 relevelled = await self._slice(replace(sliced.task, folder=folder), decomposed)
+                if relevelled.makespan_s() >= sliced.makespan_s():
+                    break
+                await self._drawings[folder]
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
                 break
             except Exception:  # the plan is valid without moved cuts
                 log.exception("job %d: its cuts are not moved", job, extra={"job": job})
                 break
-            if relevelled.makespan_s() >= sliced.makespan_s():
-                break
+            self._drawings[sliced.task.folder].cancel()
             sliced = relevelled
         return sliced

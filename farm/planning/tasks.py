@@ -22,6 +22,11 @@ def list_decompose_files(task: DecomposeTask) -> TaskFiles:
     return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS,))
 
 
+def list_draw_files(task: DecomposeTask, drawing_record: Path) -> TaskFiles:
+    """List the files of `draw_job`: the record of the parts, the folder of the plan."""
+    return TaskFiles(reads=(drawing_record,), folders=(task.folder,))
+
+
 def list_relevel_files(sliced: SlicedJob, folder: Path) -> TaskFiles:
     """List the files of `relevel_parts`: the model and the cuts, the folder of the new parts."""
     record = sliced.decomposed.cut_record
@@ -45,12 +50,14 @@ if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm
+    from farm.planning.parts.draw_job import draw_job
     from farm.planning.parts.relevel_parts import relevel_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
 else:
     inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
     decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
+    draw_job = Deferred("farm.planning.parts.draw_job:draw_job", list_draw_files)
     relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
     warm = Deferred("farm.planning.parts.decompose_job:warm")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
@@ -60,6 +67,7 @@ else:
 __all__ = [
     "cut_part",
     "decompose_job",
+    "draw_job",
     "inspect_submission",
     "plan_gcode",
     "relevel_parts",

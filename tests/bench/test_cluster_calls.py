@@ -1,11 +1,13 @@
 """Calls of benches: where the bench runs, or on a cluster."""
 
+import pickle
+import pkgutil
 from argparse import ArgumentParser
 
 import pytest
 
 import portable_work as work
-from bench import cluster_calls
+from bench import cluster_calls, decompose, savings, unseen
 from bench.cluster_calls import add_cluster_options, count_calls, open_calls
 from dask_cluster import HERE
 from farm.compute.cluster.cluster_pool import ClusterPool
@@ -13,6 +15,16 @@ from farm.compute.cluster.task_executor import TaskExecutor
 from farm.errors import FarmError
 from inline_link import InlineLink
 from same_process import SameProcess
+
+
+@pytest.mark.parametrize(
+    "work",
+    [decompose.deferred_cut, decompose.deferred_relevel, savings.deferred_measure, unseen.deferred_measure],
+)
+def test_calls_of_benches_can_be_sent(work):
+    """Their functions are found by their names, in this process and others."""
+    assert pickle.loads(pickle.dumps(work)) == work
+    assert callable(pkgutil.resolve_name(work.target))
 
 
 def parse(*args):

@@ -13,7 +13,7 @@ from decompose.auto import CountGoal, build_curve, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.engines.guillotine import ASSEMBLE_S
 from decompose.errors import NoFit
-from decompose.export import FindPlace, write_decomposition
+from decompose.export import write_parts
 from decompose.geometry import Model, Solid
 from decompose.jit import is_compiled
 from decompose.options import BestOptions, Engine, Options
@@ -27,9 +27,9 @@ from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
-from farm.planning.parts.bed_places import find_beds, place_on
 from farm.planning.parts.copies import choose_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
+from farm.planning.parts.draw_job import write_drawing_record
 from farm.planning.parts.pricing import build_decompose_options, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
@@ -83,8 +83,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
             if task.options.dry_run and task.options.printers is None and task.options.copies == 1:
                 decomposition = cutter.add_curve(decomposition)
         reassigned = replace(decomposition, parts=_reassign_parts(decomposition.parts, task))
-        beds = find_beds(task.printers, task.options.quality, resources)
-        return write_decomposed(reassigned, model, task.folder, place_on(beds))
+        return write_decomposed(reassigned, model, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
             raise TooFewPrinters(str(error), error.printers_needed) from error
@@ -94,10 +93,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
             raise
 
 
-def write_decomposed(
-    decomposition: Decomposition, model: Model, folder: Path, find_place: FindPlace
-) -> DecomposedJob:
-    """Write the parts, the report and the cut record into a folder, and describe them.
+def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
+    """Write the parts, the report, the cut record and the drawing record into a folder; describe the parts.
 
     Parameters
     ----------
@@ -105,10 +102,8 @@ def write_decomposed(
         The parts, and the model that they were cut from.
     folder
         Folder of the job's plan.
-    find_place
-        Finds the place of a part on its bed.
     """
-    stored = write_decomposition(decomposition, folder, find_place)
+    stored = write_parts(decomposition, folder)
     messages = (stored.describe_thin_rims(), stored.describe_small_feet(), *stored.connectors.failures)
     warnings = [text for text in messages if text]
     ranks = {number: rank for rank, number in enumerate(stored.assembly.part_order, 1)}
@@ -120,6 +115,7 @@ def write_decomposed(
         serial_price_s=stored.serial_s,
         repairs=(*model.repairs, *(f"Warning: {text}." for text in warnings)),
         scale=model.scale,
+        drawing_record=write_drawing_record(stored, folder),
         cut_record=write_cut_record(stored, folder),
         assembly_s=stored.assembly.total_s if stored.assembly.steps else None,
     )

@@ -9,7 +9,6 @@ from pathlib import Path
 from decompose.relevel import relevel_planes
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
-from farm.planning.parts.bed_places import find_beds, place_on
 from farm.planning.parts.cut_record import read_cut_record
 from farm.planning.parts.decompose_job import write_decomposed
 from farm.planning.parts.pricing import build_printer_cost, compute_time_ratio
@@ -59,5 +58,4 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
         relevelled = relevel_planes(model, decomposition, part_times_s, cost, threads)
         if relevelled is None:
             return None
-        beds = find_beds(task.printers, task.options.quality, resources)
-        return write_decomposed(relevelled, model, folder, place_on(beds))
+        return write_decomposed(relevelled, model, folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import pickle
 import re
 from dataclasses import replace
 from io import BytesIO
@@ -14,6 +15,7 @@ from PIL import Image
 
 from decompose.assembly import Assembly
 from decompose.decompose import decompose_model
+from decompose.export import draw_parts
 from decompose.export.instructions import Pictures, render_instructions, write_instructions
 from decompose.export.layout import draw_layout
 from decompose.export.page_check import find_page_faults
@@ -37,6 +39,7 @@ from decompose.export.step_scene import (
     build_moved,
     find_glued_faces,
 )
+from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE
 from decompose.geometry import Model, Solid
 from decompose.options import ConnectorOptions, Engine, Options
 from decompose.pieces import find_joints, list_box_planes
@@ -283,3 +286,14 @@ def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
         shares = pixels / colour
         alike = (np.ptp(shares, axis=2) < 0.05) & (shares.max(axis=2) > 0.45)
         assert alike.sum() > 300
+
+
+def test_parts_are_drawn_alike_in_another_process(drilled: Decomposition, tmp_path: Path) -> None:
+    """Their solids travel as triangles, whose order may change."""
+    for name, parts in (("here", drilled), ("there", pickle.loads(pickle.dumps(drilled)))):
+        (tmp_path / name).mkdir()
+        draw_parts(parts, tmp_path / name)
+    here, there = tmp_path / "here", tmp_path / "there"
+    for name in (PICTURE, INSTRUCTIONS):
+        assert (here / name).read_bytes() == (there / name).read_bytes(), name
+    assert (here / ASSEMBLY).stat().st_size == (there / ASSEMBLY).stat().st_size

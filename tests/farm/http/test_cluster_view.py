@@ -22,7 +22,9 @@ def describe(place, workers=(), tasks=(), waiting=0, here=0, lost_s=0.0):
 
 def test_the_workers_that_run_tasks_are_named():
     view = describe(Place.CLUSTER, WORKERS, TASKS, waiting=7)
-    assert view.text == ("2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 7 tasks waiting")
+    assert view.text == (
+        "2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 1 task on the way, 7 tasks waiting"
+    )
     assert [(task.group, task.worker) for task in view.tasks] == [
         ("job 3", "pc-b"),
         ("job 3", "pc-b"),

@@ -11,7 +11,7 @@ from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning import job_planner, slice_batch
+from farm.planning import job_planner, plan_builder, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, JobPlanner
 from farm.planning.plan import Plan, PlanRequest
@@ -138,6 +138,61 @@ def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
     first, second = result.parts
     assert first.geometry.volume_mm3 == pytest.approx(second.geometry.volume_mm3, rel=0.05)
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
+
+
+class NotingWorkers(SameProcess):
+    """Workers that note their tasks, each in a turn of the event loop of its own; drawings may be held."""
+
+    def __init__(self, held=()):
+        self.begun, self.ended, self.held = [], [], held
+
+    async def run(self, work, *args, limit=None, group=None):
+        name = getattr(work, "target", "slow").rpartition(":")[2]
+        number = sum(other.startswith(name) for other in self.begun)
+        call = f"{name} {number}"
+        self.begun.append(call)
+        await asyncio.sleep(0)
+        if call in self.held:
+            await asyncio.Event().wait()
+        result = work(*args)
+        self.ended.append(call)
+        return result
+
+
+def plan_noted(state, job, workers, monkeypatch):
+    monkeypatch.setattr(SameProcess, "run", workers.run)
+    return plan(state, job)[1]
+
+
+def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
+    workers = NotingWorkers()
+    result = plan_noted(state, bar, workers, monkeypatch)
+    assert isinstance(result, Plan), result
+    assert workers.begun == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
+    for name in (result.picture, result.assembly, result.instructions):
+        assert (state.files / name).is_file()
+
+
+def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
+    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    workers = NotingWorkers(held={"draw_job 0"})
+    result = plan_noted(state, bar, workers, monkeypatch)
+    assert isinstance(result, Plan), result
+    assert {"draw_job 0", "draw_job 1"} <= set(workers.begun) and "draw_job 0" not in workers.ended
+    page = (state.files / result.instructions).read_text()
+    left, right = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
+    assert left != pytest.approx(right, rel=0.1) and f"{left:.0f} x" in page
+    assert not list(state.work.iterdir())
+
+
+def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
+    def refuse(*_):
+        raise FarmError("no room for a picture")
+
+    monkeypatch.setattr(plan_builder, "draw_job", refuse)
+    _, result = plan(state, bar)
+    assert str(result) == "no room for a picture"
+    assert not list(state.work.iterdir())
 
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):

@@ -1,0 +1,159 @@
+"""Real jobs planned by one and by two workers of this computer, and the times of their tasks.
+
+Parts are cut from a drawn model (`bench.unseen`) and sliced by CuraEngine. The processor's time of each task
+does not depend on what else the computer does, the ratio of the durations hardly.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import resource
+import shutil
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.unseen import draw_model
+from decompose.geometry import round_triangles, write_stl
+from farm.compute import CHECKING, Deferred, Limit, Pool, Workers
+from farm.config import Fleet
+from farm.model import Job, JobOptions
+from farm.paths import StateFolder
+from farm.planning.inspection.inspect_submission import inspect_model
+from farm.planning.job_planner import JobPlanner
+from farm.planning.plan import Plan, PlanRequest
+from farm.planning.tasks import warm
+
+MODEL = "ultimaker2_plus"
+KIND, SEED = "organic", 1
+SIDE_MM = 200.0  # parts are small, so that slices take seconds
+BUDGET_S = 5.0
+BESIDE = {"slice_part", "draw_job"}  # tasks that run at the same time
+
+
+@dataclass(frozen=True, slots=True)
+class TimedTask:
+    """A task of a job: seconds from the start of the job, and of the processor, with its engine."""
+
+    what: str
+    begin_s: float
+    end_s: float
+    cpu_s: float
+
+
+def run_timed(work: Deferred, *args: object) -> tuple[Any, float]:
+    """Call a function. Returns its result and the processor's seconds, of its processes too."""
+    begin_s = _read_cpu_s()
+    return work(*args), _read_cpu_s() - begin_s
+
+
+timed = Deferred("bench.cluster_jobs:run_timed")
+
+
+def _read_cpu_s() -> float:
+    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+class TimingPool:
+    """Pool that notes the times of its tasks; see `farm.compute.pool.Pool`."""
+
+    def __init__(self, own: Pool) -> None:
+        self._own, self._begin_s = own, time.monotonic()
+        self.tasks: list[TimedTask] = []
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory of each worker."""
+        return self._own.memory_bytes
+
+    @property
+    def starting(self) -> str | None:
+        """Step of the start of the workers."""
+        return self._own.starting
+
+    async def run(
+        self, work: Callable[..., Any], *args: object, limit: Limit = CHECKING, group: Hashable = None
+    ) -> Any:
+        """Run a function, and note its times."""
+        begin_s = time.monotonic()
+        result, cpu_s = await self._own.run(timed, work, *args, limit=limit, group=group)
+        end_s = time.monotonic()
+        what = getattr(work, "target", "").rpartition(":")[2]
+        self.tasks.append(TimedTask(what, begin_s - self._begin_s, end_s - self._begin_s, cpu_s))
+        return result
+
+    def close(self) -> None:
+        """Close the pool."""
+        self._own.close()
+
+
+def measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
+    """Plan a job of a number of parts by a number of workers. Returns its figures and its tasks."""
+    return asyncio.run(_measure_job(parts, workers, folder))
+
+
+async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
+    state = StateFolder(folder / f"{parts}-{workers}")
+    own = Workers(folder / "workers", workers, warm=warm)
+    while own.starting is not None:
+        await asyncio.sleep(0.1)
+    try:
+        job, fleet = _make_job(parts, state)
+        pool = TimingPool(own)
+        done: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        planner = JobPlanner(state, pool, BUDGET_S, lambda _, plan: done.set_result(plan), lambda *_: None)
+        begin_s = time.monotonic()
+        planner.start(PlanRequest(job, fleet.printers))
+        plan = await done
+        duration_s = time.monotonic() - begin_s
+    finally:
+        own.close()
+    shutil.rmtree(state.root)
+    if not isinstance(plan, Plan):
+        raise SystemExit(f"{parts} parts: {plan}")
+    return {
+        "parts": len(plan.plates),
+        "workers": workers,
+        "duration_s": duration_s,
+        "cpu_s": sum(task.cpu_s for task in pool.tasks),
+        "expected_s": plan.expected_s,
+        "plates": sorted(plate.sha256 for plate in plan.plates),
+        "tasks": [asdict(task) for task in pool.tasks],
+    }
+
+
+def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
+    """Group the tasks of a job by the stages that follow each other.
+
+    Returns
+    -------
+    list
+        Processor's seconds of the tasks of each stage, by their kind. Parts are drawn in the stage in which
+        they are sliced.
+    """
+    stages: list[dict[str, list[float]]] = []
+    for task in sorted(tasks, key=lambda task: float(task["begin_s"])):
+        what = task["what"]
+        if what not in BESIDE or not stages or set(stages[-1]) - BESIDE:
+            stages.append({})
+        stages[-1].setdefault(what, []).append(task["cpu_s"])
+    return stages
+
+
+def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
+    """Make a job for a number of printers, and these."""
+    state.make()
+    model = draw_model(KIND, SEED, SIDE_MM)
+    corners = round_triangles(*model.solid.arrays())
+    path = state.root / f"{KIND}.stl"
+    write_stl(path, corners)
+    options = JobOptions(printers=parts)
+    inspected = inspect_model(path, path.name, options, state.files)
+    job = Job(
+        id=1, request_id="r" * 8, name=KIND, model_file=inspected.file, options=options, submitted_s=0.0
+    )
+    sections = [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(parts)]
+    return job, Fleet.model_validate({"printers": sections})
