@@ -8,11 +8,12 @@ result is taken once, no task and in the end no process is left on any host.
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
 this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
 
-``... replay [--workers 4,16,64,256] [--tasks FILE] [--jobs N] [--scale F] [--json]`` runs the recorded jobs
+``... replay [--workers 4,16,64,256] [--tasks FILE] [--jobs N] [--scale F] [--page FILE] [--json]`` runs jobs
 with tasks that only sleep through the real scheduler, a job for each four workers. Scheduler, workers and
 farm share one process and one core, so the overhead is an upper bound. `efficiency` is the work over workers
 times duration; `critical_s` the longest job on workers without number, its tasks named in `critical_path`,
 and `drawn_first_s` the same if the parts were drawn before they are sliced; all in unscaled seconds.
+`--page docs/explanation/cluster.md` puts the figures there as a table.
 """
 
 from __future__ import annotations
@@ -38,6 +39,26 @@ from farm.compute.cluster.relocation import dump, load
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 
 RECORDED = Path(__file__).with_name("cluster_jobs.json")
+TABLE_BEGIN, TABLE_END = "<!-- bench/cluster.py {} -->", "<!-- end of {} -->"
+REPLAY_COLUMNS = {
+    "workers": "{workers}",
+    "jobs": "{jobs}",
+    "tasks": "{tasks}",
+    "took": "{duration_s:.0f} s",
+    "at least": "{bound_s:.0f} s",
+    "efficiency": "{efficiency:.0%}",
+    "CPU a task": "{cpu_ms_per_task:.0f} ms",
+}
+FAULT_COLUMNS = {
+    "fault": "{fault}",
+    "rounds": "{rounds}",
+    "took": "{least_s:.0f} to {most_s:.0f} s",
+    "jobs ended, as on one computer": "{same}",
+    "tasks right": "{right}",
+    "taken twice": "{twice}",
+    "tasks left": "{left}",
+    "went on with its own pool": "{here}",
+}
 LIMIT = Limit("sleeping", 600.0)
 
 
@@ -158,6 +179,9 @@ def main() -> None:
     parser.add_argument("--tasks", type=Path, default=RECORDED, help="file with the times of the tasks")
     parser.add_argument("--jobs", type=int, help="default: one for each four workers")
     parser.add_argument("--scale", type=float, default=0.1)
+    parser.add_argument(
+        "--page", type=Path, help="page whose table gets the figures of faults or of a replay"
+    )
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="farm-cluster-") as name:
@@ -168,6 +192,14 @@ def main() -> None:
             figures = {"runs": measure_jobs(args, folder)}
         else:
             figures = {"runs": replay_jobs(args, folder)}
+    if args.page is not None:
+        is_replay = args.what == "replay"
+        table = (
+            (REPLAY_COLUMNS, figures["runs"])
+            if is_replay
+            else (FAULT_COLUMNS, sum_up_faults(figures["rounds"]))
+        )
+        args.page.write_text(replace_table(args.page.read_text(), args.what, *table))
     if args.json:
         print(json.dumps(figures))
         return
@@ -199,6 +231,45 @@ def replay_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     for workers in map(int, (args.workers or "4,16,64,256").split(",")):
         jobs = [recorded[n % len(recorded)] for n in range(args.jobs or max(2, workers // 4))]
         rows.append(asyncio.run(replay(workers, jobs, args.scale, folder / str(workers))))
+    return rows
+
+
+def replace_table(page: str, name: str, columns: dict[str, str], rows: list[dict[str, Any]]) -> str:
+    """Return a page whose table of a name, between two comments, has these rows.
+
+    Parameters
+    ----------
+    columns
+        Headings, with the format of each cell.
+    """
+    begin, end = TABLE_BEGIN.format(name), TABLE_END.format(name)
+    before, _, rest = page.partition(begin)
+    _, _, after = rest.partition(end)
+    lines = [" | ".join(["", *columns, ""]).strip(), "|---" * len(columns) + "|"]
+    for row in rows:
+        cells = [column.format(**row) for column in columns.values()]
+        lines.append(" | ".join(["", *cells, ""]).strip())
+    return "\n".join([before + begin, *lines, end + after])
+
+
+def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a row for each kind of fault."""
+    rows = []
+    for fault in dict.fromkeys(figures["fault"] for figures in rounds):
+        of_kind = [figures for figures in rounds if figures["fault"] == fault]
+        rows.append(
+            {
+                "fault": fault,
+                "rounds": len(of_kind),
+                "least_s": min(figures["duration_s"] for figures in of_kind),
+                "most_s": max(figures["duration_s"] for figures in of_kind),
+                "same": sum(figures["job_ended"] and not figures["differences"] for figures in of_kind),
+                "right": sum(figures["tasks_right"] for figures in of_kind),
+                "twice": sum(figures["taken_twice"] for figures in of_kind),
+                "left": sum(figures["tasks_left"] for figures in of_kind),
+                "here": sum(figures["here"] for figures in of_kind),
+            }
+        )
     return rows
 
 

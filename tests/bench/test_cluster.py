@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.cluster import find_critical_path, sum_path
+from bench.cluster import REPLAY_COLUMNS, find_critical_path, replace_table, sum_path, sum_up_faults
 from bench.cluster_jobs import list_stages
 
 STAGES = [
@@ -50,3 +50,26 @@ def test_the_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
 
 def test_parts_drawn_before_they_are_sliced_lengthen_the_path():
     assert sum_path(find_critical_path(STAGES, drawn_first=True)) == pytest.approx(54.0 + 22.0)
+
+
+def test_the_table_of_a_page_is_replaced():
+    page = "# Page\n<!-- bench/cluster.py replay -->\nold\n<!-- end of replay -->\nrest\n"
+    figures = {"duration_s": 12.34, "bound_s": 11.0, "efficiency": 0.5, "cpu_ms_per_task": 17.6}
+    runs = [{"workers": n, "jobs": 2, "tasks": 30, **figures} for n in (4, 16)]
+    once = replace_table(page, "replay", REPLAY_COLUMNS, runs)
+    assert once.startswith("# Page\n<!-- bench/cluster.py replay -->\n| workers | jobs |")
+    assert once.endswith("|\n<!-- end of replay -->\nrest\n")
+    assert "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms |\n" in once and "old" not in once
+    assert replace_table(once, "replay", REPLAY_COLUMNS, runs) == once
+
+
+def test_rounds_are_summed_up_for_each_fault():
+    figures = {"job_ended": True, "tasks_right": 8, "taken_twice": 0, "tasks_left": 0, "here": False}
+    rounds = [
+        {**figures, "fault": "cut farm", "duration_s": 50.0, "differences": [], "here": True},
+        {**figures, "fault": "kill worker", "duration_s": 20.0, "differences": []},
+        {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
+    ]
+    cut, killed = sum_up_faults(rounds)
+    assert (cut["rounds"], cut["least_s"], cut["most_s"], cut["same"], cut["here"]) == (2, 50.0, 60.0, 1, 1)
+    assert (killed["fault"], killed["same"], killed["right"]) == ("kill worker", 1, 8)

@@ -9,6 +9,7 @@ from decompose_tasks import decompose_task, join_slices, slice_tasks
 from farm.model import Job, PartPrintOptions
 from farm.planning.booking import MAX_WARNINGS, MAY_FALL, book_plan, list_job_files
 from farm.planning.parts.decompose_job import decompose_job
+from farm.planning.parts.draw_job import draw_job
 from farm.planning.parts.slice_part import slice_part
 from slicing.checks import UnprintedWall
 
@@ -23,6 +24,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
         cut, parts=(cut.parts[0], replace(cut.parts[1], print_options=PartPrintOptions(stands=False)))
     )
     slices[0] = replace(slices[0], unprinted=(thin,) * 9)
+    draw_job(work, cut.drawing_record)
     plan = book_plan(join_slices(work, cut, tasks, slices), files)
     assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]

@@ -17,6 +17,7 @@ from farm.planning.booking import book_plan
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import MAX_PLATES, choose_spaced, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
+from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import DecomposeTask, Plan
 from make_books import make_plan_event as planned
 
@@ -195,6 +196,7 @@ def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")
     sliced = join_slices(task, cut, tasks, [Sliced(path) for path in gcodes])
+    draw_job(task, cut.drawing_record)
     booked_plan = book_plan(sliced, files)
     stored = set(files.rglob("*"))
     plan = multiply_plan(booked_plan, task)

@@ -20,6 +20,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.decompose_job import LATE_SHARE, decompose_job
+from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import TooFewPrinters
 from farm.planning.printer_settings import build_settings_request, list_bed_boxes
 from farm.state.storage.store import Store
@@ -29,10 +30,12 @@ from recording_controller import Commands, RecordedEffects
 def test_requested_engine_is_used(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
-    assert len(decompose_job(grown).parts) == 2
+    cut = decompose_job(grown)
+    assert len(cut.parts) == 2
     report = json.loads((grown.folder / "decomposition.json").read_text())
     assert report["engine"] == "parallelobox"
     assert report["options"]["budget_s"] == 7.0
+    draw_job(grown, cut.drawing_record)
     page = (grown.folder / "instructions.html").read_text()
     assert page.count("<td>in the middle</td>") + page.count(", from the middle</td>") == 2
 
