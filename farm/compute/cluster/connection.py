@@ -68,6 +68,7 @@ class Connection:
         self._on_workers, self._on_message = on_workers, on_message
         self._client: Client | None = None
         self._workers: tuple[ClusterWorker, ...] = ()
+        self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}  # done once those workers are gone
         self._heard: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was new here
         _use_own_log()
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
@@ -99,7 +100,8 @@ class Connection:
         Raises
         ------
         AttemptLost
-            If no answer came; the task may be submitted again, under another id.
+            If no answer came, or will come as all workers that might have it have left; the task may be
+            submitted again, under another id.
         """
         client = self._client
         usable = [worker.address for worker in self._workers if worker.refused is None]
@@ -118,7 +120,7 @@ class Connection:
             priority=1 if task.limit.urgent else 0,
         )
         try:
-            answer = await future
+            answer = await self._await_answer(future, frozenset(usable))
         except (FutureCancelledError, KilledWorker, OSError) as error:
             raise AttemptLost(str(error)) from error
         finally:
@@ -130,6 +132,21 @@ class Connection:
         if not isinstance(answer, RemoteAnswer):
             raise AttemptLost(f"the cluster answered with {type(answer).__name__}")
         return answer
+
+    async def _await_answer(self, future: Any, addresses: frozenset[str]) -> object:
+        """Wait for an answer, or until all workers that might give it are gone. Raises AttemptLost."""
+        gone: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        answering = asyncio.ensure_future(_wait_for(future))
+        self._attempts[gone] = addresses
+        try:
+            waiting: set[asyncio.Future[Any]] = {answering, gone}
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            if not answering.done():
+                raise AttemptLost("its workers have left the cluster")
+            return answering.result()
+        finally:
+            del self._attempts[gone]
+            answering.cancel()
 
     async def _watch_once(self) -> None:
         """Connect, and watch the workers until the connection is lost."""
@@ -156,6 +173,10 @@ class Connection:
 
     def _report(self, workers: Sequence[ClusterWorker]) -> None:
         self._workers = tuple(workers)
+        present = {worker.address for worker in workers}
+        for gone, addresses in self._attempts.items():
+            if present and present.isdisjoint(addresses) and not gone.done():
+                gone.set_result(None)  # Dask would wait for them, also if they came back by other addresses
         self._on_workers(self._workers)
 
     async def _report_always(self) -> None:
@@ -181,6 +202,10 @@ class Connection:
             closing = asyncio.ensure_future(client.close(timeout=_POLL_S))
             closing.add_done_callback(_ignore_result)
             await asyncio.wait({closing}, timeout=_POLL_S)
+
+
+async def _wait_for(future: Any) -> object:
+    return await future
 
 
 def list_workers(records: dict[str, dict[str, Any]], installation: Installation) -> tuple[ClusterWorker, ...]:

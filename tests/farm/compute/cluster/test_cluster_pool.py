@@ -61,6 +61,18 @@ def test_files_go_to_workers_and_come_back(tmp_path, source):
     assert not (folder / "w2" / "files").exists() or not list((folder / "w2" / "files").iterdir())
 
 
+def test_a_task_for_workers_that_left_goes_to_others(tmp_path, source):
+    """Dask keeps it for their addresses; they come back by others after the network has failed."""
+
+    async def use(pool, scheduler):
+        pool._link._workers = (ClusterWorker("w1", "tcp://127.0.0.1:1", 1),)
+        async with asyncio.timeout(300):
+            return await pool.run(work.copy, source, tmp_path / "out")
+
+    answer = run(use, tmp_path / "cluster", ["w1"])
+    assert answer["copy"].read_bytes() == source.read_bytes()
+
+
 def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
     note, out = tmp_path / "pids", tmp_path / "out"
 
