@@ -189,7 +189,7 @@ class TakenFiles:
     def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
         """Write files as `remote_task.write_files`; those that a task writes while it runs are no result."""
         if not set(files) <= set(task.live):
-            self.by_task[(*task.folders, *task.writes)] += 1
+            self.by_task[(task.limit.what, *task.folders, *task.writes)] += 1
         self._write(task, files)
 
     def count_twice(self) -> int:
