@@ -137,8 +137,7 @@ class AgentWatch:
         if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             log.error("%s: its agent (pid %d) hangs: replacing it", self.printer, pid)
             self._reason = "its agent was hung, and was replaced"
-            if not kill_agent(self._folder):
-                log.error("%s: its agent cannot be killed; switch the printer off", self.printer)
+            self.kill()
 
     async def _listen(self) -> None:
         while True:
@@ -157,15 +156,21 @@ class AgentWatch:
         AgentError
             It is printing, or cannot be reached.
         """
+        pid = find_agent_pid(self._folder)
         reply = await self._client.request(m.Shutdown(id=0))
         if reply.error:
             raise AgentError(reply.error)
         try:
             async with asyncio.timeout(_END_S):
-                while self.is_alive:
+                while self.is_alive and find_agent_pid(self._folder) == pid:  # else the next one runs
                     await asyncio.sleep(0.05)
         except TimeoutError as error:
             raise AgentError(f"{self.printer}: its agent does not end") from error
+
+    def kill(self) -> None:
+        """Kill an agent that does not end; the next one finds an open print, and resets the board."""
+        if not kill_agent(self._folder):
+            log.error("%s: its agent cannot be killed; switch the printer off", self.printer)
 
     async def close(self) -> None:
         """Stop watching; the agent goes on."""

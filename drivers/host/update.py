@@ -150,13 +150,14 @@ class AgentsUpdate:
         self._running = False
         back = old is not None and old.exists
         watch.kept = old if back else None
-        result = "its old version runs again" if back else "its old version is gone"
+        result = "its old version is started again" if back else "its old version is gone"
         self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
         log.error("%s", self._reason)
         if back and watch.is_alive:
             try:
                 await watch.end()
             except DriverError as error:
-                log.error("%s: the new agent is not ended: %s", watch.printer, error)
+                log.error("%s: the new agent is killed: %s", watch.printer, error)
+                watch.kill()
         watch.snapshot = None
         watch.restart()

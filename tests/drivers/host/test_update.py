@@ -23,6 +23,7 @@ class FakeWatch:
         self.snapshot = self.report(m.LinkState.BUSY if printing else m.LinkState.READY, printing)
         self.runs = OLD
         self.is_alive = True
+        self.deaf = False  # as a new agent
 
     def report(self, link: m.LinkState, printing: bool = False) -> m.Snapshot:
         report = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING) if printing else None
@@ -36,14 +37,19 @@ class FakeWatch:
     async def end(self) -> None:
         if self.snapshot is not None and self.snapshot.print is not None:
             raise AgentError("it is printing")
+        if self.deaf and self.runs == NEW:
+            raise AgentError("it does not answer")
         self.runs = self.kept or NEW
         asyncio.get_running_loop().call_later(0.0, self.start)
 
     def start(self) -> None:
         self.snapshot = self.report(self.new_link if self.runs == NEW else m.LinkState.READY)
 
-    def restart(self) -> None:
+    def kill(self) -> None:
         self.runs = self.kept or NEW
+
+    def restart(self) -> None:
+        """Start the agent without a wait: it has ended before."""
 
 
 def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
@@ -88,7 +94,15 @@ def test_first_fault_brings_the_old_version_back_and_ends_the_update(tmp_path, m
     agents = run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.FAILED)
     assert [watch.runs for watch in watches] == [OLD, OLD] and watches[0].kept == OLD
     reason = str(agents.describe(watches).reason)
-    assert "a: its new agent reports: its port is gone; its old version runs again" in reason
+    assert "a: its new agent reports: its port is gone; its old version is started again" in reason
+
+
+def test_new_agent_that_does_not_end_is_killed_for_the_old_one(monkeypatch):
+    monkeypatch.setattr(Installation, "exists", True)
+    watch = FakeWatch("a", new_link=m.LinkState.FAULT)
+    watch.deaf = True
+    run_update([watch], lambda agents: agents.describe([watch]).phase is UpdatePhase.FAILED)
+    assert watch.runs == OLD
 
 
 def test_verdict_on_a_new_agent():
