@@ -42,7 +42,7 @@ def resolve_slice_settings():
     return resolve
 
 
-def test_changed_setting_reaches_the_cost(settings_of):
+def test_changed_setting_reaches_the_cost(resolve_slice_settings):
     before = build_recipe(resolve_slice_settings("glue"), prelude_s=0.0)
     assert before.infill_connected
     for key, value, field in (
@@ -58,7 +58,7 @@ def test_changed_setting_reaches_the_cost(settings_of):
         assert getattr(after, field) != getattr(before, field), key
 
 
-def test_prelude_is_counted_once_in_a_price(settings_of):
+def test_prelude_is_counted_once_in_a_price(resolve_slice_settings):
     settings = resolve_slice_settings("glue")
     section = PrinterSection(name="a", model="ultimaker2_plus", port="sim://ultimaker2_plus")
     prelude_s = compute_prelude_seconds(section, settings)
@@ -104,7 +104,7 @@ def cone():
     ],
     ids=["glue", "paper", "wide nozzle", "fine"],
 )
-def test_prices_are_those_of_the_engine(variant, settings_of, tmp_path):
+def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_path):
     """The factors were fitted without these parts."""
     try:
         engine = find_engine()
@@ -126,7 +126,7 @@ def test_prices_are_those_of_the_engine(variant, settings_of, tmp_path):
     assert max(map(abs, errors)) < 0.1, errors
 
 
-def test_measured_table_agrees_with_the_factors(settings_of):
+def test_measured_table_agrees_with_the_factors(resolve_slice_settings):
     """Without a model among the fitted ones, every setting stays below 5 %; the fit is repeated."""
     root = Path(__file__).parents[4]
     process = subprocess.run(
