@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.geometry.rays import Crossings, Rays, find_bounds, find_crossings, unit_normals
+from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.jit import jit
 
 RAYS = 4_000  # approximate number along each of two axes
@@ -64,7 +64,9 @@ def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, co
         crossings, normals, ray_mm2 = _send_rays(triangles[:, :, order], count)
         sums += ray_mm2 * _sum_thin_walls(crossings, normals, upright, widths)
     crossings, normals, ray_mm2 = _send_rays(triangles, count)
-    return ThinWalls(*sums.tolist(), ray_mm2 * _sum_overlap_mm(crossings, normals, sheets))
+    bare_mm2, gap_mm2, full_mm2 = sums.tolist()
+    overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, normals, sheets)
+    return ThinWalls(bare_mm2, gap_mm2, full_mm2, overlap_mm3)
 
 
 def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]:
@@ -74,7 +76,7 @@ def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]
     width, depth = (hi - lo)[:2].tolist()
     step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    normals = unit_normals(turned)
+    normals = compute_unit_normals(turned)
     rays = Rays(origin, step, (math.ceil(width / step), math.ceil(depth / step)))
     return find_crossings(turned, normals, rays), normals, step * step
 
