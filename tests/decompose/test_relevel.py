@@ -96,7 +96,7 @@ def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
     from decompose.decompose import _run_engine
 
     task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
-    cut = _run_engine(task, serial=(1.0, 1.0))
+    cut = _run_engine(task, serial=lambda: (1.0, 1.0))
     after = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
     assert after is not None
     assert sum(p.solid.volume_mm3 for p in after.parts) == pytest.approx(MODEL.solid.volume_mm3)
