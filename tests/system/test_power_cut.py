@@ -23,11 +23,11 @@ from pathlib import Path
 from farm.state.books import Books
 from farm.state.transitions import apply
 from farm.state.storage.store import Store
-from make_books import fleet, job
+from make_books import make_fleet_events, make_job
 from farm.state import events as ev
 
 store, books = Store(Path(sys.argv[1])), Books()
-for event in (*fleet(), ev.JobSubmitted(at_s=0.0, job=job())):
+for event in (*make_fleet_events(), ev.JobSubmitted(at_s=0.0, job=make_job())):
     after, _ = apply(event, books)
     store.commit(event, books, after)
     books = after
