@@ -1,11 +1,10 @@
 """The dashboard in Chromium: accessibility, policy, live changes, lost connections, and no scripts."""
 
 import asyncio
-import json
-from pathlib import Path
 
 import pytest
 
+from accessibility import AXE, find_faults, read
 from chromium import CHROMIUM, Chromium
 from farm.model import Role
 from farm.state import events as ev
@@ -17,7 +16,6 @@ pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
 ]
-AXE = Path(__file__).parents[2] / "build/pages/node_modules/axe-core/axe.min.js"
 PAGES = (
     *("/", "/submit", "/jobs/1", "/timeline", "/timeline?job=1&at=2030-01-01T00:00", "/printers/a"),
     *("/printers/a/wire", "/history", "/login", "/api/v1/docs", "/nothing"),
@@ -25,8 +23,6 @@ PAGES = (
 TASK = "document.querySelector('.task')"
 STALE = "document.querySelector('.stale')"
 HOSTS = "performance.getEntriesByType('resource').map((one) => new URL(one.name).host)"
-VIOLATIONS = """axe.run().then((found) => JSON.stringify(found.violations.map((one) =>
-    [one.id, one.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))])))"""
 
 
 def make_bed_unknown(farm, reason="the lid was open"):
@@ -61,29 +57,11 @@ def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone
         for path in (*PAGES, link):
             await browser.open(base + path)
             assert set(await read(browser, HOSTS)) <= {base.removeprefix("http://")}, path
-            await browser.evaluate(AXE.read_text() + ";0")
-            for scheme in ("light", "dark"):
-                feature = {"name": "prefers-color-scheme", "value": scheme}
-                await browser.call("Emulation.setEmulatedMedia", features=[feature])
-                if violations := json.loads(await read(browser, VIOLATIONS)):
-                    found[path, scheme] = violations
-            size = {"width": 320, "height": 700, "deviceScaleFactor": 1, "mobile": True}
-            await browser.call("Emulation.setDeviceMetricsOverride", **size)
-            if await browser.evaluate("document.documentElement.scrollWidth") > 320:
-                found[path, "wide"] = True
-            await browser.call("Emulation.clearDeviceMetricsOverride")
+            if faults := await find_faults(browser):
+                found[path] = faults
         assert found == {}
 
     browse(tmp_path, act)
-
-
-async def read(browser, expression):
-    """Return the value of an expression, once it has one."""
-    answer = await browser.call(
-        "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
-    )
-    assert "exceptionDetails" not in answer, answer
-    return answer["result"].get("value")
 
 
 def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):

@@ -1,0 +1,65 @@
+"""Documents that are kept and printed, in Chromium: the report of a job, and instructions for assembly."""
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from accessibility import AXE, find_faults
+from chromium import CHROMIUM, Chromium
+from decompose.decompose import decompose_model
+from decompose.export.instructions import write_instructions
+from decompose.geometry import Model, Solid
+from decompose.options import ConnectorOptions, Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import connect_parts
+from farm.model import Role
+from network_farm import NetworkFarm
+from planned_job import plan_job
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
+    pytest.mark.skipif(not AXE.exists(), reason="make pages"),
+]
+
+
+@pytest.fixture
+def report(tmp_path):
+    """The report of a planned job, as the farm sends it."""
+    farm = NetworkFarm(tmp_path)
+    plan_job(farm, hold=True)
+    answer = farm.ask("GET", "/jobs/1/report", farm.add(Role.LOOK).text)
+    farm.store.close()
+    assert answer.status_code == 200
+    path = tmp_path / "report.html"
+    path.write_bytes(answer.content)
+    return path
+
+
+@pytest.fixture
+def instructions(tmp_path):
+    """Instructions for a block of two parts, with pins and marks."""
+    rooms = [PrinterRoom(name, ((80.0, 80.0, 80.0),)) for name in "ab"]
+    connectors = ConnectorOptions(2.85, marks=True)
+    options = Options(engine=Engine.GUILLOTINE, granularity=4, prove=False)
+    block = Model(Solid.box((0, 0, 0), (120, 60, 40)), (), 1.0)
+    decomposition = decompose_model(block, rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0))
+    drilled = replace(decomposition.with_assembly(), options=replace(options, connectors=connectors))
+    path = tmp_path / "instructions.html"
+    write_instructions(connect_parts(drilled), path)
+    return path
+
+
+def test_documents_are_accessible_and_fit_a_narrow_phone(tmp_path, report, instructions):
+    async def run():
+        found = {}
+        async with Chromium(tmp_path / "profile", "MAP * ~NOTFOUND") as browser:
+            for path in (report, instructions):
+                await browser.open(path.as_uri())
+                if faults := await find_faults(browser):
+                    found[path.name] = faults
+        assert found == {}
+
+    asyncio.run(run())
