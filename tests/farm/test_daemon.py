@@ -41,7 +41,7 @@ def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
 
 def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     """A step arrives at the next check; one that cannot be stored (a full disk) ends nothing."""
-    monkeypatch.setattr("farm.daemon._FOLLOW_S", 0.0)
+    monkeypatch.setattr("farm.daemon._FOLLOW_INTERVAL_S", 0.0)
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
