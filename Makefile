@@ -112,8 +112,8 @@ docs: $(VENV)/.installed-dev
 	$(SITE)
 	@echo "The documentation is in build/docs/index.html"
 
-# Pictures of the dashboard: a daemon, simulated printers and Debian's Chromium; five minutes.
-screenshots: $(VENV)/.installed-dev engine
+# Pictures of the dashboard: a daemon, simulated printers and Debian's Chromium; ten minutes on an idle machine.
+screenshots: $(VENV)/.installed-dev engine pages
 	PYTHONPATH=tests/support $(BIN)/python docs/screenshots.py
 
 # Deliberate faults in the rules that prints depend on, and which of them no test sees: about half an hour.
