@@ -102,6 +102,8 @@ def test_writer_waits_for_a_reader_that_does_not_read_and_others_do_not():
         while sent == before:
             await asyncio.sleep(0)
         filling.cancel()
+        for _, writer in (slow, fast, *streams.values()):
+            writer.close()
 
     run_pair(scenario, lambda s, name: streams.update({name: s.pair()}))
 
