@@ -142,7 +142,7 @@ def _is_engine(pid: int) -> bool:
 
 @dataclass
 class Watch:
-    """What `farm status` said of the cluster while work was open, sample by sample.
+    """Samples of the sentence about the cluster in `farm status`, taken while work was open.
 
     Attributes
     ----------

@@ -107,8 +107,10 @@ class HostService:
                 watch = self._watches[start.printer]
                 watch.start, watch.wanted = start, True
             else:
-                with suppress(AgentError):
+                try:
                     self._add(start, None)
+                except AgentError as error:
+                    log.error("%s has no agent: %s", start.printer, error)
         names = {start.printer for start in starts}
         for watch in self._watches.values():
             if watch.printer not in names and watch.wanted:

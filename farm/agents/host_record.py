@@ -1,4 +1,4 @@
-"""What the daemon knows about a host with printers. In memory: a new daemon connects anew."""
+"""Record of a host with printers: its connection, its last state. In memory: a new daemon connects anew."""
 
 from __future__ import annotations
 

@@ -241,7 +241,7 @@ class Hosts:
 
     @property
     def records(self) -> list[HostRecord]:
-        """What is known about each host, by name."""
+        """Return the record of each host, in the order of their names."""
         return [self._connections[host].record for host in sorted(self._connections)]
 
     def start(self) -> None:

@@ -10,7 +10,7 @@ from drivers.host import Update, UpdatePhase
 
 @dataclass(frozen=True, slots=True)
 class RolloutStep:
-    """What to do next.
+    """Instructions for the hosts, by `plan_rollout`.
 
     Attributes
     ----------

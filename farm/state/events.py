@@ -7,6 +7,8 @@ from pydantic import Field
 from farm.errors import ErrorCode
 from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Still, Verdict
 from farm.model.event import Event as Event
+from farm.model.host_events import HostConnected as HostConnected
+from farm.model.host_events import HostLost as HostLost
 from farm.model.instruction import AnyInstruction as AnyInstruction
 from farm.model.instruction import Instruction as Instruction
 from farm.model.instruction import NameFiles as NameFiles
@@ -275,21 +277,6 @@ class PrinterLost(Event):
     """The connection to the board of an idle printer was lost."""
 
     printer: str
-
-
-class HostLost(Event):
-    """The connection to a host with printers was lost; their agents may still print."""
-
-    host: str
-    printers: tuple[str, ...]
-    reason: str
-
-
-class HostConnected(Event):
-    """A host that was lost is connected again."""
-
-    host: str
-    printers: tuple[str, ...]
 
 
 class OutageConfirmed(Event):
