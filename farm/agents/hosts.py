@@ -226,7 +226,7 @@ class Hosts:
         self._of_printer: dict[str, HostConnection] = {}
         self._rollout: tuple[str, ...] | None = None  # the hosts that it has begun; None: there is none
         report_s = compute_report_s(len(fleet.printers))
-        for (host, command), sections in _group_by_host(fleet):
+        for host, command, sections in _group_by_host(fleet):
             starts = tuple(make_start(section, clock) for section in sections)
             request = HostRequest(do=HostTask.CARRY, farm=fleet.fleet.name, starts=starts, report_s=report_s)
             connection = HostConnection(
@@ -262,14 +262,11 @@ class Hosts:
                 continue
             lost = change is HostChange.LOST
             try:
-                if lost:
-                    event = ev.HostLost(
-                        at_s=now_s, host=record.host, printers=record.printers, reason=record.reason
-                    )
-                    self._listener.handle(event)
-                else:
-                    event_back = ev.HostConnected(at_s=now_s, host=record.host, printers=record.printers)
-                    self._listener.handle(event_back)
+                self._listener.handle(
+                    ev.HostLost(at_s=now_s, host=record.host, printers=record.printers, reason=record.reason)
+                    if lost
+                    else ev.HostConnected(at_s=now_s, host=record.host, printers=record.printers)
+                )
             except FarmError as error:
                 log.error("%s", error)
                 continue
@@ -327,15 +324,28 @@ class Hosts:
         await asyncio.gather(*(connection.close() for connection in self._connections.values()))
 
 
-def _group_by_host(fleet: Fleet) -> Iterator[tuple[tuple[str, str], list[PrinterSection]]]:
-    """Yield the enabled printers of each host, with its name and its command."""
+def _group_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[PrinterSection]]]:
+    """Yield each host with its command and its enabled printers.
+
+    Raises
+    ------
+    FarmError
+        If printers of a host have different commands: a host has one service.
+    """
     sections = [s for s in fleet.printers if s.enabled and runs_host_service(s.host_command) and s.host]
 
-    def key(section: PrinterSection) -> tuple[str, str]:
-        return str(section.host), section.host_command
+    def host_of(section: PrinterSection) -> str:
+        return str(section.host)
 
-    for name, group in groupby(sorted(sections, key=key), key):
-        yield name, list(group)
+    for host, group in groupby(sorted(sections, key=host_of), host_of):
+        printers = list(group)
+        commands = sorted({section.host_command for section in printers})
+        if len(commands) > 1:
+            raise FarmError(
+                f"the printers of {host} have different commands ({'; '.join(commands)}): give them the same "
+                "`host_command` in fleet.yaml"
+            )
+        yield host, commands[0], printers
 
 
 def _read_last_line(path: Path) -> str:

@@ -25,6 +25,7 @@ from drivers.safety import StopResult
 from farm.agents import host_record, hosts
 from farm.agents.manager import AgentManager
 from farm.config import Fleet
+from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
@@ -220,3 +221,12 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     results: list[StopResult] = []
     stop_host("pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append)
     assert [result.text for result in results] == ["cannot be stopped: pc-b: no route; switch it off"]
+
+
+def test_host_with_two_commands_is_refused(tmp_path: Path) -> None:
+    facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b"}
+    printers = [{"name": name, "host_command": f"/opt/farm-{name}/bin/farm host", **facts} for name in NAMES]
+    fleet = Fleet.model_validate({"printers": printers})
+    clock = Clock(1.0, 0.0)
+    with pytest.raises(FarmError, match="the printers of pc-b have different commands"):
+        hosts.Hosts(fleet, StateFolder(tmp_path), clock, RecordingListener())
