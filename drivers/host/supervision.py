@@ -81,7 +81,7 @@ class ReportFilter:
 def _read_fields(line: bytes) -> dict[str, Any] | None:
     """Return a snapshot without what changes all the time; None if it is no snapshot."""
     fields: dict[str, Any] = json.loads(line)
-    if fields["kind"] != "snapshot":
+    if fields.get("kind") != "snapshot":
         return None
     for name, volatile in _VOLATILE.items():
         record = fields if name == "" else fields.get(name) or {}

@@ -53,10 +53,11 @@ def test_report_of_every_second_passes_where_no_rate_is_set():
     assert all(chosen.passes(line(0, 0), 0.0) for _ in range(3))
 
 
-@given(
-    st.one_of(
-        st.binary(), st.recursive(st.none() | st.text(), st.lists).map(lambda v: json.dumps(v).encode())
-    )
+VALUES = st.recursive(
+    st.none() | st.text(), lambda values: st.lists(values) | st.dictionaries(st.text(), values)
 )
+
+
+@given(st.one_of(st.binary(), VALUES.map(lambda value: json.dumps(value).encode())))
 def test_line_that_is_no_message_passes_so_that_the_daemon_judges_it(data):
     assert ReportFilter(5.0).passes(data, 0.0)
