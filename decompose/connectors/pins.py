@@ -21,10 +21,8 @@ from decompose.connectors.tools import make_hole
 from decompose.options import ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
-SHALLOW, SHALLOWEST_MM = (
-    1.05,
-    2.5,
-)  # depth of the shallow hole of a pair, in diameters of the pin, and at least
+SHALLOW = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
+SHALLOWEST_MM = 2.5  # least depth of a hole
 DEEPER_MM = 3.0  # of the other: turned half around, a body stays open by this less both ends and their tips
 END_MM = 0.5  # free at each end of a pin
 DISTINCT_MM = 0.7  # least difference between the distances of two pairs, besides twice the fit
