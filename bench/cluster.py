@@ -57,6 +57,7 @@ FAULT_COLUMNS = {
     "tasks right": "{right}",
     "taken twice": "{twice}",
     "tasks left": "{left}",
+    "processes left": "{more}",
     "went on with its own pool": "{here}",
 }
 LIMIT = Limit("sleeping", 600.0)
@@ -267,6 +268,7 @@ def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "right": sum(figures["tasks_right"] for figures in of_kind),
                 "twice": sum(figures["taken_twice"] for figures in of_kind),
                 "left": sum(figures["tasks_left"] for figures in of_kind),
+                "more": sum(figures["processes_more"] for figures in of_kind),
                 "here": sum(figures["here"] for figures in of_kind),
             }
         )

@@ -11,8 +11,6 @@ import os
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -22,7 +20,7 @@ from typing import Any
 
 import trimesh
 
-from cluster_processes import make_certificates
+from bench.cluster_hosts import ENDING_S, FARM, NICE, SAMPLE_S, SCHEDULER, WORKERS, Hosts, list_children
 from farm.compute import Deferred, Limit, Pool, TaskFiles, Workers
 from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
 from farm.compute.cluster.remote_task import RemoteTask
@@ -33,10 +31,7 @@ from farm.paths import StateFolder
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import JobPlanner
 from farm.planning.plan import Plan, PlanRequest
-from virtual_network import Network
 
-WORKERS = ("w1", "w2", "w3", "w4")
-SCHEDULER, FARM = "scheduler", "farm"
 KILLS = ("kill worker", "kill scheduler")
 STOPS = ("stop worker", "stop scheduler")
 NETWORK = ("cut worker", "cut scheduler", "cut farm", "delay all", "lose from all")
@@ -47,10 +42,6 @@ TASKS, TASK_S = 8, 1.5
 MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
 UNCOMPARED = ("decomposition", "cached")  # time that a plan took, slices that were known
-ENDING_S = 30.0  # until nothing of a round is left
-SAMPLE_S = 0.2
-PORT = 8786
-NICE = -9  # of workers, whose tasks are 19 nicer: else they hardly run on a busy computer
 FLEET = Fleet.model_validate(
     {"printers": [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(PRINTERS)]}
 )
@@ -69,75 +60,6 @@ def work_for(source: Path, folder: Path, seconds: float) -> int:
 
 
 slow = Deferred("bench.cluster_faults:work_for", _list_files)
-
-
-class Hosts:
-    """The processes of a cluster, each on a host of its own."""
-
-    def __init__(self, folder: Path, seed: int) -> None:
-        self.folder = folder
-        self.network = Network([SCHEDULER, *WORKERS], seed)
-        self.certificates = make_certificates(folder / "certificates")
-        self.address = f"tls://{self.network.address(SCHEDULER)}:{PORT}"
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
-
-    def start(self, name: str) -> None:
-        """Start the scheduler, or a worker."""
-        tools, pem = Path(sys.executable).parent, self.certificates
-        if name == SCHEDULER:
-            command = [str(tools / "dask"), "scheduler", "--protocol", "tls", "--port", str(PORT)]
-            command += ["--host", self.network.address(SCHEDULER), "--no-dashboard", "--no-show"]
-            command += ["--tls-ca-file", str(pem / "ca.pem"), "--tls-cert", str(pem / "cert.pem")]
-            command += ["--tls-key", str(pem / "key.pem")]
-        else:
-            command = [str(tools / "farm"), "worker", self.address, "--certificates", str(pem)]
-            command += ["--name", name, "--folder", str(self.folder / name), "--slots", "1"]
-        path = os.pathsep.join(filter(None, sys.path))
-        with (self.folder / f"{name}.log").open("a") as log:
-            self._running[name] = subprocess.Popen(
-                self.network.command(name, ["nice", "-n", str(NICE), *command]),
-                stdout=log,
-                stderr=log,
-                env=os.environ | {"PYTHONPATH": path},
-            )
-
-    def send(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a process."""
-        self._running[name].send_signal(number)
-        if number is signal.SIGKILL:
-            self._running[name].wait()
-
-    def count_tasks(self) -> int:
-        """Count the tasks that workers have, by their folders, and the engines that run."""
-        folders = sum(1 for name in WORKERS for _ in (self.folder / name / "tasks").glob("*"))
-        return folders + sum(_is_engine(pid) for name in WORKERS for pid in self.network.pids(name))
-
-    def end(self) -> int:
-        """End all processes as their services are ended. Returns the number of those that are left."""
-        for process in self._running.values():
-            process.terminate()
-        end_s = time.monotonic() + ENDING_S
-        while (left := self._count_processes()) and time.monotonic() < end_s:
-            for process in self._running.values():
-                process.poll()
-            time.sleep(SAMPLE_S)
-        return left
-
-    def close(self) -> None:
-        """End the network with all that is left."""
-        self.network.close()
-        for process in self._running.values():
-            process.wait()
-
-    def _count_processes(self) -> int:
-        return sum(len(self.network.pids(name)) for name in (SCHEDULER, *WORKERS))
-
-
-def _is_engine(pid: int) -> bool:
-    try:
-        return "CuraEngine" in Path(f"/proc/{pid}/comm").read_text()
-    except OSError:
-        return False
 
 
 @dataclass
@@ -210,6 +132,7 @@ class Rounds:
 
     def __init__(self, hosts: Hosts, pool: ClusterPool, own: Workers, rng: random.Random) -> None:
         self._hosts, self._pool, self._own, self._rng = hosts, pool, own, rng
+        self._idle: Counter[str] = Counter()  # processes of each host before the first fault
         self._folder, self._plans = hosts.folder, dict[int, Any]()
         self._source = hosts.folder / "model.bin"
         self._source.write_bytes(rng.randbytes(200_000))
@@ -219,6 +142,7 @@ class Rounds:
         pool, rng = self._pool, self._rng
         while not (pool.state.place is Place.CLUSTER and len(pool.state.workers) == len(WORKERS)):
             await asyncio.sleep(SAMPLE_S)
+        self._idle = self._idle or self._count_processes()
         outs = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASKS)]
         state = StateFolder(self._folder / f"round-{number}" / "there")
         job = self._make_job(number, state)
@@ -235,7 +159,7 @@ class Rounds:
             duration_s = time.monotonic() - begin_s
             following.cancel()
             victim = await healing
-            left = await self._wait_for_no_tasks()
+            left, processes = await self._wait_for_no_tasks()
         finally:
             following.cancel()
             cluster_pool.write_files = taken._write
@@ -251,6 +175,8 @@ class Rounds:
             "tasks_right": sum(right),
             "taken_twice": taken.count_twice(),
             "tasks_left": left,
+            "processes": processes,
+            "processes_more": (processes - self._idle).total(),
             **said,
         }
 
@@ -306,12 +232,26 @@ class Rounds:
             self._hosts.network.disturb(*names)
         return ", ".join(names)
 
-    async def _wait_for_no_tasks(self) -> int:
-        """Wait until no host has a task. Returns the number of those that are left after a while."""
+    async def _wait_for_no_tasks(self) -> tuple[int, Counter[str]]:
+        """Wait until no host has a task, or a process of one.
+
+        Returns
+        -------
+        tuple[int, Counter[str]]
+            Tasks that are left after a while, and the processes of each host.
+        """
         end_s = time.monotonic() + ENDING_S
-        while (left := await asyncio.to_thread(self._hosts.count_tasks)) and time.monotonic() < end_s:
+        while True:
+            left = await asyncio.to_thread(self._hosts.count_tasks)
+            processes = await asyncio.to_thread(self._count_processes)
+            if not (left or processes - self._idle) or time.monotonic() >= end_s:
+                return left, processes
             await asyncio.sleep(SAMPLE_S)
-        return left
+
+    def _count_processes(self) -> Counter[str]:
+        """Count the processes of each host; on the farm's own, its pool with the engines of it."""
+        engines = sum(len(list_children(pid)) for pid in self._own.pids)
+        return Counter({FARM: len(self._own.pids) + engines, **self._hosts.count_processes()})
 
 
 async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
@@ -390,6 +330,7 @@ def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
         "tasks": TASKS * len(figures),
         "taken_twice": sum(row["taken_twice"] for row in figures),
         "tasks_left": sum(row["tasks_left"] for row in figures),
+        "processes_more": sum(row["processes_more"] for row in figures),
         "here": sum(row["here"] for row in figures),
         "silent_s": max(row["silent_s"] for row in figures),
         "duration_s": [durations_s[0], durations_s[len(durations_s) // 2], durations_s[-1]],
