@@ -34,7 +34,7 @@ from drivers.remote import AgentClient, spawn_agent
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
-BOOT_S = 0.3  # no bytes of a host are heard meanwhile
+BOOT_S = 0.3  # the board ignores received bytes during this time
 TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
 PLACE = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
 
@@ -50,28 +50,28 @@ class Peer:
         self._period_s = period_s
         self._partial = b""
         self._nozzle_c = self._bed_c = b"0"
-        self._free_s = self._said_s = self.boots_s = 0.0
+        self._free_s = self._ok_sent_s = self.boot_end_s = 0.0
 
     def reset(self) -> None:
         """Reset, as when the host opens the port."""
         self.port.discard()
         self._partial, self._nozzle_c, self._bed_c = b"", b"0", b"0"
-        self.boots_s = time.monotonic() + BOOT_S
+        self.boot_end_s = time.monotonic() + BOOT_S
 
-    def hear(self, now_s: float) -> float | None:
-        """Take received bytes; return the time at which the ok to a move is due, if one is."""
+    def receive(self, now_s: float) -> float | None:
+        """Process received bytes; return the time at which the ok to a move is due, None for another line."""
         data = self.port.read()
-        if self.boots_s:
+        if self.boot_end_s:
             return None
         *lines, self._partial = (self._partial + data).split(b"\n")
         for line in lines:
             command = line.partition(b" ")[2].partition(b"*")[0] if line.startswith(b"N") else line
             if command.startswith(b"G1 X"):
-                if self._said_s:
-                    self.turnarounds_s.append(now_s - self._said_s)
+                if self._ok_sent_s:
+                    self.turnarounds_s.append(now_s - self._ok_sent_s)
                 self._free_s = max(now_s, self._free_s + self._period_s)
                 return self._free_s
-            self._said_s = 0.0
+            self._ok_sent_s = 0.0
             self._answer(command)
         return None
 
@@ -91,40 +91,40 @@ class Peer:
 
     def due(self) -> None:
         """Send what is due: the banner after a reset, else an ok."""
-        booted, self.boots_s = self.boots_s, 0.0
-        self.port.write(self._banner if booted else wording.OK)
-        self._said_s = 0.0 if booted else time.monotonic()
+        has_booted, self.boot_end_s = self.boot_end_s, 0.0
+        self.port.write(self._banner if has_booted else wording.OK)
+        self._ok_sent_s = 0.0 if has_booted else time.monotonic()
 
 
 class Peers(threading.Thread):
-    """All peers, served by one poll."""
+    """Thread that serves all peers with one poll."""
 
     def __init__(self, peers: list[Peer]) -> None:
         super().__init__(daemon=True)
         self._peers = peers
-        self.over = False
+        self.stopped = False
 
     def run(self) -> None:
-        poll, due = select.epoll(), []
+        poll, deadlines = select.epoll(), []
         for peer in self._peers:
             poll.register(peer.port.watch, select.EPOLLIN)
         by_watch = {peer.port.watch: peer for peer in self._peers}
         by_master = {peer.port.master: peer for peer in self._peers}
         opened: set[int] = set()
-        while not self.over:
-            wait_s = max(0.0, due[0][0] - time.monotonic()) if due else 0.1
+        while not self.stopped:
+            wait_s = max(0.0, deadlines[0][0] - time.monotonic()) if deadlines else 0.1
             ready = poll.poll(wait_s)
             now_s = time.monotonic()
-            while due and due[0][0] <= now_s:
-                heapq.heappop(due)[2].due()
+            while deadlines and deadlines[0][0] <= now_s:
+                heapq.heappop(deadlines)[2].deadlines()
             for fd, _ in ready:
                 if fd in by_watch:
                     peer = by_watch[fd]
                     if peer.port.process_opens():
                         peer.reset()
-                        due = [entry for entry in due if entry[2] is not peer]
-                        heapq.heapify(due)
-                        heapq.heappush(due, (peer.boots_s, fd, peer))
+                        deadlines = [entry for entry in deadlines if entry[2] is not peer]
+                        heapq.heapify(deadlines)
+                        heapq.heappush(deadlines, (peer.boot_end_s, fd, peer))
                     master = peer.port.master
                     if peer.port.is_open != (master in opened):
                         if peer.port.is_open:
@@ -134,9 +134,9 @@ class Peers(threading.Thread):
                             poll.unregister(master)
                             opened.discard(master)
                 elif fd in opened:
-                    at_s = by_master[fd].hear(now_s)
-                    if at_s is not None:
-                        heapq.heappush(due, (at_s, fd, by_master[fd]))
+                    due_s = by_master[fd].receive(now_s)
+                    if due_s is not None:
+                        heapq.heappush(deadlines, (due_s, fd, by_master[fd]))
 
 
 def measure_cost(pid: int) -> tuple[float, float]:
@@ -148,7 +148,7 @@ def measure_cost(pid: int) -> tuple[float, float]:
 
 
 def _still_runs(process: subprocess.Popen[bytes]) -> bool:
-    """Tell whether a process is still there after a while."""
+    """Check whether a process still runs after 60 s."""
     try:
         process.wait(60.0)
     except subprocess.TimeoutExpired:
@@ -162,17 +162,17 @@ async def print_one(
     """Print on one printer, to the end or for `max_lines`; measure CPU share and memory of its agent."""
     process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
-    cleared = requested = False
-    first: tuple[float, float] | None = None
+    clear_sent = start_sent = False
+    start: tuple[float, float] | None = None
     memory_mb, share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.FAULT and not cleared:
-                cleared = True
+            if snapshot.link is m.LinkState.FAULT and not clear_sent:
+                clear_sent = True
                 await client.request(m.BedCleared(id=0))
-            elif snapshot.link is m.LinkState.READY and not requested:
-                requested = True
+            elif snapshot.link is m.LinkState.READY and not start_sent:
+                start_sent = True
                 filament = m.Filament.AT_NOZZLE
                 start = m.StartPrint(
                     id=0,
@@ -189,9 +189,9 @@ async def print_one(
                 if snapshot.print.phase is m.PrintPhase.PRINTING:
                     cpu_s, mb = measure_cost(process.pid)
                     memory_mb = max(memory_mb, mb)
-                    first = first or (time.monotonic(), cpu_s)
-                    if time.monotonic() > first[0]:
-                        share = (cpu_s - first[1]) / (time.monotonic() - first[0])
+                    start = start or (time.monotonic(), cpu_s)
+                    if time.monotonic() > start[0]:
+                        share = (cpu_s - start[1]) / (time.monotonic() - start[0])
                     if max_lines is not None and snapshot.print.line > max_lines:
                         break
                 elif snapshot.print.phase.ended:
@@ -207,25 +207,25 @@ async def print_one(
     return {"cpu_share": share, "memory_mb": memory_mb}
 
 
-def write_file(lines: int, megabytes: int) -> bytes:
-    """Write a G-code file with at least so many moves in layers and features, up to a size."""
+def write_gcode(lines: int, megabytes: int) -> bytes:
+    """Write G-code with at least this number of moves, in layers and features, and at least this size."""
     text = [HEAD, "G0 F9000 X100 Y100 Z0.3\n"]
     size = i = 0
     while i < lines or size < megabytes * 1_000_000:
-        part = f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n"
+        chunk = f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n"
         if not i % 1200:
-            part += f";LAYER:{i // 1200}\n"
+            chunk += f";LAYER:{i // 1200}\n"
         if not i % 12:
-            part += f";TYPE:{('WALL-INNER', 'FILL')[i // 12 % 2]}\n"
-        text.append(part)
-        size += len(part)
+            chunk += f";TYPE:{('WALL-INNER', 'FILL')[i // 12 % 2]}\n"
+        text.append(chunk)
+        size += len(chunk)
         i += 1
     return "".join((*text, TAIL)).encode()
 
 
 async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> dict[str, float]:
     """Run the prints at the same time; of a large file only the first `lines` moves are printed."""
-    text = write_file(lines, megabytes)
+    text = write_gcode(lines, megabytes)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         gcode = folder / "bench.gcode"
@@ -245,9 +245,9 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
                 )
                 for number in range(agents)
             ),
-            return_exceptions=True,  # every agent is ended before one failure is told
+            return_exceptions=True,  # all agents end before a failure is reported
         )
-        acknowledging_peers.over = True
+        acknowledging_peers.stopped = True
         acknowledging_peers.join()
     if failed := [run for run in ended if isinstance(run, BaseException)]:
         raise SystemExit(str(failed[0]))

@@ -12,7 +12,7 @@ this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
 with tasks that only sleep through the real scheduler, a job for each four workers. Scheduler, workers and
 farm share one process and one core, so the overhead is an upper bound. `efficiency` is the work over workers
 times duration; `critical_s` the longest job on workers without number, its tasks named in `critical_path`,
-and `drawn_first_s` the same if the parts were drawn before they are sliced; all in unscaled seconds.
+and `drawn_first_s` the same if the parts were loft before they are sliced; all in unscaled seconds.
 `--page docs/explanation/cluster.md` puts the figures there as a table.
 """
 
@@ -96,10 +96,10 @@ def find_critical_path(stages: Stages, drawn_first: bool = False) -> list[tuple[
     stages
         See `bench.cluster_jobs.list_stages`.
     drawn_first
-        If parts were drawn before they are sliced, in the task that cuts them.
+        If parts were loft before they are sliced, in the task that cuts them.
     """
     path: list[tuple[str, float]] = []
-    drawn: list[tuple[str, float]] = []
+    loft: list[tuple[str, float]] = []
     for stage in stages:
         begin = list(path)
         if drawn_first:
@@ -107,8 +107,8 @@ def find_critical_path(stages: Stages, drawn_first: bool = False) -> list[tuple[
         path += [(what, max(times)) for what, times in stage.items() if what != "draw_job"]
         for seconds in [] if drawn_first else stage.get("draw_job", []):  # behind the first slice
             first = ("slice_part", min(stage["slice_part"]))
-            drawn = max(drawn, [*begin, first, ("draw_job", seconds)], key=sum_path)
-    return max(path, drawn, key=sum_path)
+            loft = max(loft, [*begin, first, ("draw_job", seconds)], key=sum_path)
+    return max(path, loft, key=sum_path)
 
 
 def sum_path(path: list[tuple[str, float]]) -> float:

@@ -50,25 +50,27 @@ def main() -> None:
     problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())
     times_s: dict[str, dict[str, float]] = {}
 
-    def timed(stage: str, work: Callable[[], Any]) -> Any:
+    def measure_stage(stage: str, compute: Callable[[], Any]) -> Any:
         wall, cpu = perf_counter(), process_time()
-        answer = work()
+        result = compute()
         times_s[stage] = {"wall_s": perf_counter() - wall, "cpu_s": process_time() - cpu}
-        return answer
+        return result
 
-    grid = timed("grid", lambda: problem.build_grid(model))
+    grid = measure_stage("grid", lambda: problem.build_grid(model))
     problem.price_boxes(grid)  # compiles, or loads what was compiled
-    boxes = timed("boxes", lambda: problem.price_boxes(grid))
+    boxes = measure_stage("boxes", lambda: problem.price_boxes(grid))
     solver = Partitioner(boxes)
     for ties in (False, True):
         solver.solve(0.0, ties)
-    fleets = np.arange(1, options.most + 1)[:, None]  # of equal printers
+    printer_counts = np.arange(1, options.most + 1)[:, None]  # of equal printers
     with ThreadPoolExecutor(os.cpu_count()) as executor:
-        points = timed("curve", lambda: compute_makespan_curve([boxes], fleets, executor))
+        points = measure_stage("curve", lambda: compute_makespan_curve([boxes], printer_counts, executor))
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": times_s}
-    if timed("search", lambda: solver.find_min_makespan(options.printers, 0.0)) is not None:
+    if measure_stage("search", lambda: solver.find_min_makespan(options.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()
-        proven = timed("bound", lambda: bound_makespan(boxes, grid.needed, options.printers, makespan_s))
+        proven = measure_stage(
+            "bound", lambda: bound_makespan(boxes, grid.needed, options.printers, makespan_s)
+        )
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
     report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     report["curve"] = [[point.printers, point.makespan_s] for point in points]

@@ -5,7 +5,7 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
        [--scheduler tls://HOST:PORT --certificates DIR]
 
 Engines other than `best` run at the first number of printers alone; where one that takes no number gives
-k parts, `best` is run for k printers too, for a fair comparison. Partitions of the guillotine engine are
+k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
 balanced again by their sliced times (`decompose.relevel`) where that is faster. Each run is a file in
 --results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without limits
 (--no-whole: its time is the cost's estimate).
@@ -32,7 +32,7 @@ import numpy as np
 import trimesh
 
 from bench.cluster_calls import add_cluster_options, count_calls, open_calls
-from bench.print_time_parts import ANYWHERE, make_recipe
+from bench.print_time_parts import ENDLESS_BED, make_recipe
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.export import write_decomposition
@@ -58,11 +58,11 @@ MODELS = (
     "thingi10k-1053374.stl", "thingi10k-41084.stl", "thingi10k-77951.stl",
 )  # fmt: skip
 PRINTER = "ultimaker2_plus"
-FAITHFUL = "-faithful"  # after an engine's name
-BY_PARTS = ("symmetry", "cube-skeleton")  # rivals that do not know of a number of printers
+FAITHFUL_SUFFIX = "-faithful"  # after an engine's name
+PART_ENGINES = ("symmetry", "cube-skeleton")  # rivals that do not know of a number of printers
 WHOLE_TIMEOUT_S = 3600.0
 CUTTING = "cutting.pickle"
-LEVELLED = 2  # times at most, by what the slices tell
+MAX_LEVELLINGS = 2  # by sliced times
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +79,8 @@ class Run:
 
     @property
     def name(self) -> str:
-        how = f"{self.printers}-{self.engine}-{self.quality}-{self.granularity}"
-        return f"{self.path.stem}-{self.side_mm:g}-{how}"
+        variant = f"{self.printers}-{self.engine}-{self.quality}-{self.granularity}"
+        return f"{self.path.stem}-{self.side_mm:g}-{variant}"
 
 
 def cut(run: Run, folder: Path) -> dict[str, Any]:
@@ -89,37 +89,41 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
-    faithful = run.engine.endswith(FAITHFUL)
-    engine = Engine(run.engine.removesuffix(FAITHFUL))
-    fits = run.quality == "glue"
+    faithful = run.engine.endswith(FAITHFUL_SUFFIX)
+    engine = Engine(run.engine.removesuffix(FAITHFUL_SUFFIX))
+    fit_layer = run.quality == "glue"
     options = Options(
-        engine, run.granularity, faithful=faithful, fit_first_layer=fits, best=BestOptions(run.budget_s)
+        engine,
+        run.granularity,
+        faithful=faithful,
+        fit_first_layer=fit_layer,
+        best=BestOptions(run.budget_s),
     )
     _warm(cost, room)
-    start = perf_counter()
+    start_s = perf_counter()
     try:
         model = load_model(run.path, longest_side_mm=run.side_mm)
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             result = decompose_model(model, printers, options, cost, executor)
-        wall_s = perf_counter() - start
+        wall_s = perf_counter() - start_s
     except DecomposeError as error:
         return {"refused": f"{type(error).__name__}: {error}"}
     return _write_parts(result, folder, wall_s)
 
 
-def relevel(run: Run, cutting: Path, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
-    """Balance a partition, of a file, by its sliced times into a folder; None if that changes nothing."""
-    was = pickle.loads(cutting.read_bytes())
-    start = perf_counter()
+def relevel(run: Run, cutting: Path, folder: Path, sliced_s: list[float]) -> dict[str, Any] | None:
+    """Balance a partition read from a file by its sliced times; None if that changes nothing."""
+    previous = pickle.loads(cutting.read_bytes())
+    start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_recipe(make_recipe(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = relevel_planes(model, was, took_s, cost, executor)
+            result = relevel_planes(model, previous, sliced_s, cost, executor)
     except DecomposeError as error:
         print(f"{run.name}, levelled again: {error}", file=sys.stderr)
         return None
-    return None if result is None else _write_parts(result, folder, perf_counter() - start)
+    return None if result is None else _write_parts(result, folder, perf_counter() - start_s)
 
 
 def list_cut_files(run: Run, folder: Path) -> TaskFiles:
@@ -137,7 +141,7 @@ deferred_relevel = Deferred("bench.decompose:relevel", list_relevel_files)
 
 
 def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
-    """Write the parts into a folder, with what `relevel` needs; return the report."""
+    """Write the parts and the input of `relevel` into a folder; return the report."""
     report = write_decomposition(result, folder).as_dict()
     (folder / CUTTING).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
@@ -162,7 +166,7 @@ def slice_parts(
     settings = resolve_settings(request, find_resources())
     room = compute_part_room(PROFILES[PRINTER], settings.brim_width_mm)
 
-    def one(part: dict[str, Any]) -> float | None:
+    def slice_one(part: dict[str, Any]) -> float | None:
         task = SliceTask(
             part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
             folder / f"{part['id']}.gcode", args.results / "slices",
@@ -174,7 +178,7 @@ def slice_parts(
             ),
         )  # fmt: skip
         try:
-            sliced_s: float = args.call_beside(slice_part, task).sliced_s
+            sliced_s: float = args.call_in_thread(slice_part, task).sliced_s
             return sliced_s
         except FarmError as error:
             print(f"{run.name} {part['id']}: {error}", file=sys.stderr)
@@ -184,7 +188,7 @@ def slice_parts(
             task.out.with_suffix(".placed.stl").unlink(missing_ok=True)
 
     with ThreadPoolExecutor(count_calls(args, args.jobs)) as pool:
-        return list(pool.map(one, report["parts"]))
+        return list(pool.map(slice_one, report["parts"]))
 
 
 def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
@@ -201,8 +205,8 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     settings = resolve_settings(
         SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality), find_resources()
     )
-    out = stl.with_suffix(".gcode")
-    request = PlateRequest(stl, settings, out, find_engine(), ANYWHERE, WHOLE_TIMEOUT_S, cache)
+    gcode = stl.with_suffix(".gcode")
+    request = PlateRequest(stl, settings, gcode, find_engine(), ENDLESS_BED, WHOLE_TIMEOUT_S, cache)
     try:
         seconds = slice_plate(request).sliced_s
     except SlicingError as error:
@@ -210,7 +214,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
         seconds = None
     record_path.write_text(json.dumps(seconds))
     stl.unlink()
-    out.unlink(missing_ok=True)
+    gcode.unlink(missing_ok=True)
     return seconds
 
 
@@ -220,12 +224,12 @@ def compute_row(run: Run, report: dict[str, Any], sliced: list[float | None] | N
     if "refused" in report:
         return row | {"refused": report["refused"]}
     estimated = [part["estimated_s"] for part in report["parts"]]
-    whole = sliced is not None and all(seconds is not None for seconds in sliced)
-    times = [float(s) for s in sliced if s is not None] if sliced and whole else estimated
+    all_sliced = sliced is not None and all(seconds is not None for seconds in sliced)
+    times = [float(s) for s in sliced if s is not None] if sliced and all_sliced else estimated
     row |= {
         "won": report["engine"],
         "parts": len(times),
-        "sliced": whole,
+        "sliced": all_sliced,
         "not_sliced": sum(s is None for s in sliced) if sliced else None,
         "parallel_s": max(times),
         "estimated_s": max(estimated),
@@ -243,7 +247,7 @@ def compute_row(run: Run, report: dict[str, Any], sliced: list[float | None] | N
         "attempts": report["attempts"],
         "cells": report["cells"],
     }
-    if whole:
+    if all_sliced:
         row["cost_error"] = float(np.mean([abs(e / t - 1.0) for e, t in zip(estimated, times, strict=True)]))
     return row
 
@@ -261,7 +265,7 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_slices and "refused" not in report:
         sliced = slice_parts(report, run, folder, args)
     row = compute_row(run, report, sliced)
-    while row.get("sliced") and row.get("levelled", 0) < LEVELLED and (folder / CUTTING).is_file():
+    while row.get("sliced") and row.get("levelled", 0) < MAX_LEVELLINGS and (folder / CUTTING).is_file():
         cutting, folder = folder / CUTTING, folder / "levelled"
         report = args.call(deferred_relevel, run, cutting, folder, sliced)
         if report is None:
@@ -270,17 +274,17 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         moved_row = compute_row(run, report, sliced)
         if not moved_row["sliced"] or moved_row["parallel_s"] >= row["parallel_s"]:
             break
-        count = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": moved_row["wall_s"]}
+        changes = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": moved_row["wall_s"]}
         first_s = row.get("first_s", row["parallel_s"])
-        row = moved_row | count | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
+        row = moved_row | changes | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
     record_path.write_text(json.dumps(row, indent=1))
     return row
 
 
-def _call_apart(work: Callable[..., Any], *args: Any) -> Any:
+def call_in_process(function: Callable[..., Any], *args: Any) -> Any:
     """Call a function in a process of its own, to measure its peak memory."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
-        return process.submit(work, *args).result()
+        return process.submit(function, *args).result()
 
 
 def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
@@ -301,7 +305,7 @@ def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     for engine in args.engines:
         for printers in args.printers if engine == "best" else args.printers[:1]:
             row = measure_run(printers, engine)
-            if engine.startswith(BY_PARTS) and row.get("parts", printers) < printers:
+            if engine.startswith(PART_ENGINES) and row.get("parts", printers) < printers:
                 measure_run(row["parts"], "best")
     return rows
 
@@ -330,8 +334,8 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
         return math.exp(float(np.mean(np.log(values)))) if values else None
 
     summary: dict[str, Any] = {"efficiency": {}, "rivals": {}}
-    for printers in sorted({n for _, n in best}):
-        rows_at_count = [r for (_, n), r in best.items() if n == printers]
+    for printers in sorted({count for _, count in best}):
+        rows_at_count = [r for (_, count), r in best.items() if count == printers]
         summary["efficiency"][printers] = {
             "mean": mean([r["efficiency"] for r in rows_at_count]),
             "worst": min(r["efficiency"] for r in rows_at_count),
@@ -343,16 +347,19 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
         }
     for engine in sorted({r["engine"] for r in rows} - {"best"}):
         engine_rows = [r for r in rows if r["engine"] == engine]
-        pairs = [
-            (best[r["model"], n]["parallel_s"] / r["parallel_s"])
+        ratios = [
+            (best[r["model"], count]["parallel_s"] / r["parallel_s"])
             for r in engine_rows
             if "refused" not in r
-            for n in [min(r["parts"], r["printers"]) if engine.startswith(BY_PARTS) else r["printers"]]
-            if (r["model"], n) in best
+            for count in [
+                min(r["parts"], r["printers"]) if engine.startswith(PART_ENGINES) else r["printers"]
+            ]
+            if (r["model"], count) in best
         ]
         refused = sum("refused" in r for r in engine_rows)
         summary["rivals"][engine] = {
-            "mean": mean(pairs), "worst": max(pairs, default=None), "models": len(pairs), "refused": refused,
+            "mean": mean(ratios), "worst": max(ratios, default=None), "models": len(ratios),
+            "refused": refused,
         }  # fmt: skip
     return summary
 
@@ -376,7 +383,7 @@ def main() -> int:
     args = parser.parse_args()
     args.results = args.results.absolute()
     args.results.mkdir(parents=True, exist_ok=True)
-    with open_calls(args, _call_apart) as args.call, open_calls(args) as args.call_beside:
+    with open_calls(args, call_in_process) as args.call, open_calls(args) as args.call_in_thread:
         rows = [row for name in args.only for row in make_rows(args.models / name, args)]
     result = {"schema": 1, "runs": rows, **summarise(rows)}
     print(json.dumps(result, indent=1) if args.json else json.dumps(summarise(rows), indent=1))
@@ -384,6 +391,6 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    from bench import decompose  # by its name, which other processes know it by
+    from bench import decompose  # imported by name, so that other processes can unpickle its functions
 
     sys.exit(decompose.main())

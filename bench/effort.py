@@ -54,8 +54,8 @@ def fit_prices(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
     kinds = [str(work) for work in Work]
     rows = np.array([[run["done"].get(kind, 0) / run["cpu_s"] for kind in kinds] for run in runs])
     scale = np.maximum(rows.max(axis=0), 1e-12)
-    found, _ = nnls(rows / scale, np.ones(len(runs)))
-    return dict(zip(kinds, (found / scale * 1e9).round(1).tolist(), strict=True))
+    solution, _ = nnls(rows / scale, np.ones(len(runs)))
+    return dict(zip(kinds, (solution / scale * 1e9).round(1).tolist(), strict=True))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Moves a second of an emulator: of its firmware alone, and through its port.
+"""Moves per second of an emulator: its firmware alone, and through its port.
 
 ``python -m bench.emulator_throughput [--json] [--lines N]`` streams a spiral of short moves, one line in
 flight. The first figure is the CPU time of a line in `EmulatedFirmware.feed`, with the clock ahead of
@@ -51,13 +51,13 @@ def measure_firmware_us(lines: list[bytes]) -> float:
     now_s = 10.0
     firmware.feed(b"", now_s)
     start_s = 0.0
-    for at, line in enumerate(lines):
-        if at == len(PREPARE):
+    for index, line in enumerate(lines):
+        if index == len(PREPARE):
             start_s = time.process_time()
-        out = firmware.feed(line, now_s)
-        while not out:
+        reply = firmware.feed(line, now_s)
+        while not reply:
             now_s = firmware.deadline_s()
-            out = firmware.feed(b"", now_s)
+            reply = firmware.feed(b"", now_s)
     return (time.process_time() - start_s) / (len(lines) - len(PREPARE)) * 1e6
 
 
@@ -68,20 +68,20 @@ def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
         tty = launch(f"sim://{MODEL}", folder, Clock(scale, time.time()))
         port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
         try:
-            answer = b""
-            while b"SD init" not in answer:
+            reply = b""
+            while b"SD init" not in reply:
                 select.select([port], [], [])
-                answer += os.read(port, 4096)
+                reply += os.read(port, 4096)
             start_s, used_cpu_s = 0.0, 0.0
             pid = read_status(folder).pid
-            for at, line in enumerate(lines):
-                if at == len(PREPARE):
+            for index, line in enumerate(lines):
+                if index == len(PREPARE):
                     start_s, used_cpu_s = time.perf_counter(), _cpu_s(pid)
                 os.write(port, line)
-                answer = b""
-                while b"ok" not in answer:
+                reply = b""
+                while b"ok" not in reply:
                     select.select([port], [], [])
-                    answer += os.read(port, 4096)
+                    reply += os.read(port, 4096)
             moves = len(lines) - len(PREPARE)
             wall_s, cpu_s = time.perf_counter() - start_s, _cpu_s(pid) - used_cpu_s
             return wall_s / moves * 1e6, cpu_s / moves * 1e6
@@ -101,28 +101,28 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--lines", type=int, default=20_000)
     parser.add_argument("--scale", type=float, default=60.0, help="of the run at a limited clock")
-    chosen = parser.parse_args()
-    lines = list_moves(chosen.lines)
+    options = parser.parse_args()
+    lines = list_moves(options.lines)
     feed_us = measure_firmware_us(lines)
     round_trip_us, free_cpu_us = measure_port_us(lines, scale=1e6)
-    paced_us, paced_cpu_us = measure_port_us(lines, chosen.scale)
+    paced_us, paced_cpu_us = measure_port_us(lines, options.scale)
     figures = {
         "schema": 1,
-        "lines": chosen.lines,
+        "lines": options.lines,
         "feed_cpu_us": round(feed_us, 1),
         "round_trip_us": round(round_trip_us, 1),
         "round_trip_cpu_us": round(free_cpu_us, 1),
-        "scale": chosen.scale,
+        "scale": options.scale,
         "paced_line_us": round(paced_us, 1),
         "paced_cpu_us": round(paced_cpu_us, 1),
     }
-    if chosen.json:
+    if options.json:
         print(json.dumps(figures))
         return
     print(f"firmware alone: {feed_us:.1f} us of processor a move")
     print(f"through the port: {round_trip_us:.1f} us a round trip, {free_cpu_us:.1f} us of processor")
     print(
-        f"at {chosen.scale:g} times real time: {paced_us:.1f} us a move, {paced_cpu_us:.1f} us of processor"
+        f"at {options.scale:g} times real time: {paced_us:.1f} us a move, {paced_cpu_us:.1f} us of processor"
     )
 
 

@@ -52,7 +52,7 @@ async def heat(folder: Path, gcode: Path) -> None:
 
 
 def is_hot(folder: Path) -> bool:
-    """Tell whether the emulator of an agent's folder has a target."""
+    """Check whether the emulator of an agent's folder has a target."""
     status = read_status(folder / "emulator")
     return bool(status.nozzle_target_c or status.bed_target_c)
 
@@ -72,8 +72,8 @@ def measure(printers: int) -> dict[str, float]:
         fleet.write_text(f"fleet: {{time_scale: 60}}\nprinters:\n{rows}")
         moves = (f"G1 F6000 X{50 + i % 2 * 100} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(100_000))
         gcode.write_text(HEAD + "".join(moves))
-        places = ["--state", str(state), "--fleet", str(fleet)]
-        subprocess.run([FARM, "up", *places], check=True, stdout=subprocess.DEVNULL)
+        path_options = ["--state", str(state), "--fleet", str(fleet)]
+        subprocess.run([FARM, "up", *path_options], check=True, stdout=subprocess.DEVNULL)
         folders = [state / "agents" / f"p{i}" for i in range(printers)]
         daemon = int((state / "lock").read_text())
         try:
@@ -83,12 +83,12 @@ def measure(printers: int) -> dict[str, float]:
                 os.kill(pid, signal.SIGSTOP)
             assert all(map(is_hot, folders))
             began_s = time.monotonic()
-            command = subprocess.Popen([FARM, "estop", "--json", *places], stdout=subprocess.PIPE)
+            command = subprocess.Popen([FARM, "estop", "--json", *path_options], stdout=subprocess.PIPE)
             while any(map(is_hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
                 time.sleep(0.002)
             off_s = time.monotonic() - began_s
             report = json.loads(command.communicate()[0])
-            known_s = time.monotonic() - began_s
+            seen_off_s = time.monotonic() - began_s
         finally:
             os.kill(daemon, signal.SIGKILL)
             for folder in folders:
@@ -98,7 +98,7 @@ def measure(printers: int) -> dict[str, float]:
     return {
         "printers": printers,
         "targets_0_after_s": round(off_s, 3),
-        "all_seen_off_after_s": round(known_s, 3),
+        "all_seen_off_after_s": round(seen_off_s, 3),
         "seen_off": sum(row["seen_off"] for row in report["printers"]),
     }
 

@@ -22,16 +22,16 @@ import trimesh
 FARM = Path(sys.executable).with_name("farm")
 MODEL = "ultimaker2_plus"
 LENGTH_MM, WIDTH_MM, HEIGHT_MM = 40.0, 18.0, 12.0  # for each printer about half an hour
-VALID = 0.01  # of the time
+MAX_STARVED_SHARE = 0.01  # share of the time in which emulators waited
 PATIENCE_S = 3600.0
 
 
-def farm(state: Path, *words: str) -> str:
+def run_farm(state: Path, *arguments: str) -> str:
     """Run a farm command on the state folder."""
-    command = [str(FARM), *words, "--state", str(state)]
+    command = [str(FARM), *arguments, "--state", str(state)]
     process = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
     if process.returncode:
-        sys.exit(f"farm {words[0]}: {process.stderr.strip()}")
+        sys.exit(f"farm {arguments[0]}: {process.stderr.strip()}")
     return process.stdout
 
 
@@ -41,20 +41,20 @@ def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
     rows = "".join(f"  - {{name: sim-{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers))
     fleet.write_text(f"fleet: {{time_scale: {time_scale:g}}}\nprinters:\n{rows}")
     trimesh.creation.box((LENGTH_MM * printers, WIDTH_MM, HEIGHT_MM)).export(model)
-    farm(state, "up", "--fleet", str(fleet))
+    run_farm(state, "up", "--fleet", str(fleet))
     try:
-        submitted = farm(state, "submit", str(model), "--printers", str(printers), "--wait", "--json")
+        submitted = run_farm(state, "submit", str(model), "--printers", str(printers), "--wait", "--json")
         job = json.loads(submitted)["job"]
-        prints = json.loads(farm(state, "history", "--json"))["prints"]
-        fleet_now = json.loads(farm(state, "status", "--json"))["printers"]
+        prints = json.loads(run_farm(state, "history", "--json"))["prints"]
+        status_printers = json.loads(run_farm(state, "status", "--json"))["printers"]
     finally:
-        farm(state, "down", "--now")
+        run_farm(state, "down", "--now")
     return {
         "expected_s": job["estimated_s"],
         "reached_s": job["elapsed_s"],
         "off": job["elapsed_s"] / job["estimated_s"] - 1,
         "starved_share": job["starved_share"],
-        "valid": job["starved_share"] <= VALID,
+        "valid": job["starved_share"] <= MAX_STARVED_SHARE,
         "wasted_s": job["wasted_s"],
         "prints": [
             {
@@ -65,28 +65,29 @@ def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
             }
             for printer in prints
         ],
-        "time_factors": {printer["name"]: printer["time_factor"] for printer in fleet_now},
+        "time_factors": {printer["name"]: printer["time_factor"] for printer in status_printers},
     }
 
 
 def main() -> None:
-    """Run it, and print the figures."""
+    """Run the job, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--printers", type=int, default=3)
     parser.add_argument("--time-scale", type=float, default=60.0)
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        found = run(Path(folder), arguments.printers, arguments.time_scale)
+        figures = run(Path(folder), arguments.printers, arguments.time_scale)
     if arguments.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps(figures, indent=2))
         return
-    print(f"expected {found['expected_s']:.0f} s, reached {found['reached_s']:.0f} s: {found['off']:+.1%}")
-    for row in found["prints"]:
-        print(f"  {row['printer']}: {row['expected_s']:.0f} s, {row['reached_s']:.0f} s: {row['off']:+.1%}")
     print(
-        f"emulators waited {found['starved_share']:.2%} of the time: {'' if found['valid'] else 'not '}valid"
+        f"expected {figures['expected_s']:.0f} s, reached {figures['reached_s']:.0f} s: {figures['off']:+.1%}"
     )
+    for row in figures["prints"]:
+        print(f"  {row['printer']}: {row['expected_s']:.0f} s, {row['reached_s']:.0f} s: {row['off']:+.1%}")
+    validity = "valid" if figures["valid"] else "not valid"
+    print(f"emulators waited {figures['starved_share']:.2%} of the time: {validity}")
 
 
 if __name__ == "__main__":

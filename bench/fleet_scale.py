@@ -62,7 +62,7 @@ class Daemon:
         return time.clock_gettime((~self._process.pid << 3) | 2)
 
     def answers(self) -> bool:
-        """Tell whether it answers."""
+        """Check whether it answers."""
         try:
             self.client.status()
         except FarmError:

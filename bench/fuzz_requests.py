@@ -49,7 +49,7 @@ _ENCODING = "surrogatepass"
 
 @dataclass(frozen=True, slots=True)
 class FuzzedRequest:
-    """A request as bytes.
+    """Request as bytes.
 
     Attributes
     ----------
@@ -80,30 +80,30 @@ def make_request(rng: random.Random, keys: Mapping[str, str]) -> FuzzedRequest:
     """
     caller = rng.choice(sorted(keys))
     method, template = rng.choice(ROUTES)
-    plain = rng.random() < _PLAIN_SHARE
+    is_plain = rng.random() < _PLAIN_SHARE
     if rng.random() < 0.05:
         method = rng.choice(_METHODS)
-    path = _fill(rng, template, 1.0 if plain else 0.8)
-    body, kind = (rng.choice(_PLAIN_BODIES), "application/json") if plain else _make_body(rng)
-    if plain and template == _SUBMIT:
-        body, kind = STL, "application/octet-stream"
+    path = _fill(rng, template, 1.0 if is_plain else 0.8)
+    body, media_type = (rng.choice(_PLAIN_BODIES), "application/json") if is_plain else _make_body(rng)
+    if is_plain and template == _SUBMIT:
+        body, media_type = STL, "application/octet-stream"
         path = f"{template}?request_id={rng.getrandbits(64):016x}&name=a.stl&size={len(body)}"
-    headers = {"Host": HOST, "Connection": "close", "Content-Type": kind}
-    if not plain:
+    headers = {"Host": HOST, "Connection": "close", "Content-Type": media_type}
+    if not is_plain:
         headers |= _make_headers(rng)
     if keys[caller]:
         name = rng.choice(("X-Api-Key", "x-api-key", "Authorization"))
         headers[name] = f"Bearer {keys[caller]}" if name == "Authorization" else keys[caller]
     if method == "GET":
         body = b""
-    damage = None if plain else rng.choice((None,) * 8 + _DAMAGES)
+    damage = None if is_plain else rng.choice((None,) * 8 + _DAMAGES)
     if damage is None:
         headers["Content-Length"] = str(len(body))
         data = _write_head(method, path, headers) + body
     else:
         data = damage(rng, method, path, headers, body)
-    intact = damage is None and method in ("GET", "POST") and not _is_invalid(path, headers)
-    return FuzzedRequest(data, caller, method, template, intact)
+    is_intact = damage is None and method in ("GET", "POST") and not _is_invalid(path, headers)
+    return FuzzedRequest(data, caller, method, template, is_intact)
 
 
 def _is_invalid(path: str, headers: Mapping[str, str]) -> bool:
@@ -127,8 +127,8 @@ def _fill(rng: random.Random, template: str, valid_share: float) -> str:
         size = rng.choice((0, 1, len(GCODE), len(STL), 10**15))
         return f"{path}?request_id={rng.getrandbits(64):016x}&name={name}&size={size}"
     query = [f"{rng.choice(QUERY)}={rng.choice((*HOSTILE, '1', 'a'))}" for _ in range(rng.randrange(3))]
-    hostile = query and rng.random() > valid_share
-    return f"{path}?{'&'.join(query)}" if hostile else path
+    has_query = query and rng.random() > valid_share
+    return f"{path}?{'&'.join(query)}" if has_query else path
 
 
 def _make_headers(rng: random.Random) -> dict[str, str]:
@@ -149,8 +149,8 @@ def _make_headers(rng: random.Random) -> dict[str, str]:
         "X-Api-Key": HOSTILE,
         "Authorization": ("Bearer", "Bearer x", "Basic eDp5", "Digest x"),
     }
-    chosen = rng.sample(sorted(candidates), rng.choice((0, 0, 0, 1, 2, 4)))
-    return {name: rng.choice(candidates[name]) for name in chosen}
+    names = rng.sample(sorted(candidates), rng.choice((0, 0, 0, 1, 2, 4)))
+    return {name: rng.choice(candidates[name]) for name in names}
 
 
 def _make_body(rng: random.Random) -> tuple[bytes, str]:
@@ -192,10 +192,10 @@ def _make_form(rng: random.Random) -> tuple[bytes, str]:
         head = f'--{boundary}\r\nContent-Disposition: form-data; name="{name}"{file_name}\r\n\r\n'
         parts.append(head.encode(errors=_ENCODING) + content + b"\r\n")
     end = rng.choice((f"--{boundary}--\r\n", f"--{boundary}", "", f"--{boundary}--\r\ntrailing"))
-    kind = f'multipart/form-data; boundary="{boundary}"' if rng.random() < 0.5 else (
+    media_type = f'multipart/form-data; boundary="{boundary}"' if rng.random() < 0.5 else (
         f"multipart/form-data; boundary={boundary}"
     )  # fmt: skip
-    return b"".join(parts) + end.encode(), kind
+    return b"".join(parts) + end.encode(), media_type
 
 
 def _write_head(method: str, path: str, headers: Mapping[str, str], version: str = "HTTP/1.1") -> bytes:
@@ -205,18 +205,18 @@ def _write_head(method: str, path: str, headers: Mapping[str, str], version: str
 
 def _damage_length(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
     """Announce another length than the body has."""
-    wrong = rng.choice(("-1", "1" * 30, "x", "", "0", str(len(body) + 10), "5, 6"))
-    return _write_head(method, path, {**headers, "Content-Length": wrong}) + body
+    length = rng.choice(("-1", "1" * 30, "x", "", "0", str(len(body) + 10), "5, 6"))
+    return _write_head(method, path, {**headers, "Content-Length": length}) + body
 
 
 def _damage_chunks(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
     """Send chunks, some of them wrong, some beside a length."""
-    more = {"Transfer-Encoding": rng.choice(("chunked", "gzip, chunked", "x"))}
+    added = {"Transfer-Encoding": rng.choice(("chunked", "gzip, chunked", "x"))}
     if rng.random() < 0.3:
-        more["Content-Length"] = str(len(body))
+        added["Content-Length"] = str(len(body))
     size = rng.choice((f"{len(body):x}", "-1", "ffffffffffffffff", "x", f"{len(body):x};ext=1"))
     end = rng.choice(("\r\n0\r\n\r\n", "\r\n0\r\nTrailer: x\r\n\r\n", "", "0"))
-    return _write_head(method, path, {**headers, **more}) + f"{size}\r\n".encode() + body + end.encode()
+    return _write_head(method, path, {**headers, **added}) + f"{size}\r\n".encode() + body + end.encode()
 
 
 def _damage_head(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
@@ -252,8 +252,8 @@ def _repeat(rng: random.Random, method: str, path: str, headers: dict[str, str],
     """Send several requests at once on one connection."""
     open_headers = {**headers, "Content-Length": str(len(body)), "Connection": "keep-alive"}
     last_headers = {**headers, "Content-Length": str(len(body))}
-    repeated = (_write_head(method, path, open_headers) + body) * rng.choice((1, 2, 20))
-    return repeated + _write_head(method, path, last_headers) + body
+    requests = (_write_head(method, path, open_headers) + body) * rng.choice((1, 2, 20))
+    return requests + _write_head(method, path, last_headers) + body
 
 
 _DAMAGES = (_damage_length, _damage_chunks, _damage_head, _damage_bytes, _damage_bytes, _cut, _repeat)

@@ -1,4 +1,4 @@
-"""Random requests to a real daemon: none fails, nothing grows, nobody does more than they may.
+"""Random requests to a real daemon: none fails, memory does not grow, no caller exceeds its role.
 
 ``python -m bench.fuzz_web [--requests N] [--seed N] [--at-once N] [--json]``. A daemon with two simulated
 printers and a server for the network. Three quarters of the requests come from callers who may change
@@ -71,15 +71,15 @@ class FuzzedFarm(WebFarm):
 
 async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) -> list[int]:
     """Send a request on a connection of its own. Returns the statuses of the answers."""
-    answer, patience_s = b"", answer_s if request.intact else DAMAGED_S
+    answer, timeout_s = b"", answer_s if request.intact else DAMAGED_S
     with suppress(ConnectionError, TimeoutError):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         try:
             writer.write(request.data)
-            while chunk := await asyncio.wait_for(reader.read(65536), patience_s):
+            while chunk := await asyncio.wait_for(reader.read(65536), timeout_s):
                 answer += chunk
                 if STREAM_TYPE.encode() in answer:
-                    break  # it does not end
+                    break  # a stream does not end
         finally:
             writer.close()
     return list(list_statuses(answer))
@@ -88,8 +88,8 @@ async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) ->
 class Fuzzing:
     """Sends requests, several at once, and counts the answers."""
 
-    def __init__(self, port: int, rng: random.Random, at_once: int) -> None:
-        self._port, self._rng, self._at_once = port, rng, at_once
+    def __init__(self, port: int, rng: random.Random, connections: int) -> None:
+        self._port, self._rng, self._connections = port, rng, connections
         self.statuses: Counter[int] = Counter()
         self.failures: list[tuple[list[int], bytes]] = []
         self.sent = self.intact = self.unanswered = self.accepted = 0
@@ -105,7 +105,7 @@ class Fuzzing:
                 request = make_request(self._rng, keys)
                 self._count(request, await send(self._port, request))
 
-        await asyncio.gather(*(work() for _ in range(self._at_once)))
+        await asyncio.gather(*(work() for _ in range(self._connections)))
 
     def _count(self, request: FuzzedRequest, statuses: list[int]) -> None:
         self.sent += 1
@@ -120,51 +120,51 @@ class Fuzzing:
             self.failures.append((statuses, request.data))
 
 
-def measure(number: int, seed: int, at_once: int) -> dict[str, Any]:
+def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
     """Send the requests, and compare the daemon before and after."""
     with tempfile.TemporaryDirectory() as name:
         farm = FuzzedFarm(Path(name))
         try:
-            fuzzing, begun_s = Fuzzing(farm.port, random.Random(seed), at_once), time.monotonic()
-            powerless = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
-            powerful = {name: farm.keys[name] for name in ("print", "operate")}
-            at_start = farm.measure()
+            fuzzing, start_s = Fuzzing(farm.port, random.Random(seed), connections), time.monotonic()
+            powerless_keys = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
+            powerful_keys = {name: farm.keys[name] for name in ("print", "operate")}
+            before = farm.measure()
             warm_up = min(WARM_UP, number // 4)
-            asyncio.run(fuzzing.run(warm_up, powerless))
+            asyncio.run(fuzzing.run(warm_up, powerless_keys))
             warm = farm.measure()
-            asyncio.run(fuzzing.run(number * 3 // 4 - warm_up, powerless))
-            looked = farm.measure()
+            asyncio.run(fuzzing.run(number * 3 // 4 - warm_up, powerless_keys))
+            middle = farm.measure()
             accepted_powerless = fuzzing.accepted
-            asyncio.run(fuzzing.run(number - number * 3 // 4, powerful))
-            ended = farm.measure()
-            given_up_s = time.monotonic() + ANSWER_S
-            while ended["uploads"] and time.monotonic() < given_up_s:
-                time.sleep(1.0)  # a whole upload is inspected, also if its sender has left
-                ended = farm.measure()
+            asyncio.run(fuzzing.run(number - number * 3 // 4, powerful_keys))
+            after = farm.measure()
+            deadline_s = time.monotonic() + ANSWER_S
+            while after["uploads"] and time.monotonic() < deadline_s:
+                time.sleep(1.0)  # a complete upload is inspected even if its sender has disconnected
+                after = farm.measure()
             status = json.loads(farm.run("status", "--json"))
         finally:
             farm.run("down", "--now")
-    measured = max(1, number * 3 // 4 - warm_up)
+    count = max(1, number * 3 // 4 - warm_up)
     failed = sum(bool(statuses) for statuses, _ in fuzzing.failures)
     return {
         "requests": fuzzing.sent,
         "intact": fuzzing.intact,
-        "seconds": time.monotonic() - begun_s,
+        "seconds": time.monotonic() - start_s,
         "statuses": dict(sorted(fuzzing.statuses.items())),
         "failed": failed,
         "unanswered": fuzzing.unanswered,
         "failures": [(statuses, repr(data[:2000])) for statuses, data in fuzzing.failures[:_SHOWN]],
-        "events_without_right": looked["event"] - at_start["event"],
-        "jobs_without_right": looked["job"],
-        "prints_without_right": looked["print"],
+        "events_without_right": middle["event"] - before["event"],
+        "jobs_without_right": middle["job"],
+        "prints_without_right": middle["print"],
         "accepted_changes": fuzzing.accepted - accepted_powerless,
-        "new_events": ended["event"] - looked["event"],
-        "new_jobs": ended["job"],
-        "new_prints": ended["print"],
-        "uploads_left": ended["uploads"],
-        "new_descriptors": looked["descriptors"] - warm["descriptors"],
-        "grown_mb_per_100000": (looked["resident_mb"] - warm["resident_mb"]) * 100_000 / measured,
-        "resident_mb": [sample["resident_mb"] for sample in (at_start, warm, looked, ended)],
+        "new_events": after["event"] - middle["event"],
+        "new_jobs": after["job"],
+        "new_prints": after["print"],
+        "uploads_left": after["uploads"],
+        "new_descriptors": middle["descriptors"] - warm["descriptors"],
+        "grown_mb_per_100000": (middle["resident_mb"] - warm["resident_mb"]) * 100_000 / count,
+        "resident_mb": [sample["resident_mb"] for sample in (before, warm, middle, after)],
         "printers": {printer["name"]: printer["state"] for printer in status["printers"]},
     }
 

@@ -27,15 +27,15 @@ PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
 CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
 
 
-def compute_shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
+def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
     """Compute the share of heights for each of `CASES`."""
     counts = [0] * len(CASES)
     for hundredth in hundredths:
         height_mm = hundredth / 100.0
-        found = fit_heights(height_mm, wanted, max_first_mm=LAYER_SHARE * nozzle_mm)
-        changed = abs(found.first_mm / wanted.first_mm - 1.0)
-        exact = abs(printed_height_mm(height_mm, found) - height_mm) <= EXACT_MM
-        case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if changed <= spread + 1e-9), -1)
+        heights = fit_heights(height_mm, nominal, max_first_mm=LAYER_SHARE * nozzle_mm)
+        change = abs(heights.first_mm / nominal.first_mm - 1.0)
+        exact = abs(printed_height_mm(height_mm, heights) - height_mm) <= EXACT_MM
+        case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)
         counts[case if exact else -1] += 1
     return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
 
@@ -53,11 +53,11 @@ def main() -> int:
             for nozzle_mm in nozzles:
                 request = SettingsRequest(build_slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
                 settings = resolve_settings(request, find_resources())
-                wanted = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
-                found = compute_shares(wanted, nozzle_mm, hundredths)
-                rows.append({"quality": quality, "printer": printer, "nozzle_mm": nozzle_mm, **found})
+                nominal = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
+                shares = compute_shares(nominal, nozzle_mm, hundredths)
+                rows.append({"quality": quality, "printer": printer, "nozzle_mm": nozzle_mm, **shares})
                 if not args.json:
-                    text = ", ".join(f"{name} {share:.2%}" for name, share in found.items())
+                    text = ", ".join(f"{name} {share:.2%}" for name, share in shares.items())
                     print(f"{quality} {printer} {nozzle_mm}: {text}", flush=True)
     if args.json:
         print(json.dumps({"schema": 1, "heights": len(hundredths), "rows": rows}, indent=1))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from bench.print_time_parts import ANYWHERE
+from bench.print_time_parts import ENDLESS_BED
 from decompose.arrays import Bools, Floats
 from decompose.connectors import Mark
 from decompose.connectors.strokes import ADVANCE, GRID_WIDE, LETTERS, draw_strokes, text_width
@@ -45,8 +45,8 @@ class PrintedPart:
     def support_mm3(self) -> float:
         """Material of supports; the printer counts it in mm3."""
         is_support = self.path.is_feature("SUPPORT") | self.path.is_feature("SUPPORT-INTERFACE")
-        along = (self.path.before[:, :2] != self.path.after[:, :2]).any(axis=1)  # not after a retraction
-        return float(self.path.extruded_mm[is_support & along].clip(min=0.0).sum())
+        is_move = (self.path.before[:, :2] != self.path.after[:, :2]).any(axis=1)  # not after a retraction
+        return float(self.path.extruded_mm[is_support & is_move].clip(min=0.0).sum())
 
     def find_seams(self, longest_only: bool = False) -> Floats:
         """Find the points (n, 3), in the joints' frame, where rings of the outer wall begin.
@@ -74,14 +74,14 @@ class PrintedPart:
         layers = layers.clip(0, self.walls.layer.max()).astype(np.int64)
         inside = np.zeros(len(points_mm), dtype=np.bool_)
         for layer in np.unique(layers):
-            area = self.walls.build_printed_area(int(layer), _EVERYWHERE)
-            at = layers == layer
-            inside[at] = shapely.contains_xy(area, placed[at, :2])
+            area = self.walls.build_printed_area(int(layer), _EVERYTHING)
+            on_layer = layers == layer
+            inside[on_layer] = shapely.contains_xy(area, placed[on_layer, :2])
         return inside
 
     def is_legible(self, mark: Mark) -> bool:
         """Read a mark: each letter has to resemble itself most, and arrows and dots have to be there."""
-        into, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
+        direction, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
         code, number = mark.text.rstrip("^."), 0
         if code:
             strokes = draw_strokes(code)
@@ -91,7 +91,7 @@ class PrintedPart:
         signs = np.concatenate(
             [np.linspace(*line, 5) for line in [*mark.lines_mm[number:]]] or [np.zeros((0, 3))]
         )
-        return not len(signs) or (~self.is_printed(signs + BELOW_MM * into)).mean() >= READ_SHARE
+        return not len(signs) or (~self.is_printed(signs + BELOW_MM * direction)).mean() >= READ_SHARE
 
     def _read_letters(self, mark: Mark, code: str, strokes: Floats, depth_mm: float) -> Iterator[str]:
         flat = np.column_stack([strokes.reshape(-1, 2), np.ones(2 * len(strokes))])
@@ -100,8 +100,8 @@ class PrintedPart:
         half_width = round(max(0.3, (depth_mm - BELOW_MM) / scale), 3)
         for n in range(len(code)):
             middle = np.array([ADVANCE * n + GRID_WIDE / 2.0 - text_width(code) / 2.0, 0.0])
-            at = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
-            missing = ~self.is_printed(at + BELOW_MM * mark.grooves[0].into)
+            points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
+            missing = ~self.is_printed(points_mm + BELOW_MM * mark.grooves[0].into)
             yield max(_READABLE, key=lambda letter: _resemble(letter, half_width, missing))
 
 
@@ -127,7 +127,7 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
     stl, out = folder / "part.stl", folder / "part.gcode"
     write_stl(stl, (placed + shift)[faces].astype(np.float32))
     result = slice_plate(
-        PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE)
+        PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ENDLESS_BED)
     )
     path, layout = read_toolpath(out.read_bytes()), read_wall_layout(settings)
     if layout is None:
@@ -143,7 +143,7 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
 
 
 _READABLE = [letter for letter in LETTERS if letter not in ".^"]
-_EVERYWHERE = shapely.box(-1e4, -1e4, 1e4, 1e4)
+_EVERYTHING = shapely.box(-1e4, -1e4, 1e4, 1e4)
 _LETTER_GRID = np.stack(
     np.meshgrid(
         np.arange(-2.0 - MARGIN, 2.0 + MARGIN + PITCH / 2, PITCH),

@@ -1,4 +1,4 @@
-"""Pins and marks on the joints of decomposed models: how much glue they serve, and what they cost.
+"""Pins and marks on the joints of decomposed models: share of the glued area near a pin, and cost.
 
 Models are cut by the engine `guillotine`, then drilled, all rules checked. With --slices, the first parts
 of each model are sliced as they were cut and with their holes and marks. Marks are read back from the outer
@@ -34,10 +34,10 @@ from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, connect_parts
 
-ROOM_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
-ALL = ConnectorOptions(FILAMENT_MM, marks=True)
+ROOM_SIZES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
+ALL_CONNECTORS = ConnectorOptions(FILAMENT_MM, marks=True)
 NEAR_MM = 60.0
-STEP_MM2 = 100.0  # a step of more glue should have two pins
+STEP_MM2 = 100.0  # glued area from which a step should have two pins
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,8 @@ def load_case(name: str, longest_side_mm: float) -> Model:
 def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
     """Cut a model, drill its parts, and measure them."""
     model = load_case(name, longest_side_mm)
-    rooms = [PrinterRoom(str(number), ROOM_MM) for number in range(printers)]
-    options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL)
+    rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
+    options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
     cut = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe())).with_assembly()
     began_s = process_time()
     drilled = connect_parts(cut)
@@ -117,9 +117,9 @@ def measure_near_glue(result: Decomposition) -> float:
         pins = [pin.at_mm for pin in result.connectors.pins if pin.step == number]
         for face in (face for joint in step.joints for face in result.joints[joint].faces):
             discs = [
-                shapely.Point(face.axes @ at).buffer(np.sqrt(NEAR_MM**2 - off_mm**2))
-                for at in pins
-                if (off_mm := abs(float(face.normal @ at) - face.offset_mm)) < NEAR_MM
+                shapely.Point(face.axes @ at_mm).buffer(np.sqrt(NEAR_MM**2 - off_mm**2))
+                for at_mm in pins
+                if (off_mm := abs(float(face.normal @ at_mm) - face.offset_mm)) < NEAR_MM
             ]
             near_mm2 += face.outline.intersection(shapely.union_all(discs)).area
             total_mm2 += face.area_mm2
@@ -136,9 +136,9 @@ def slice_parts(result: Decomposition, count: int) -> SlicedFigures:
             bare = slice_printed(part, part.solid, Path(folder))
             drilled = slice_printed(part, part.printed, Path(folder))
         pairs.append((bare, drilled))
-        own = [mark for mark in result.connectors.marks if mark.part == number]
-        marks += len(own)
-        illegible += [f"{part.id}: {mark.text}" for mark in own if not drilled.is_legible(mark)]
+        marks_of_part = [mark for mark in result.connectors.marks if mark.part == number]
+        marks += len(marks_of_part)
+        illegible += [f"{part.id}: {mark.text}" for mark in marks_of_part if not drilled.is_legible(mark)]
     return SlicedFigures(
         parts=len(pairs),
         bare_s=sum(bare.sliced_s for bare, _ in pairs),
@@ -168,20 +168,20 @@ def main() -> None:
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    finished, rows = read_done(options.resume), []
+    rows_by_case, rows = read_done(options.resume), []
     ends_s = monotonic() + options.budget
     for name in options.models:
         for printers in map(int, options.printers.split(",")):
             key = (Path(name).name, printers)
-            if key not in finished:
+            if key not in rows_by_case:
                 if monotonic() > ends_s:
                     continue
                 row = measure(name, printers, options.longest_side, options.slices)
-                finished[key] = {"printers": printers, **asdict(row)}
+                rows_by_case[key] = {"printers": printers, **asdict(row)}
                 if options.resume is not None:
                     with options.resume.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(finished[key]) + "\n")
-            rows.append(finished[key])
+                        file.write(json.dumps(rows_by_case[key]) + "\n")
+            rows.append(rows_by_case[key])
             if not options.json:
                 print("  ".join(f"{field} {value}" for field, value in rows[-1].items()), flush=True)
     if options.json:

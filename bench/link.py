@@ -42,8 +42,10 @@ MODEL = "ultimaker2_plus"
 PEER = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 # Cold moves in the time that bytes need: nothing but the link is measured.
-BESIDE_HEAD = "G21\nG90\nM82\nM107\nG28\nM302 S0\nM109 S30\nG1 F2400 Z205\nG92 E0\nG0 F9000 X10 Y10\nM400\n"
-BESIDE_ROUNDS = 3
+COMPARISON_HEAD = (
+    "G21\nG90\nM82\nM107\nG28\nM302 S0\nM109 S30\nG1 F2400 Z205\nG92 E0\nG0 F9000 X10 Y10\nM400\n"
+)
+COMPARISON_ROUNDS = 3
 TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
 
 
@@ -54,7 +56,7 @@ def cpu_s(pid: int) -> float:
 
 
 async def print_one(
-    folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep: bool = False
+    folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep_emulator: bool = False
 ) -> tuple[float, float, float]:
     """Print on one printer; measure the wall times of first and last line, and the agent's CPU between."""
     process = spawn_agent(folder.name, MODEL, url, folder, clock)
@@ -70,10 +72,10 @@ async def print_one(
             filament=m.Filament.PARKED,
         )
         began_s = ended_s = cpu_before_s = cpu_after_s = 0.0
-        requested = False
+        start_sent = False
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.READY and not requested:
-                requested = True
+            if snapshot.link is m.LinkState.READY and not start_sent:
+                start_sent = True
                 reply = await client.request(start)
                 if reply.error:
                     raise SystemExit(reply.error)
@@ -87,12 +89,12 @@ async def print_one(
                     raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
                 break
     finally:
-        # Whatever went wrong, nothing stays warm or running behind.
+        # After any failure, heaters are off and no process is left.
         with suppress(DriverError):
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()
         await asyncio.to_thread(process.wait, 30.0)
-        if not keep:
+        if not keep_emulator:
             control(folder / "emulator", "power_off")
     return began_s, ended_s, cpu_after_s - cpu_before_s
 
@@ -128,13 +130,13 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
     )
     with tempfile.TemporaryDirectory() as folder:
         whole, head, path = (Path(folder) / name for name in ("whole.gcode", "head.gcode", "moves.gcode"))
-        whole.write_text(BESIDE_HEAD + moves + "M104 S0\n")  # a G28 would be measured with them
-        head.write_text(BESIDE_HEAD)
+        whole.write_text(COMPARISON_HEAD + moves + "M104 S0\n")  # a G28 would be measured with them
+        head.write_text(COMPARISON_HEAD)
         path.write_text(moves)
         printer = Path(folder) / "p"
         agent_rates, printcore_rates = [], []
         try:
-            for _ in range(BESIDE_ROUNDS):  # in turn: what else the machine does then hits both
+            for _ in range(COMPARISON_ROUNDS):  # in turn, so that other load affects both
                 url = f"sim://{MODEL}?wire=1"
                 began_s, ended_s, _ = asyncio.run(print_one(printer, Clock(), whole, url, keep=True))
                 agent_rates.append(lines / (ended_s - began_s))
@@ -165,7 +167,7 @@ def main() -> None:
     parser.add_argument("--beside", type=Path, default=INTEROP, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    works: dict[str, Callable[[], dict[str, float]]] = {
+    measurements: dict[str, Callable[[], dict[str, float]]] = {
         "throughput": lambda: asyncio.run(measure(options.agents, options.lines, options.scale)),
         "printcore": lambda: compare_with_printcore(options.lines, options.beside),
         "agent": lambda: asyncio.run(agent.measure(options.agents, 1000, 50.0)),
@@ -174,8 +176,8 @@ def main() -> None:
         "estop": lambda: estop.measure(2),
     }
     if options.part is None and not options.beside.exists():
-        del works["printcore"]
-    results = {part: works[part]() for part in options.part or works}
+        del measurements["printcore"]
+    results = {part: measurements[part]() for part in options.part or measurements}
     if options.json:
         print(json.dumps({"schema": 1, **results}))
         return

@@ -38,7 +38,7 @@ _ULTIGCODE = {
     "machine_start_gcode": "",
     "machine_end_gcode": "",
 }
-WAYS: dict[str, dict[str, str]] = {
+SLICE_SETTINGS: dict[str, dict[str, str]] = {
     "plain": {},
     "ultigcode": _ULTIGCODE,
     "ultigcode raft": {**_ULTIGCODE, "adhesion_type": "raft"},
@@ -60,13 +60,13 @@ WAYS: dict[str, dict[str, str]] = {
 }
 """Settings of CuraEngine, beyond those of the quality."""
 _SIZE_MM = 22.0
-"""Greatest side of a model: enough layers, and a short time."""
+"""Longest side of a model: enough layers, and a short slicing time."""
 _LAYER = re.compile(rb"(?m)^;LAYER:(-?\d+)\r?\n")
 _FEED = re.compile(rb"(?m)^G1[^\n]* [XY][^\n]* E")
 _END = re.compile(rb"(?m)^;TIME_ELAPSED:[^\n]*\n")
 
 Cut = Callable[[list[bytes], random.Random], list[bytes]]
-"""Takes layers out of a list of all."""
+"""Removes layers from a list of all layers."""
 
 
 def _cut_first(layers: list[bytes], rng: random.Random) -> list[bytes]:
@@ -74,8 +74,8 @@ def _cut_first(layers: list[bytes], rng: random.Random) -> list[bytes]:
 
 
 def _cut_one(layers: list[bytes], rng: random.Random) -> list[bytes]:
-    lost = rng.randrange(1, len(layers) - 1)
-    return layers[:lost] + layers[lost + 1 :]
+    index = rng.randrange(1, len(layers) - 1)
+    return layers[:index] + layers[index + 1 :]
 
 
 def _cut_run(layers: list[bytes], rng: random.Random) -> list[bytes]:
@@ -84,8 +84,8 @@ def _cut_run(layers: list[bytes], rng: random.Random) -> list[bytes]:
 
 
 def _cut_many(layers: list[bytes], rng: random.Random) -> list[bytes]:
-    lost = set(rng.sample(range(len(layers)), rng.randint(2, max(2, len(layers) // 3))))
-    return [layer for at, layer in enumerate(layers) if at not in lost]
+    indices = set(rng.sample(range(len(layers)), rng.randint(2, max(2, len(layers) // 3))))
+    return [layer for index, layer in enumerate(layers) if index not in indices]
 
 
 def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
@@ -93,7 +93,7 @@ def _cut_last(layers: list[bytes], rng: random.Random) -> list[bytes]:
 
 
 def _tear(layers: list[bytes], rng: random.Random) -> list[bytes]:
-    """Lose the lines from any place to any later one."""
+    """Remove the lines between two random places."""
     lines = b"".join(layers).splitlines(keepends=True)
     start, stop = sorted(rng.sample(range(1, len(lines) - 1), 2))
     return [*lines[:start], *lines[min(stop, start + rng.choice((150, len(lines)))) :]]
@@ -109,7 +109,7 @@ CUTS: dict[str, Cut] = {
 }
 
 
-class NoTime:
+class NoStopwatch:
     """Stopwatch that measures nothing: acceptance does not depend on it."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None: ...
@@ -131,23 +131,25 @@ class Slicer:
             settings.printer, settings.filament_mm2, 0.4, settings.nozzle_c, settings.bed_c
         )
 
-    def slice_model(self, mesh: trimesh.Trimesh, way: dict[str, str]) -> bytes:
+    def slice_model(self, mesh: trimesh.Trimesh, overrides: dict[str, str]) -> bytes:
         """Slice a model, made small enough and put on the bed's centre; empty if the engine fails."""
         mesh = mesh.copy()
         mesh.apply_scale(min(1.0, _SIZE_MM / max(mesh.extents)))
         low, high = mesh.bounds
         mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
-        forced = {key: value for key, value in way.items() if find_reserved_reason(key) or value == "raft"}
-        settings = self._resolve({key: value for key, value in way.items() if key not in forced})
+        locked = {
+            key: value for key, value in overrides.items() if find_reserved_reason(key) or value == "raft"
+        }
+        settings = self._resolve({key: value for key, value in overrides.items() if key not in locked})
         with tempfile.TemporaryDirectory() as folder:
             stl = Path(folder) / "model.stl"
             mesh.export(stl)
-            stacks = {**settings.global_, **forced}, {**settings.extruder, **forced}
+            stacks = {**settings.global_, **locked}, {**settings.extruder, **locked}
             try:
-                out = run_engine(find_engine(), stl, *stacks, EngineLimits(1000, 300.0))
+                output = run_engine(find_engine(), stl, *stacks, EngineLimits(1000, 300.0))
             except EngineFailed:
                 return b""
-        return out.gcode if self._raw else replace_header(out.gcode, out.log)
+        return output.gcode if self._raw else replace_header(output.gcode, output.log)
 
     def _resolve(self, overrides: dict[str, str]) -> EngineSettings:
         printer = build_slicing_printer(BEDS["ultimaker2_plus"])
@@ -167,7 +169,7 @@ def make_more_models() -> dict[str, trimesh.Trimesh]:
         "two heights": trimesh.util.concatenate([create.box((9, 9, 20), MOVE((-8, 0, 10))), pin]),
         "table": trimesh.boolean.union([create.box((30, 30, 3), MOVE((0, 0, 25))), create.cylinder(2, 48)]),
         "hourglass": trimesh.boolean.union(
-            [create.cone(10, 20), create.cone(10, 20, transform=MOVE((0, 0, 30)) @ _TURNED)]
+            [create.cone(10, 20), create.cone(10, 20, transform=MOVE((0, 0, 30)) @ _HALF_TURN)]
         ),
         "slab": create.box((22, 15, 1)),
         "above a slab": trimesh.util.concatenate(
@@ -179,22 +181,22 @@ def make_more_models() -> dict[str, trimesh.Trimesh]:
     }
 
 
-_TURNED = trimesh.transformations.rotation_matrix(3.14159265, (1, 0, 0))
+_HALF_TURN = trimesh.transformations.rotation_matrix(3.14159265, (1, 0, 0))
 
 
 def split_layers(gcode: bytes) -> tuple[bytes, list[bytes], bytes]:
     """Split a file into its head, its layers, and the rest."""
-    starts = [found.start() for found in _LAYER.finditer(gcode)]
-    end = [found.end() for found in _END.finditer(gcode)][-1]
+    starts = [match.start() for match in _LAYER.finditer(gcode)]
+    end = [match.end() for match in _END.finditer(gcode)][-1]
     bounds = [*starts, end]
     layers = [gcode[a:b] for a, b in pairwise(bounds)]
     return gcode[: starts[0]], layers, gcode[end:]
 
 
 def find_refusal(gcode: bytes, target: PrintTarget) -> str | None:
-    """Read a file; give the reason why it is refused, or None."""
+    """Read a file; return the reason for its refusal, None if it is accepted."""
     try:
-        accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=NoTime())
+        accept_gcode(gcode.splitlines(keepends=True), target, stopwatch=NoStopwatch())
     except GcodeRefused as refused:
         return str(refused)
     return None
@@ -205,8 +207,8 @@ def list_slices(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and the G-code of each slice with more than three layers."""
     for name, mesh in models.items():
-        for way, settings in WAYS.items():
-            title = f"{Path(name).stem}, {way}"
+        for title_suffix, settings in SLICE_SETTINGS.items():
+            title = f"{Path(name).stem}, {title_suffix}"
             path = folder / f"{title}.gcode"
             if not path.exists():
                 path.write_bytes(slicer.slice_model(mesh, settings))
@@ -216,14 +218,14 @@ def list_slices(
 
 
 @dataclass
-class Measured:
-    """Whole files and files with layers cut out, by kind of cut, and those that were read wrongly."""
+class Findings:
+    """Counts of whole and of damaged files by kind of cut, and the files that were judged wrongly."""
 
     whole: int = 0
     cut: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
     false_alarms: list[str] = field(default_factory=list)
-    unnoticed: list[str] = field(default_factory=list)
+    undetected: list[str] = field(default_factory=list)
 
     def read_slice(
         self, title: str, gcode: bytes, target: PrintTarget, cuts: int, rng: random.Random
@@ -236,16 +238,16 @@ class Measured:
         head, layers, end = split_layers(gcode)
         for kind, cut in CUTS.items():
             for _ in range(cuts):
-                left = cut(layers, rng)
-                if len(_FEED.findall(b"".join(left))) == len(_FEED.findall(b"".join(layers))):
+                remaining = cut(layers, rng)
+                if len(_FEED.findall(b"".join(remaining))) == len(_FEED.findall(b"".join(layers))):
                     continue
                 self.cut[kind] += 1
-                if find_refusal(head + b"".join(left) + end, target) is not None:
+                if find_refusal(head + b"".join(remaining) + end, target) is not None:
                     self.refused[kind] += 1
                 else:
-                    lost = (_LAYER.findall(layer) for layer in layers if layer not in left)
+                    lost = (_LAYER.findall(layer) for layer in layers if layer not in remaining)
                     numbers = ", ".join(number[0].decode() for number in lost)
-                    self.unnoticed.append(f"{title}: {kind}, {len(layers)} layers without {numbers[:40]}")
+                    self.undetected.append(f"{title}: {kind}, {len(layers)} layers without {numbers[:40]}")
 
 
 def main() -> None:
@@ -259,21 +261,21 @@ def main() -> None:
     options = parser.parse_args()
     models = {**make_models(), **make_more_models()}
     models |= {str(path): trimesh.load_mesh(path) for path in options.stl}
-    slicer, rng, measured = Slicer(options.raw), random.Random(options.seed), Measured()
+    slicer, rng, findings = Slicer(options.raw), random.Random(options.seed), Findings()
     with tempfile.TemporaryDirectory() as name:
         folder = options.keep or Path(name)
         folder.mkdir(exist_ok=True)
         for title, gcode in list_slices(models, slicer, folder):
-            measured.read_slice(title, gcode, slicer.target, options.cuts, rng)
+            findings.read_slice(title, gcode, slicer.target, options.cuts, rng)
     if options.json:
-        print(json.dumps({"schema": 1, **asdict(measured)}, indent=1))
+        print(json.dumps({"schema": 1, **asdict(findings)}, indent=1))
         return
-    accepted = measured.whole - len(measured.false_alarms)
-    print(f"whole: {measured.whole}, {accepted} accepted", *measured.false_alarms, sep="\n  ")
-    for kind, count in measured.cut.items():
-        print(f"{kind}: {count} files, {measured.refused[kind]} refused")
-    refused = measured.refused.total()
-    print(f"all: {measured.cut.total()} files, {refused} refused", *measured.unnoticed, sep="\n  ")
+    accepted = findings.whole - len(findings.false_alarms)
+    print(f"whole: {findings.whole}, {accepted} accepted", *findings.false_alarms, sep="\n  ")
+    for kind, count in findings.cut.items():
+        print(f"{kind}: {count} files, {findings.refused[kind]} refused")
+    refused = findings.refused.total()
+    print(f"all: {findings.cut.total()} files, {refused} refused", *findings.undetected, sep="\n  ")
 
 
 if __name__ == "__main__":

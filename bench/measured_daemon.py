@@ -29,19 +29,19 @@ PLATES_OF_A_JOB = 20
 
 
 def fill_books(path: Path, printers: list[str], plates: int) -> None:
-    """Write books with planned jobs of `plates` plates in all: some for tall printers, some with a limit."""
+    """Write books of planned jobs with this number of plates: some for tall printers, some with a limit."""
     rng, store, books = random.Random(1), Store(path), Books()
-    for number in range(1, -(-plates // PLATES_OF_A_JOB) + 1):
-        count = min(PLATES_OF_A_JOB, plates - (number - 1) * PLATES_OF_A_JOB)
-        options = JobOptions(printers=4 if number % 10 == 0 else None)
+    for job in range(1, -(-plates // PLATES_OF_A_JOB) + 1):
+        count = min(PLATES_OF_A_JOB, plates - (job - 1) * PLATES_OF_A_JOB)
+        options = JobOptions(printers=4 if job % 10 == 0 else None)
         job = Job(
-            id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=options,
-            submitted_s=float(number),
+            id=job, request_id=f"request-{job}", name="bunny.stl", model_file="m.npz", options=options,
+            submitted_s=float(job),
         )  # fmt: skip
         for event in (
-            ev.JobSubmitted(at_s=float(number), job=job),
-            ev.PlanningStarted(at_s=float(number), job=number),
-            make_plan(number, count, printers, rng),
+            ev.JobSubmitted(at_s=float(job), job=job),
+            ev.PlanningStarted(at_s=float(job), job=job),
+            make_planned_event(job, count, printers, rng),
         ):
             new_books, _ = apply(event, books)
             store.commit(event, books, new_books)
@@ -49,13 +49,13 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
     store.close()
 
 
-def make_plan(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
+def make_planned_event(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
     """Make the plan of one job."""
     parts, plates = [], []
-    for at in range(1, count + 1):
+    for plate_number in range(1, count + 1):
         sliced_s, top = rng.uniform(3600.0, 36000.0), (40.0, 40.0, rng.uniform(50.0, 190.0))
         geometry = PartGeometry(to_model=(1.0,) * 16, min_mm=(-40.0, -40.0, 0.0), max_mm=top, volume_mm3=1e5)
-        name, part = f"{number}/{at:02d}", f"{number}/p{at:02d}"
+        name, part = f"{number}/{plate_number:02d}", f"{number}/p{plate_number:02d}"
         parts.append(Part(id=part, job=number, plate=name, file="p.stl", geometry=geometry))
         plates.append(
             Plate(
@@ -74,7 +74,7 @@ def make_plan(number: int, count: int, printers: list[str], rng: random.Random) 
 class Measures:
     """CPU seconds of events, reports and timers; bytes of commits.
 
-    `start_bytes` are those of the largest commit of each event that starts a print.
+    `start_bytes` is the size of the largest commit of each event that starts a print.
     """
 
     def __init__(self) -> None:
@@ -83,51 +83,51 @@ class Measures:
         self.timer_s: list[float] = []
         self.commit_bytes: list[int] = []
         self.start_bytes: list[int] = []
-        self._depth, self._own_s, self._starts = 0, 0.0, False
+        self._depth, self._overhead_s, self._starts = 0, 0.0, False
 
-    def timed(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
+    def measure_time(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
         """Time the outermost call: as an event where it commits something, else for `quiet_s`."""
 
-        def call(*args: Any, **named: Any) -> Any:
+        def call(*args: Any, **keywords: Any) -> Any:
             self._depth += 1
-            commits, own_s, begun_s = len(self.commit_bytes), self._own_s, time.thread_time()
+            commits, overhead_s, start_s = len(self.commit_bytes), self._overhead_s, time.thread_time()
             try:
-                return method(*args, **named)
+                return method(*args, **keywords)
             finally:
                 self._depth -= 1
                 if not self._depth:
-                    took_s = time.thread_time() - begun_s - (self._own_s - own_s)
-                    (self.event_s if len(self.commit_bytes) > commits else quiet_s).append(took_s)
+                    duration_s = time.thread_time() - start_s - (self._overhead_s - overhead_s)
+                    (self.event_s if len(self.commit_bytes) > commits else quiet_s).append(duration_s)
                     if self._starts:
                         self.start_bytes.append(max(self.commit_bytes[commits:]))
                     self._starts = False
 
         return call
 
-    def weighed(self, commit: Callable[..., None]) -> Callable[..., None]:
+    def count_bytes(self, commit: Callable[..., None]) -> Callable[..., None]:
         """Count the bytes of each commit, without adding to the time of its event."""
 
         def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
             commit(store, event, before, after)
-            begun_s = time.thread_time()
+            start_s = time.thread_time()
             texts = [entity.model_dump_json() for entity in list_changed_entities(before, after)]
             size = len(event.model_dump_json()) + sum(map(len, texts))
             self.commit_bytes.append(size)
             self._starts = self._starts or isinstance(event, ev.PlateAssigned)
-            self._own_s += time.thread_time() - begun_s
+            self._overhead_s += time.thread_time() - start_s
 
         return call
 
 
 def main() -> None:
     folder = Path(sys.argv[1])
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # its server ends at one, then passes it on
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # its server ends at this signal, then raises it again
     measures = Measures()
-    Store.commit = measures.weighed(Store.commit)  # type: ignore[method-assign]
+    Store.commit = measures.count_bytes(Store.commit)  # type: ignore[method-assign]
     for name in ("handle", "on_refusal", "on_plan"):
-        setattr(Controller, name, measures.timed(getattr(Controller, name), []))
-    Controller.on_snapshot = measures.timed(Controller.on_snapshot, measures.report_s)  # type: ignore[method-assign]
-    Daemon._schedule = measures.timed(Daemon._schedule, measures.timer_s)  # type: ignore[method-assign]
+        setattr(Controller, name, measures.measure_time(getattr(Controller, name), []))
+    Controller.on_snapshot = measures.measure_time(Controller.on_snapshot, measures.report_s)  # type: ignore[method-assign]
+    Daemon._schedule = measures.measure_time(Daemon._schedule, measures.timer_s)  # type: ignore[method-assign]
     places = Places(StateFolder(folder), folder / "farm.sock", folder / "fleet.yaml")
     fleet = load_fleet(places.fleet, frozenset(PROFILES))
     profile = cProfile.Profile(time.thread_time) if len(sys.argv) > 2 else None

@@ -29,7 +29,7 @@ _NO_FAULT = ("BitOr", "RemoveDecorator")  # in annotations; and of what is regis
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class Group:
     """Group of modules, their tests, and the number of mutants to try."""
 
     modules: tuple[str, ...]
@@ -37,13 +37,13 @@ class Room:
     mutants: int
 
 
-ROOMS = {
-    "link": Room(
+GROUPS = {
+    "link": Group(
         tuple(f"drivers/link/{name}.py" for name in ("link", "opening", "outbox", "recovery", "replies")),
         ("tests/drivers/link",),
         26,
     ),
-    "session": Room(
+    "session": Group(
         (
             *(
                 f"drivers/session/{name}.py"
@@ -54,7 +54,7 @@ ROOMS = {
         ("tests/drivers/session", "tests/drivers/safety/test_heater_watch.py"),
         22,
     ),
-    "books": Room(
+    "books": Group(
         tuple(
             f"farm/state/{name}.py"
             for name in (
@@ -65,7 +65,7 @@ ROOMS = {
         ("tests/farm/state", "tests/farm/control/test_part_commands.py"),
         28,
     ),
-    "scheduling": Room(
+    "scheduling": Group(
         tuple(
             f"farm/scheduling/{name}.py"
             for name in (
@@ -76,7 +76,7 @@ ROOMS = {
         ("tests/farm/scheduling",),
         26,
     ),
-    "cost": Room(
+    "cost": Group(
         tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "recipe")),
         ("tests/decompose/print_time/test_cost.py",),
         14,
@@ -84,7 +84,7 @@ ROOMS = {
 }  # fmt: skip
 
 
-def try_room(name: str, room: Room, seed: int, folder: Path) -> list[tuple[str, str]]:
+def test_group(name: str, group: Group, seed: int, folder: Path) -> list[tuple[str, str]]:
     """Run a sample of the mutants of a group; return outcome and diff of each."""
     copy, session, config = folder / "sources", folder / "session.sqlite", folder / "config.toml"
     shutil.rmtree(folder, ignore_errors=True)
@@ -95,57 +95,61 @@ def try_room(name: str, room: Room, seed: int, folder: Path) -> list[tuple[str, 
     for file in files:
         (copy / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / file, copy / file)
-    command = f"{PYTHON} -m pytest -x --hypothesis-profile=ci -p no:cacheprovider {' '.join(room.tests)}"
-    modules = ", ".join(f'"{module}"' for module in room.modules)
+    command = f"{PYTHON} -m pytest -x --hypothesis-profile=ci -p no:cacheprovider {' '.join(group.tests)}"
+    modules = ", ".join(f'"{module}"' for module in group.modules)
     config.write_text(
         f'[cosmic-ray]\nmodule-path = [{modules}]\ntimeout = {TIMEOUT_S}\ntest-command = "{command}"\n'
         '[cosmic-ray.distributor]\nname = "local"\n'
     )
 
-    def run(*words: str | Path) -> None:
-        # No bytecode: two mutants of one second and one size would be taken for each other.
+    def run_cosmic_ray(*arguments: str | Path) -> None:
+        # No bytecode: Python would take two mutants of the same second and size for the same file.
         env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
         tool = Path(sys.executable).with_name("cosmic-ray")
-        subprocess.run([tool, *words], cwd=copy, env=env, check=True)
+        subprocess.run([tool, *arguments], cwd=copy, env=env, check=True)
 
-    run("baseline", config)
-    run("init", config, session)
+    run_cosmic_ray("baseline", config)
+    run_cosmic_ray("init", config, session)
     with use_db(session, WorkDB.Mode.open) as db:
-        _sample(db, random.Random(f"{name} {seed}"), room.mutants)
-    run("exec", config, session)
+        _sample(db, random.Random(f"{name} {seed}"), group.mutants)
+    run_cosmic_ray("exec", config, session)
     with use_db(session, WorkDB.Mode.open) as db:
-        tried = [result for _, result in db.results if result.worker_outcome is not WorkerOutcome.SKIPPED]
-    return [(str((r.test_outcome or TestOutcome.INCOMPETENT).value), r.diff or "") for r in tried]
+        results = [result for _, result in db.results if result.worker_outcome is not WorkerOutcome.SKIPPED]
+    return [(str((r.test_outcome or TestOutcome.INCOMPETENT).value), r.diff or "") for r in results]
 
 
 def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
     """Reduce the mutants to a random sample."""
     items = sorted(db.work_items, key=lambda item: str(item.mutations))
-    real = [item for item in items if not any(no in item.mutations[0].operator_name for no in _NO_FAULT)]
-    tried = {item.job_id for item in rng.sample(real, min(count, len(real)))}
+    candidates = [
+        item for item in items if not any(name in item.mutations[0].operator_name for name in _NO_FAULT)
+    ]
+    sample = {item.job_id for item in rng.sample(candidates, min(count, len(candidates)))}
     skipped = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
-    db.set_multiple_results([item.job_id for item in items if item.job_id not in tried], skipped)
+    db.set_multiple_results([item.job_id for item in items if item.job_id not in sample], skipped)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--room", choices=ROOMS, action="append", help="one or more; all of them if left out")
+    parser.add_argument(
+        "--room", choices=GROUPS, action="append", help="one or more; all of them if left out"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at-once", type=int, default=1, help="rooms that are tried at a time")
     options = parser.parse_args()
-    names = options.room or list(ROOMS)
+    names = options.room or list(GROUPS)
 
     def work(name: str) -> list[tuple[str, str]]:
-        return try_room(name, ROOMS[name], options.seed, ROOT / "build" / "mutants" / name)
+        return test_group(name, GROUPS[name], options.seed, ROOT / "build" / "mutants" / name)
 
     with ThreadPoolExecutor(options.at_once) as pool:
-        found = dict(zip(names, pool.map(work, names), strict=True))
-    for name, results in found.items():
+        results_by_group = dict(zip(names, pool.map(work, names), strict=True))
+    for name, results in results_by_group.items():
         for outcome, diff in results:
             if outcome == TestOutcome.SURVIVED.value:
                 print(f"--- {name}: survived\n{diff}")
     print(f"{'room':12} {'made':>5} {'killed':>7} {'survived':>9}")
-    for name, results in found.items():
+    for name, results in results_by_group.items():
         survived = sum(outcome == TestOutcome.SURVIVED.value for outcome, _ in results)
         print(f"{name:12} {len(results):5} {len(results) - survived:7} {survived:9}")
 

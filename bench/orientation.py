@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from bench.other_shapes import OTHER_SHAPES
-from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, list_models
+from bench.print_time_parts import COUNTS, ENDLESS_BED, PRINTER, list_models
 from bench.shapes import SHAPES
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -52,7 +52,7 @@ from slicing.settings import (
 Shapes = Mapping[str, Callable[[], Solid]]
 
 REQUEST = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
-AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
+UNTURNED = 4  # index into POSE_ROTATIONS: no rotation
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,28 +89,31 @@ class Row:
 def list_parts(
     folder: Path | None, shapes: Shapes, cost: CostModel, room: PrinterRoom, count: int
 ) -> Iterator[tuple[str, Part]]:
-    """Yield `count` parts: one of each decomposed model, then another of each, and so on."""
-    draw = np.random.default_rng(2)
+    """Yield `count` parts: one of each decomposed model in turn, in random order."""
+    rng = np.random.default_rng(2)
 
-    def of_each() -> Iterator[list[tuple[str, Part]]]:
+    def list_shuffled() -> Iterator[list[tuple[str, Part]]]:
         for name, model in list_models(folder, shapes):
             for printers in COUNTS:
                 try:
-                    found = decompose_model(model, [room] * printers, Options(prove=False), cost).parts
+                    parts = decompose_model(model, [room] * printers, Options(prove=False), cost).parts
                 except DecomposeError as error:
                     print(f"{name} for {printers}: {error}", file=sys.stderr)
                     continue
-                yield [(f"{name}-{printers}-{found[i].id}", found[i]) for i in draw.permutation(len(found))]
+                yield [(f"{name}-{printers}-{parts[i].id}", parts[i]) for i in rng.permutation(len(parts))]
 
-    turns = zip_longest(*of_each())
-    yield from islice((named for turn in turns for named in turn if named is not None), count)
+    rounds = zip_longest(*list_shuffled())
+    yield from islice(
+        (entry for row in rounds for entry in row if entry is not None),
+        count,
+    )
 
 
 def slice_part(
-    folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings
+    folder: Path, cache: Path | None, part: Part, pose: Pose, part_settings: PartSettings
 ) -> float | None:
     """Slice a part in a pose; return CuraEngine's time in seconds, None if the slice is refused."""
-    settings = resolve_settings(REQUEST, find_resources(), chosen)
+    settings = resolve_settings(REQUEST, find_resources(), part_settings)
     posed = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         stl = Path(scratch) / "part.stl"
@@ -118,7 +121,7 @@ def slice_part(
         out = stl.with_suffix(".gcode")
         try:
             return slice_plate(
-                PlateRequest(stl, settings, out, find_engine(), ANYWHERE, cache=cache)
+                PlateRequest(stl, settings, out, find_engine(), ENDLESS_BED, cache=cache)
             ).sliced_s
         except SlicingError as error:
             print(f"refused: {error}", file=sys.stderr)
@@ -126,39 +129,39 @@ def slice_part(
 
 
 def compare(
-    named: tuple[str, Part], room: PrinterRoom, cost: CostModel, folder: Path, cache: Path | None
+    named_part: tuple[str, Part], room: PrinterRoom, cost: CostModel, folder: Path, cache: Path | None
 ) -> Row:
     """Slice one part in all poses."""
-    name, part = named
+    name, part = named_part
     vertices, faces = part.solid.arrays()
     cut = find_cut_faces(vertices, faces, part.planes)
     start_s = perf_counter()
-    own_pose = find_best_pose(vertices, faces, cut, [room], cost)
+    best = find_best_pose(vertices, faces, cut, [room], cost)
     compute_s = perf_counter() - start_s
-    if own_pose is None:
+    if best is None:
         raise SystemExit(f"{name} fits in no pose")
     axes = [measure_pose(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
     fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
-    time_of = partial(slice_part, folder, cache, part)
-    chosen = PartSettings(
+    slice_pose = partial(slice_part, folder, cache, part)
+    part_settings = PartSettings(
         None,
-        own_pose.brim_width_mm,
-        own_pose.layer_0_expansion_mm,
-        own_pose.bed_face_hidden,
-        own_pose.tops_hidden,
+        best.brim_width_mm,
+        best.layer_0_expansion_mm,
+        best.bed_face_hidden,
+        best.tops_hidden,
     )
     return Row(
         part=name,
-        price_s=own_pose.price_s,
+        price_s=best.price_s,
         compute_s=compute_s,
-        ours_s=time_of(own_pose, chosen),
-        full_brim_s=time_of(own_pose, ANY_PART),
-        as_is_s=time_of(axes[AS_IS], ANY_PART),
-        up=own_pose.to_model[:3, 2].tolist(),
-        brim_mm=own_pose.brim_width_mm,
-        stands=own_pose.stands,
-        touched_mm2=own_pose.touched_mm2,
-        axes_s=[time_of(pose, ANY_PART) for pose in fitting],
+        ours_s=slice_pose(best, part_settings),
+        full_brim_s=slice_pose(best, ANY_PART),
+        as_is_s=slice_pose(axes[UNTURNED], ANY_PART),
+        up=best.to_model[:3, 2].tolist(),
+        brim_mm=best.brim_width_mm,
+        stands=best.stands,
+        touched_mm2=best.touched_mm2,
+        axes_s=[slice_pose(pose, ANY_PART) for pose in fitting],
         axes_stand=[pose.stands for pose in fitting],
         axes_touched_mm2=[pose.touched_mm2 for pose in fitting],
     )
@@ -168,10 +171,10 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
     """Compute ratios over all parts: mean and worst."""
 
     def ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
-        found = [a / b for a, b in pairs if a is not None and b is not None]
-        return {"mean": float(np.mean(found)), "worst": max(found), "parts": len(found)}
+        values = [a / b for a, b in pairs if a is not None and b is not None]
+        return {"mean": float(np.mean(values)), "worst": max(values), "parts": len(values)}
 
-    touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
+    is_touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
     return {
         "schema": 1,
         "to_best_axis": ratios([(r.ours_s, r.best_axis_s()) for r in rows]),
@@ -181,7 +184,7 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
         "estimate": ratios([(r.price_s, r.ours_s) for r in rows]),
         "stand": sum(r.stands for r in rows),
         "touched": sum(r.touched_mm2 > TOUCHED_MM2 for r in rows),
-        "axes_touched_share": float(np.mean(touched)),
+        "axes_touched_share": float(np.mean(is_touched)),
         "compute_s": sum(r.compute_s for r in rows),
         "parts": [asdict(r) for r in rows],
     }

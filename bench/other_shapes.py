@@ -9,23 +9,23 @@ import numpy as np
 from trimesh import creation
 from trimesh.transformations import rotation_matrix
 
-from bench.shapes import drawn, ellipsoid, rod, solid
+from bench.shapes import ellipsoid, loft, rod, solid
 from decompose.geometry import Solid
 
 
-def _revolved(profile: list[tuple[float, float]]) -> Solid:
+def _revolve(profile: list[tuple[float, float]]) -> Solid:
     return solid(creation.revolve(np.array(profile), sections=60))
 
 
 def _prism(outline: list[tuple[float, float]], start_mm: float, end_mm: float, axis: int) -> Solid:
-    """An outline in the plane across an axis, drawn along it."""
-    rings = [np.insert(np.array(outline), axis, at, axis=1) for at in (start_mm, end_mm)]
-    return drawn(rings)
+    """Extrude an outline along an axis."""
+    rings = [np.insert(np.array(outline), axis, offset_mm, axis=1) for offset_mm in (start_mm, end_mm)]
+    return loft(rings)
 
 
 def mug() -> Solid:
     """A cylinder with a handle."""
-    wall = _revolved([(0.0, 0.0), (70.0, 0.0), (70.0, 150.0), (63.0, 150.0), (63.0, 8.0), (0.0, 8.0)])
+    wall = _revolve([(0.0, 0.0), (70.0, 0.0), (70.0, 150.0), (63.0, 150.0), (63.0, 8.0), (0.0, 8.0)])
     handle = creation.torus(38.0, 9.0, major_sections=48, minor_sections=24)
     handle.apply_transform(rotation_matrix(math.pi / 2.0, [1.0, 0.0, 0.0]))
     handle.apply_translation((72.0, 0.0, 78.0))
@@ -44,7 +44,7 @@ def rocket() -> Solid:
     """A body of revolution that ends in a tip, with fins below it."""
     z = np.linspace(0.0, 226.0, 36)
     r = 40.0 * np.sqrt(1.0 - (z / 230.0) ** 2) * (0.8 + 0.2 * np.sin(z / 60.0))
-    bodies = [_revolved([(0.0, 0.0), *zip(r.tolist(), z.tolist(), strict=True), (0.0, 230.0)])]
+    bodies = [_revolve([(0.0, 0.0), *zip(r.tolist(), z.tolist(), strict=True), (0.0, 230.0)])]
     fin = [(15.0, 20.0), (85.0, -40.0), (85.0, -10.0), (15.0, 95.0)]
     bodies += [_prism(fin, -4.0, 4.0, 1), _prism([(-x, z) for x, z in fin], -4.5, 4.5, 1)]
     bodies += [_prism(fin, -5.0, 5.0, 0), _prism([(-y, z) for y, z in fin], -5.5, 5.5, 0)]
@@ -58,11 +58,11 @@ def boat() -> Solid:
         t = np.linspace(-1.0, 1.0, 31)[:-1]
         rings = []
         for z in np.linspace(low_mm, high_mm, 12):
-            grown = 0.55 + 0.45 * math.sqrt(z / 80.0)
-            x = length_mm * grown * np.concatenate([t, -t])
-            y = beam_mm * grown * np.concatenate([1.0 - t**2, t**2 - 1.0]) + np.repeat([0.2, -0.2], 30)
+            scale = 0.55 + 0.45 * math.sqrt(z / 80.0)
+            x = length_mm * scale * np.concatenate([t, -t])
+            y = beam_mm * scale * np.concatenate([1.0 - t**2, t**2 - 1.0]) + np.repeat([0.2, -0.2], 30)
             rings.append(np.stack([x, y, np.full(60, z)], axis=1))
-        return drawn(rings)
+        return loft(rings)
 
     shell = hull(48.0, 135.0, 0.0, 80.0).subtract(hull(40.0, 124.0, 7.0, 81.0))
     seats = [Solid.box((x, -38.0, 50.0), (x + 22.0, 38.0, 57.0)) for x in (-60.0, 30.0)]
@@ -80,7 +80,7 @@ def elbow() -> Solid:
             rings.append(
                 np.stack([r * math.cos(turn), radius_mm * np.sin(angle), r * math.sin(turn)], axis=1)
             )
-        return drawn(rings)
+        return loft(rings)
 
     flanges = [
         rod((95.0, 0.0, -10.0), (95.0, 0.0, 3.0), 55.0),
@@ -103,7 +103,7 @@ def bust() -> Solid:
 
 
 def pyramid() -> Solid:
-    """Hollow, with steps outside."""
+    """A hollow pyramid with steps outside."""
     steps = [
         Solid.box(
             (-90.0 + 13.0 * i, -90.0 + 13.0 * i, 18.0 * i),
@@ -114,7 +114,7 @@ def pyramid() -> Solid:
     hollow = [
         np.array([(-s, -s, z), (s, -s, z), (s, s, z), (-s, s, z)]) for s, z in ((70.0, -1.0), (4.0, 85.0))
     ]
-    return Solid.union(steps).subtract(drawn(hollow))
+    return Solid.union(steps).subtract(loft(hollow))
 
 
 def lattice() -> Solid:
@@ -137,16 +137,16 @@ def propeller() -> Solid:
         turn = rotation_matrix(i * 2.0 * math.pi / 3.0, [0.0, 0.0, 1.0])[:3, :3]
         rings = []
         for r in np.linspace(10.0, 120.0, 20):
-            wide, thick, twist = 22.0 + 8.0 * math.sin(r / 40.0), 6.0 - r / 40.0, 1.1 - 0.006 * r
+            width, thickness, twist = 22.0 + 8.0 * math.sin(r / 40.0), 6.0 - r / 40.0, 1.1 - 0.006 * r
             angle = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
-            y, z = wide * np.cos(angle), thick * np.sin(angle)
+            y, z = width * np.cos(angle), thickness * np.sin(angle)
             ring = [
                 0.0 * y + r,
                 y * math.cos(twist) - z * math.sin(twist),
                 y * math.sin(twist) + z * math.cos(twist),
             ]
             rings.append(np.stack(ring, axis=1) @ turn.T)
-        blades.append(drawn(rings))
+        blades.append(loft(rings))
     hub = rod((0.0, 0.0, -24.0), (0.0, 0.0, 24.0), 22.0)
     return Solid.union([hub, *blades]).subtract(rod((0.0, 0.0, -30.0), (0.0, 0.0, 30.0), 7.0))
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.print_time_parts import ANYWHERE, PRINTER, measure_kinds_s
+from bench.print_time_parts import ENDLESS_BED, PRINTER, measure_kinds_s
 from drivers.printers import BEDS
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -29,13 +29,13 @@ from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_
 CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
 YAWS_DEG = (0.0, 33.0)
 HEIGHT_MM, SIDE_MM = 20.0, 30.0
-BELOW_DEG, STEPS = 3.0, 6  # where the search begins, and how often it halves
+START_BELOW_DEG, STEPS = 3.0, 6  # where the search begins, and how often it halves
 
 
 def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
     """Make a block with one side that leans out from the vertical, turned on the bed."""
-    out_mm = HEIGHT_MM * math.tan(math.radians(angle_deg))
-    outline = [(0, 0), (SIDE_MM, 0), (SIDE_MM + out_mm, HEIGHT_MM), (0, HEIGHT_MM)]
+    overhang_mm = HEIGHT_MM * math.tan(math.radians(angle_deg))
+    outline = [(0, 0), (SIDE_MM, 0), (SIDE_MM + overhang_mm, HEIGHT_MM), (0, HEIGHT_MM)]
     block = trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, SIDE_MM)]))
     block.apply_transform(trimesh.transformations.rotation_matrix(math.radians(yaw_deg), [0, 0, 1]))
     block.apply_translation([*-block.bounds.mean(axis=0)[:2], -block.bounds[0, 2]])
@@ -43,10 +43,10 @@ def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
 
 
 def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> bool:
-    """Tell whether CuraEngine prints any support."""
+    """Check whether CuraEngine prints any support."""
     stl, out = folder / "block.stl", folder / "block.gcode"
     block.export(stl)
-    slice_plate(PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE))
+    slice_plate(PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ENDLESS_BED))
     return measure_kinds_s(out.read_text(encoding="utf-8"))["support_s"] > 0.0
 
 
@@ -56,18 +56,18 @@ def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path)
     settings = resolve_settings(
         SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
     )
-    bare_deg, supported_deg = angle_deg - BELOW_DEG, angle_deg
+    free_deg, supported_deg = angle_deg - START_BELOW_DEG, angle_deg
     for _ in range(STEPS):
-        middle_deg = (bare_deg + supported_deg) / 2.0
+        middle_deg = (free_deg + supported_deg) / 2.0
         if is_supported(make_leaning_block(middle_deg, yaw_deg), settings, folder):
             supported_deg = middle_deg
         else:
-            bare_deg = middle_deg
+            free_deg = middle_deg
     return {
         "layer_height_mm": layer_mm,
         "support_angle_deg": angle_deg,
         "yaw_deg": yaw_deg,
-        "bare_deg": bare_deg,
+        "bare_deg": free_deg,
         "supported_deg": supported_deg,
         "cost_deg": build_recipe(settings, prelude_s=0.0).supported_deg,
     }
@@ -82,11 +82,11 @@ def main() -> int:
     if args.json:
         print(json.dumps({"schema": 1, "rows": rows}, indent=1))
         return 0
-    for each in rows:
+    for row in rows:
         print(
-            f"layer {each['layer_height_mm']} mm, support angle {each['support_angle_deg']:g}, turned by "
-            f"{each['yaw_deg']:g}: bare up to {each['bare_deg']:.2f}, supported from "
-            f"{each['supported_deg']:.2f} degrees; the cost says {each['cost_deg']:.2f}"
+            f"layer {row['layer_height_mm']} mm, support angle {row['support_angle_deg']:g}, turned by "
+            f"{row['yaw_deg']:g}: bare up to {row['bare_deg']:.2f}, supported from "
+            f"{row['supported_deg']:.2f} degrees; the cost says {row['cost_deg']:.2f}"
         )
     return 0
 

@@ -1,6 +1,6 @@
 """Codes and pin holes of a part, read from the shape in its STL file alone.
 
-A hole is a ring in a flat face into which the pin goes; its depth is where the rim of the pin stops. A code
+A hole is a ring in a flat face that a pin fits; its depth is where the rim of the pin stops. A code
 is read as a person reads it: strokes at the bottom of grooves, compared with the digits of all codes.
 """
 
@@ -22,16 +22,16 @@ from decompose.geometry import choose_plane_axes
 SEED_MM2, FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
 FLAT_MM = 0.01
 PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
-RISE_MM = 0.05  # half of what the bottom of a groove rises
-SAME_MM = 0.12  # of strokes and points
-CLEAR = 0.3  # of the height of letters: room around a code
+RISE_MM = 0.05  # half of the height by which the bottom of a groove rises
+SAME_MM = 0.12  # distance between a stroke and its points
+CLEARANCE = 0.3  # free margin around a code, as a share of the height of letters
 RIM_RAYS = 8
 SHALLOW_MM = 1.0  # deeper than all grooves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hole:
-    """Hole for a pin: its mouth (3,), and where the pin stops."""
+    """Hole for a pin: its mouth (3,), and the depth at which the pin stops."""
 
     at_mm: Floats
     depth_mm: float
@@ -55,7 +55,7 @@ class CodedFace:
     codes: dict[str, Floats | None] = field(default_factory=dict)
 
 
-def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> list[CodedFace]:
+def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm: float) -> list[CodedFace]:
     """Read the faces of a part that have holes for a pin, or codes.
 
     Parameters
@@ -69,8 +69,8 @@ def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> lis
     """
     mesh = trimesh.load_mesh(path)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    texts = [code for other in others for code in (f"{own}-{other}", f"-{other}")]
-    found = []
+    texts = [code for other in other_numbers for code in (f"{own_number}-{other}", f"-{other}")]
+    coded_faces = []
     for normal, offset_mm, triangles in find_flats(vertices, faces):
         axes = choose_plane_axes(normal)  # text reads from outside
         outline = _unite_triangles(vertices[triangles] @ axes.T)
@@ -80,8 +80,8 @@ def read_part(path: Path, own: str, others: Iterable[str], pin_mm: float) -> lis
         holes = list(_read_holes(rings, vertices[faces], axes, normal, offset_mm, pin_mm))
         codes = _read_codes(vertices, outline, axes, normal, offset_mm, texts)
         if holes or codes:
-            found.append(CodedFace(normal, offset_mm, holes, codes))
-    return found
+            coded_faces.append(CodedFace(normal, offset_mm, holes, codes))
+    return coded_faces
 
 
 def find_flats(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, Ints]]:
@@ -97,10 +97,12 @@ def find_flats(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, I
             continue
         normal = normals[seed] / np.linalg.norm(normals[seed])
         offset_mm = float(corners[seed].mean(axis=0) @ normal)
-        flat = free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (normals @ normal > 0.0)
-        free &= ~flat
-        if areas_mm2[flat].sum() >= FACE_MM2:
-            yield normal, offset_mm, faces[flat]
+        in_face = (
+            free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (normals @ normal > 0.0)
+        )
+        free &= ~in_face
+        if areas_mm2[in_face].sum() >= FACE_MM2:
+            yield normal, offset_mm, faces[in_face]
 
 
 def _read_holes(
@@ -117,7 +119,7 @@ def _read_holes(
             centre = np.array(circle.coords[0])
             angles = 2.0 * np.pi * np.arange(RIM_RAYS) / RIM_RAYS
             rim = centre + 0.49 * pin_mm * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            depth_mm = min(_probe(corners, at @ axes + offset_mm * normal, -normal) for at in rim)
+            depth_mm = min(_probe(corners, point @ axes + offset_mm * normal, -normal) for point in rim)
             if depth_mm > SHALLOW_MM:  # not the inside of a digit
                 yield Hole(centre @ axes + offset_mm * normal, depth_mm)
 
@@ -132,9 +134,9 @@ def _probe(corners: Floats, start: Floats, direction: Floats) -> float:
     u = np.einsum("ij,ij->i", to_start, p) / safe
     q = np.cross(to_start, first)
     v = q @ direction / safe
-    way_mm = np.einsum("ij,ij->i", second, q) / safe
-    hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (way_mm > 0.1) & np.isfinite(safe)
-    return float(way_mm[hit].min()) if hit.any() else np.inf
+    distance_mm = np.einsum("ij,ij->i", second, q) / safe
+    hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance_mm > 0.1) & np.isfinite(safe)
+    return float(distance_mm[hit].min()) if hit.any() else np.inf
 
 
 def _read_codes(
@@ -150,29 +152,34 @@ def _read_codes(
     depths_mm = offset_mm - vertices @ normal
     inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
     for height_mm, groove_mm in SIZES_MM:
-        flat = np.unique(
+        bottom = np.unique(
             (vertices @ axes.T)[inside & (np.abs(depths_mm - groove_mm + RISE_MM) < RISE_MM + 0.02)], axis=0
         )
-        arrows = [(frame, at) for frame, at in _match("^", height_mm, flat)]
-        on_arrow = np.zeros(len(flat), dtype=np.bool_)
-        for frame, at in arrows:
-            on_arrow |= _measure_distances_mm(flat, _draw_text("^", height_mm) @ frame + at) < SAME_MM
-        letters = flat[~on_arrow]
+        arrows = [(frame, middle) for frame, middle in _match("^", height_mm, bottom)]
+        on_arrow = np.zeros(len(bottom), dtype=np.bool_)
+        for frame, middle in arrows:
+            on_arrow |= _measure_distances_mm(bottom, _draw_text("^", height_mm) @ frame + middle) < SAME_MM
+        letters = bottom[~on_arrow]
         for text in texts:
-            for frame, at in _match(text, height_mm, letters):
+            for frame, middle in _match(text, height_mm, letters):
                 strokes = _draw_text(text, height_mm)
-                local = (letters - at) @ frame.T
+                local = (letters - middle) @ frame.T
                 half = (
-                    np.array([text_width(text), GRID_HIGH]) * height_mm / GRID_HIGH / 2.0 + CLEAR * height_mm
+                    np.array([text_width(text), GRID_HIGH]) * height_mm / GRID_HIGH / 2.0
+                    + CLEARANCE * height_mm
                 )
-                near = (np.abs(local) < half).all(axis=1)
-                if (_measure_distances_mm(local[near], strokes) > SAME_MM).any():
+                is_near = (np.abs(local) < half).all(axis=1)
+                if (_measure_distances_mm(local[is_near], strokes) > SAME_MM).any():
                     continue  # part of a longer code
-                pointed = min(
-                    arrows, key=lambda arrow, at=at: float(np.linalg.norm(arrow[1] - at)), default=None
+                arrow_pose = min(
+                    arrows,
+                    key=lambda arrow, middle=middle: float(np.linalg.norm(arrow[1] - middle)),
+                    default=None,
                 )
-                own = pointed is not None and np.linalg.norm(pointed[1] - at) < half[0] + height_mm
-                codes[text] = pointed[0][1] @ axes if pointed is not None and own else None
+                is_own = (
+                    arrow_pose is not None and np.linalg.norm(arrow_pose[1] - middle) < half[0] + height_mm
+                )
+                codes[text] = arrow_pose[0][1] @ axes if arrow_pose is not None and is_own else None
     return codes
 
 
@@ -192,11 +199,11 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
             text_direction[1], text_direction[0]
         )
         frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        at = points[a] - ends[i] @ frame
-        gaps = np.linalg.norm((ends @ frame + at)[:, None] - points[None], axis=2).min(axis=1)
-        if gaps.max() < SAME_MM and all(np.linalg.norm(at - other) > 1.0 for other in middles):
-            middles.append(at)
-            yield frame, at
+        middle = points[a] - ends[i] @ frame
+        gaps = np.linalg.norm((ends @ frame + middle)[:, None] - points[None], axis=2).min(axis=1)
+        if gaps.max() < SAME_MM and all(np.linalg.norm(middle - other) > 1.0 for other in middles):
+            middles.append(middle)
+            yield frame, middle
 
 
 def _draw_text(text: str, height_mm: float) -> Floats:

@@ -46,11 +46,11 @@ async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintS
     process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
-    requested = False
+    start_sent = False
     try:
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.READY and not requested:
-                requested = True
+            if snapshot.link is m.LinkState.READY and not start_sent:
+                start_sent = True
                 start = m.StartPrint(
                     id=0,
                     print_id="bench",

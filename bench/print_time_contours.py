@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.print_time_parts import ANYWHERE, make_recipe, resolve_named_settings
+from bench.print_time_parts import ENDLESS_BED, make_recipe, resolve_named_settings
 from bench.shapes import rod
 from decompose.geometry import Solid, round_triangles, write_stl
 from decompose.print_time import CostModel, measure_pose
@@ -45,7 +45,7 @@ def fins(thick_mm: float) -> Callable[[], Solid]:
     )
 
 
-def bored() -> Solid:
+def bored_block() -> Solid:
     bores = [
         rod((10 + 20 * i, 10 + 20 * j, -1.0), (10 + 20 * i, 10 + 20 * j, 30.0), 4.0)
         for i in range(3)
@@ -55,8 +55,8 @@ def bored() -> Solid:
 
 
 def posts() -> Solid:
-    each = [block(10 * i, 10 * j, 1, 4, 4, 30) for i in range(6) for j in range(6)]
-    return Solid.union([block(0, 0, 0, 60, 60, 2), *each])
+    posts_ = [block(10 * i, 10 * j, 1, 4, 4, 30) for i in range(6) for j in range(6)]
+    return Solid.union([block(0, 0, 0, 60, 60, 2), *posts_])
 
 
 def table() -> Solid:
@@ -65,8 +65,8 @@ def table() -> Solid:
 
 
 def legs() -> Solid:
-    each = [block(x, y, 2, 14, 14, 41) for x in (0, 46) for y in (0, 46)]
-    return Solid.union([block(0, 0, 0, 60, 60, 3), *each])
+    posts_ = [block(x, y, 2, 14, 14, 41) for x in (0, 46) for y in (0, 46)]
+    return Solid.union([block(0, 0, 0, 60, 60, 3), *posts_])
 
 
 def ledges() -> Solid:
@@ -78,7 +78,7 @@ SHAPES: Mapping[str, Callable[[], Solid]] = {
     "grille": grille,
     "fins 1.5 mm": fins(1.5),
     "fins 2.5 mm": fins(2.5),
-    "bored": bored,
+    "bored_block": bored_block,
     "posts": posts,
     "table": table,
     "legs": legs,
@@ -111,7 +111,7 @@ def measure(shape: str, settings: str) -> Row:
         stl = Path(folder) / "shape.stl"
         write_stl(stl, round_triangles(placed, faces))
         out = stl.with_suffix(".gcode")
-        request = PlateRequest(stl, resolve_named_settings(settings), out, find_engine(), ANYWHERE)
+        request = PlateRequest(stl, resolve_named_settings(settings), out, find_engine(), ENDLESS_BED)
         return Row(shape, settings, pose.price_s, slice_plate(request).sliced_s)
 
 

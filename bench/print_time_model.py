@@ -27,7 +27,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from bench.print_time_parts import (
-    ALWAYS,
+    FULL_SETTINGS,
     SETTINGS,
     Row,
     list_models,
@@ -49,7 +49,7 @@ KINDS = {
     "brim_s": ("brim",),
 }
 REST = ("slope ends", "infill ends", "travel", *SUPPORT)
-ROUNDS, SMALL = 30, 1e-3  # of the fit; errors below it count as this large
+ROUNDS, MIN_ERROR = 30, 1e-3  # of the fit; smaller errors count as this large
 TABLES = "columns"  # the term of the tables, in place of those of supports
 
 
@@ -64,9 +64,9 @@ class Table:
         self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
         recipes = {name: make_recipe(name) for name in SETTINGS}
         features = [_list_features(row, recipes[row.settings].brim_mm) for row in rows]
-        each = {name: time_terms(recipe) for name, recipe in recipes.items()}
+        terms_by_setting = {name: time_terms(recipe) for name, recipe in recipes.items()}
         seconds = [
-            {term: vector * f for term, vector in each[row.settings].items()}
+            {term: vector * f for term, vector in terms_by_setting[row.settings].items()}
             for row, f in zip(rows, features, strict=True)
         ]
         self.terms = {term: np.array([s[term].sum() for s in seconds]) for term in FACTORS}
@@ -90,29 +90,29 @@ class Table:
 
     def errors(self, factors: dict[str, float], tables: bool) -> Floats:
         """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
-        left_out = SUPPORT if tables else (TABLES,)
+        excluded = SUPPORT if tables else (TABLES,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
-            if name not in left_out:
+            if name not in excluded:
                 total += factor * self.terms[name]
                 body += factor * self.bodies[name]
         return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
 
-    def held_out(self, fitted_on: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
+    def cross_validate(self, training_rows: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
         """Compute the errors (rows,), each with factors fitted without its model."""
         errors = np.zeros(len(self.sliced_s))
         for model in np.unique(self.models):
-            mine = self.models == model
-            errors[mine] = self.errors(self.fit(fitted_on & ~mine), tables)[mine]
+            of_model = self.models == model
+            errors[of_model] = self.errors(self.fit(training_rows & ~of_model), tables)[of_model]
         return errors
 
 
-def _fit(matrix: Floats, wanted: Floats) -> Floats:
+def _fit(matrix: Floats, target: Floats) -> Floats:
     """Fit factors of at least 0 with the least sum of absolute errors, which is robust against outliers."""
-    weight = np.ones(len(wanted))
+    weight = np.ones(len(target))
     for _ in range(ROUNDS):
-        factors, _ = nnls(matrix * weight[:, None], wanted * weight)
-        weight = 1.0 / np.sqrt(np.maximum(np.abs(matrix @ factors - wanted), SMALL))
+        factors, _ = nnls(matrix * weight[:, None], target * weight)
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(matrix @ factors - target), MIN_ERROR))
     return np.asarray(factors)
 
 
@@ -139,10 +139,10 @@ def summarise(errors: Floats) -> dict[str, float]:
 def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
     """Compute all figures: of parts as a plan prices them, and of the tables of the search."""
     table = Table(rows)
-    every = np.ones(len(rows), dtype=np.bool_)
-    known = np.isin(table.settings, ALWAYS)
-    supported = table.kinds["support_s"] > 0.02 * table.sliced_s
-    groups = {"printed": table.printed, "turned": ~table.printed, "with supports": supported}
+    all_rows = np.ones(len(rows), dtype=np.bool_)
+    in_full_settings = np.isin(table.settings, FULL_SETTINGS)
+    has_supports = table.kinds["support_s"] > 0.02 * table.sliced_s
+    groups = {"printed": table.printed, "turned": ~table.printed, "with supports": has_supports}
     groups |= {name: table.printed & (table.settings == name) for name in SETTINGS}
     by_model = {str(model): table.printed & (table.models == model) for model in np.unique(table.models)}
 
@@ -153,21 +153,23 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
         "schema": 1,
         "models": len(by_model),
         "parts": len({(row.model, row.part) for row in rows}),
-        "factors": table.fit(every),
+        "factors": table.fit(all_rows),
         "factors_in_code": dict(FACTORS),
-        "held_out": figures(table.held_out(every), groups),
-        "held_out_tables": figures(table.held_out(every, tables=True), groups),
-        "fitted_on_two_settings": figures(table.held_out(known), groups),
+        "cross_validate": figures(table.cross_validate(all_rows), groups),
+        "held_out_tables": figures(table.cross_validate(all_rows, tables=True), groups),
+        "fitted_on_two_settings": figures(table.cross_validate(in_full_settings), groups),
         "as_in_code": figures(table.errors(dict(FACTORS), tables=False), groups),
-        "by_model": figures(table.held_out(every), by_model),
+        "by_model": figures(table.cross_validate(all_rows), by_model),
     }
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--dataset", type=Path, help="read where it is there, written where not")
+    parser.add_argument("--dataset", type=Path, help="read if it exists, else written")
     parser.add_argument("--models", type=Path, help="a folder of more models")
-    parser.add_argument("--unseen", type=int, metavar="SEED", help="models of bench.unseen in place of ours")
+    parser.add_argument(
+        "--unseen", type=int, metavar="SEED", help="models of bench.unseen instead of this project's"
+    )
     parser.add_argument("--parts", type=int, default=2, help="of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--cache", type=Path, help="a folder that keeps slices")
@@ -184,7 +186,7 @@ def main() -> int:
     if args.json:
         print(json.dumps(figures, indent=1))
         return 0
-    for title in ("held_out", "held_out_tables", "fitted_on_two_settings", "as_in_code", "by_model"):
+    for title in ("cross_validate", "held_out_tables", "fitted_on_two_settings", "as_in_code", "by_model"):
         print(title.replace("_", " "))
         for name, s in figures[title].items():
             print(

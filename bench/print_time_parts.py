@@ -34,14 +34,16 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER = "ultimaker2_plus"
-ANYWHERE = ((-500.0, -500.0, 500.0, 500.0, 500.0),)  # parts are not placed here, only timed
+ENDLESS_BED = (
+    (-500.0, -500.0, 500.0, 500.0, 500.0),
+)  # large enough for every part: only its time is measured
 COUNTS = (4, 9)  # printers, for parts of two sizes
-FOREIGN_MM = 200.0  # longest side of a model that is not ours
+OTHER_MODEL_MM = 200.0  # longest side of a model from elsewhere
 
 EVEN: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
-# The two qualities of ours, and settings that differ in everything that enters by physics; `even` is `glue`
-# without its gradual infill.
+# This project's two qualities, and settings that differ in all terms of the physical model; `even` is
+# `glue` without its gradual infill.
 SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
     "even": ("glue", 0.4, EVEN),
     "paper": ("paper", 0.4, {}),
@@ -66,7 +68,7 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
     ),
 }
 OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
-ALWAYS = ("even", "paper")  # the others take every second part
+FULL_SETTINGS = ("even", "paper")  # the other settings take every second part
 FEATURES_S = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
@@ -87,7 +89,7 @@ class Row:
 
     model: str
     part: str
-    printed: bool  # in the pose that the decomposition chose; else in another axis pose
+    printed: bool  # in the pose that the decomposition chose; False: in another axis pose
     settings: str
     volume_mm3: float
     lateral_mm2: float
@@ -123,46 +125,46 @@ def make_recipe(name: str) -> Recipe:
     return build_recipe(resolve_named_settings(name), prelude_s=0.0)
 
 
-def write(path: Path, rows: Sequence[Row]) -> None:
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
     """Write rows as CSV, with six digits."""
-    with path.open("w", newline="", encoding="utf-8") as sink:
-        table = csv.writer(sink, lineterminator="\n")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
         table.writerow(f.name for f in fields(Row))
         for row in rows:
             values = asdict(row).values()
             table.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in values)
 
 
-def read(path: Path) -> list[Row]:
+def read_rows(path: Path) -> list[Row]:
     """Read rows from a CSV file."""
 
-    def value(name: str, text: str) -> Any:
+    def parse(name: str, text: str) -> Any:
         if name == "printed":
             return text == "True"
         return text if name in ("model", "part", "settings") else float(text)
 
-    with path.open(newline="", encoding="utf-8") as source:
+    with path.open(newline="", encoding="utf-8") as file:
         return [
-            Row(**{name: value(name, text) for name, text in row.items()}) for row in csv.DictReader(source)
+            Row(**{name: parse(name, text) for name, text in row.items()}) for row in csv.DictReader(file)
         ]
 
 
 def list_models(
     folder: Path | None, shapes: Mapping[str, Callable[[], Solid]] = SHAPES
 ) -> Iterator[tuple[str, Model]]:
-    """Return the models made here, and those of a folder that can be read and repaired."""
+    """Yield the bench shapes, and the models of a folder that can be read and repaired."""
     for name, make in shapes.items():
         yield name, Model(make(), (), 1.0)
     for path in sorted(folder.iterdir()) if folder else ():
         if path.suffix.lower() in (".stl", ".obj"):
             try:
-                yield path.stem, load_model(path, longest_side_mm=FOREIGN_MM)
+                yield path.stem, load_model(path, longest_side_mm=OTHER_MODEL_MM)
             except DecomposeError as error:
                 print(f"{path.name}: {error}", file=sys.stderr)
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
+class PosedPart:
     """Part in its pose on the bed."""
 
     model: str
@@ -179,43 +181,45 @@ class Posed:
 def list_unseen(seed: int) -> Iterator[tuple[str, Model]]:
     """Yield a model of each kind of `bench.unseen`, drawn by a seed."""
     for kind in KINDS:
-        yield f"{kind}-{seed}", draw_model(kind, seed, FOREIGN_MM)
+        yield f"{kind}-{seed}", draw_model(kind, seed, OTHER_MODEL_MM)
 
 
-def list_parts(models: Iterable[tuple[str, Model]], each: int) -> Iterator[Posed]:
-    """Yield at most `each` parts of every model and number of printers, some also in another axis pose."""
+def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[PosedPart]:
+    """Yield some parts of each model and number of printers, a share of them also in another axis pose."""
     cost = CostModel.from_recipe(make_recipe("glue"))
     room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
     for name, model in models:
         for count in COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
             try:
-                found = list(decompose_model(model, printers, Options(prove=False), cost).parts)
+                parts = list(decompose_model(model, printers, Options(prove=False), cost).parts)
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
-            draw = np.random.default_rng(count)  # anew, so that a model more changes none of the rest
-            draw.shuffle(found)  # type: ignore[arg-type]
-            for part in found[:each]:
+            rng = np.random.default_rng(
+                count
+            )  # seeded for each model, so that another model does not change the rest
+            rng.shuffle(parts)  # type: ignore[arg-type]
+            for part in parts[:max_parts]:
                 label = f"{count}-{part.id}"
-                yield Posed(name, label, True, part.stl_triangles())
-                if draw.random() < 0.35:
+                yield PosedPart(name, label, True, part.stl_triangles())
+                if rng.random() < 0.35:
                     vertices, faces = part.printing_mesh()
-                    turned = vertices @ POSE_ROTATIONS[draw.choice(OTHER_POSES)].T
+                    turned = vertices @ POSE_ROTATIONS[rng.choice(OTHER_POSES)].T
                     lo, hi = turned.min(axis=0), turned.max(axis=0)
                     corners = round_triangles(turned - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
                     if corners is not None:
-                        yield Posed(name, f"{label}-turned", False, corners)
+                        yield PosedPart(name, f"{label}-turned", False, corners)
 
 
-def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row | None:
+def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) -> Row | None:
     """Slice one part at one setting; None if the slice is refused."""
     settings = resolve_named_settings(setting)
     name = f"{posed.model}-{posed.part}-{setting}"
     stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
     write_stl(stl, posed.corners)
     request = PlateRequest(
-        stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE, cache=cache
+        stl=stl, settings=settings, out=out, engine=find_engine(), bed=ENDLESS_BED, cache=cache
     )
     try:
         sliced_s = slice_plate(request).sliced_s
@@ -237,25 +241,27 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
 def measure_kinds_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
     seconds = dict.fromkeys(FEATURES_S.values(), 0.0)
-    kind, at, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
+    kind, position, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
     for line in gcode.splitlines():
         if line.startswith(";TYPE:"):
             kind = FEATURES_S.get(line[6:], "")
         elif line.startswith(("G0 ", "G1 ", "G92 ")):
-            new = at | {word[0]: float(word[1:]) for word in re.findall(r"[XYZEF]-?[\d.]+", line)}
-            length = math.dist([at[a] for a in "XYZ"], [new[a] for a in "XYZ"])
+            new = position | {word[0]: float(word[1:]) for word in re.findall(r"[XYZEF]-?[\d.]+", line)}
+            length = math.dist([position[a] for a in "XYZ"], [new[a] for a in "XYZ"])
             feed = new["F"] / 60.0 or feed
-            if kind and new["E"] > at["E"] and not line.startswith("G92"):
+            if kind and new["E"] > position["E"] and not line.startswith("G92"):
                 seconds[kind] += length / feed
-            at = new
+            position = new
     return seconds
 
 
-def make_table(models: Iterable[tuple[str, Model]], each: int, workers: int, cache: Path | None) -> list[Row]:
+def make_table(
+    models: Iterable[tuple[str, Model]], max_parts: int, workers: int, cache: Path | None
+) -> list[Row]:
     """Make the whole table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
-        work = []
-        for number, posed in enumerate(list_parts(models, each)):
-            chosen = SETTINGS if number % 2 == 0 else ALWAYS
-            work += [pool.submit(measure, posed, name, Path(scratch), cache) for name in chosen]
-        return [row for future in work if (row := future.result()) is not None]
+        futures = []
+        for number, posed in enumerate(list_parts(models, max_parts)):
+            setting_names = SETTINGS if number % 2 == 0 else FULL_SETTINGS
+            futures += [pool.submit(measure, posed, name, Path(scratch), cache) for name in setting_names]
+        return [row for future in futures if (row := future.result()) is not None]

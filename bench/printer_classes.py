@@ -37,14 +37,14 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Partition, Problem
 from drivers.printers import PROFILES, compute_part_room
 
-WIDE = 0.45
+WIDE_TIME_RATIO = 0.45
 
 
 def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
     """Make a fleet, in which the first 2+ have a wide nozzle."""
     factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus + extended)
     np.random.default_rng(0).shuffle(factors)
-    factors[:wide] *= WIDE
+    factors[:wide] *= WIDE_TIME_RATIO
     models = ["ultimaker2_plus"] * plus + ["ultimaker2_extended_plus"] * extended
     rooms = {
         name: tuple(b.size_mm for b in compute_part_room(PROFILES[name], brim_mm)) for name in set(models)
@@ -58,30 +58,33 @@ def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: floa
 def compute_makespan_s(problem: Problem, partition: Partition) -> float:
     """Compute the end of the last part on the printers of a problem."""
     poses = [pose for pose in problem.find_poses(list(partition.pieces)) if pose is not None]
-    printer_numbers = assign_printers(poses, problem.printers)
+    takers = assign_printers(poses, problem.printers)
     assert len(poses) == len(partition.pieces)
-    assert printer_numbers is not None
-    return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, printer_numbers, strict=True))
+    assert takers is not None
+    return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
 
 
-def make_equal(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
-    """Make the same printers with the height of the lowest, and equally fast."""
-    least = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
-    return tuple(replace(printer, boxes=least, time_factor=1.0) for printer in printers)
+def equalise(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
+    """Make the same printers with the height of the lowest, and equal speeds."""
+    lowest = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
+    return tuple(replace(printer, boxes=lowest, time_factor=1.0) for printer in printers)
 
 
 def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
-    """Compare both makespans for one model, None if it does not fit, with CPU seconds."""
+    """Compare both makespans for one model, with CPU seconds; None for a model that does not fit."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
-        ("shared", make_equal(problem.printers), cut_for_uniform_printers),
+        ("shared", equalise(problem.printers), cut_for_uniform_printers),
         ("unequal", problem.printers, cut_by_guillotine),
     ):
         start_cpu_s = process_time()
         row |= {f"{name}_s": None, f"{name}_parts": 0}
         with suppress(NoFit):
-            found = search(replace(problem, printers=printers))
-            row |= {f"{name}_s": compute_makespan_s(problem, found), f"{name}_parts": len(found.pieces)}
+            result = search(replace(problem, printers=printers))
+            row |= {
+                f"{name}_s": compute_makespan_s(problem, result),
+                f"{name}_parts": len(result.pieces),
+            }
         row[f"{name}_cpu_s"] = process_time() - start_cpu_s
     return row
 

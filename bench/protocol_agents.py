@@ -1,4 +1,4 @@
-"""Agents without printers that only speak the protocol, many in one process.
+"""Agents without printers that only implement the protocol, many in one process.
 
 Each holds the lock of its folder and listens on its own socket, so that a daemon treats it as a running agent
 of this host. Prints begin and end on request (`ProtocolAgents.end`).
@@ -71,7 +71,7 @@ class _Agent:
 
 
 class ProtocolAgents:
-    """Fleet of such agents, on one selector."""
+    """Fleet of protocol-only agents, on one selector."""
 
     def __init__(self, state: StateFolder, names: list[str], clock: Clock) -> None:
         self._selector = selectors.DefaultSelector()
@@ -90,7 +90,7 @@ class ProtocolAgents:
         return [n for n, a in self._agents.items() if a.print is not None and not a.print.phase.ended]
 
     def is_forgotten(self, name: str) -> bool:
-        """Tell whether the daemon has booked the end of a print."""
+        """Check whether the daemon has recorded the end of a print."""
         return self._agents[name].print is None
 
     def begin(self) -> None:
@@ -121,22 +121,22 @@ class ProtocolAgents:
         agent.server.push(agent.snapshot())
 
     def serve(self, seconds: float, condition: Callable[[], bool] = lambda: False) -> bool:
-        """Answer and report for a number of wall seconds, or until a condition holds; tell whether it holds.
+        """Answer and report for some wall seconds, or until a condition holds; return whether it holds.
 
         As real ones do, agents report once a second where they print, else every fifth one.
         """
         names, printing = list(self._agents), set(self.printing)
-        begun_s, spoken = time.monotonic(), 0
-        while (passed_s := time.monotonic() - begun_s) < seconds:
+        start_s, report_count = time.monotonic(), 0
+        while (passed_s := time.monotonic() - start_s) < seconds:
             if condition():
                 return True
             for key, mask in self._selector.select(0.02):
                 key.data(mask)
-            for number in range(spoken, due := int(passed_s * len(names))):
-                turn, at = divmod(number, len(names))
-                if names[at] in printing or (turn + at) % _IDLE_TURNS == 0:
-                    self.report_temperatures(names[at])
-            spoken = due
+            for number in range(report_count, due_count := int(passed_s * len(names))):
+                turn, index = divmod(number, len(names))
+                if names[index] in printing or (turn + index) % _IDLE_TURNS == 0:
+                    self.report_temperatures(names[index])
+            report_count = due_count
         return condition()
 
     def close(self) -> None:

@@ -38,13 +38,13 @@ class Row:
 
 
 def list_rows(books: Books) -> Iterator[Row]:
-    """Return a row for each printer with prints that count."""
+    """Yield a row for each printer with prints that show its speed."""
     for name in sorted(books.printers):
         ended = sorted(
             (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),
             key=lambda p: p.ended_s or 0.0,
         )
-        factor, ratios, previous = 1.0, [], []
+        factor, ratios, factors_before = 1.0, [], []
         for attempt in ended:
             plate = books.plates[attempt.plate]
             if attempt.started_s is None or attempt.ended_s is None:
@@ -53,17 +53,17 @@ def list_rows(books: Books) -> Iterator[Row]:
             if plate.sliced_s < MIN_LEARNED_S or attempt.starved_s > MAX_STARVED_SHARE * reached_s:
                 continue
             ratios.append(reached_s / plate.sliced_s)
-            previous.append(factor)
+            factors_before.append(factor)
             factor = update_time_factor(factor, plate.sliced_s, reached_s, attempt.starved_s)
         if ratios:
-            ratio, known = np.array(ratios), np.array(previous)
+            ratio, factors = np.array(ratios), np.array(factors_before)
             yield Row(
                 printer=name,
                 prints=len(ratios),
                 mean_ratio=float(ratio.mean()),
                 time_factor=factor,
                 error_without=float(np.abs(ratio - 1).mean()),
-                error_with=float(np.abs(ratio / known - 1).mean()),
+                error_with=float(np.abs(ratio / factors - 1).mean()),
             )
 
 
@@ -77,12 +77,12 @@ def main() -> None:
     if not path.is_file():
         sys.exit(f"{path}: there are no books; name a farm's state folder")
     with Store(path) as store:
-        found = list(list_rows(store.load()))
+        rows = list(list_rows(store.load()))
     if arguments.json:
-        print(json.dumps({"printers": [asdict(row) for row in found]}, indent=2))
+        print(json.dumps({"printers": [asdict(row) for row in rows]}, indent=2))
         return
     print("printer     prints  reached/expected  time_factor  error without  with")
-    for row in found:
+    for row in rows:
         print(
             f"{row.printer:12}{row.prints:5}{row.mean_ratio:18.3f}{row.time_factor:13.3f}"
             f"{row.error_without:15.1%}{row.error_with:6.1%}"

@@ -3,7 +3,7 @@
 Usage: python -m bench.read_model [--million N] [--json]
 
 The model is a torus as a binary STL, 50 bytes a triangle. It is read in a process of its own, whose CPU and
-largest resident memory are told.
+largest resident memory are measured.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from decompose.geometry.model import load_model
 
 
 def write_torus(path: Path, triangles: int) -> None:
-    """Write a torus with about so many triangles: three times as many sections around it as through it."""
+    """Write a torus with about this number of triangles, with major sections three times the minor ones."""
     minor = round((triangles / 6) ** 0.5)
     torus = trimesh.creation.torus(100.0, 40.0, major_sections=3 * minor, minor_sections=minor)
     path.write_bytes(trimesh.exchange.stl.export_stl(torus))
 
 
 def read_torus(path: Path, pipe: Connection) -> None:
-    """Read a model, and send what that took."""
-    before_s, begin_s = time.process_time(), time.perf_counter()
+    """Read a model, and send the time and memory of reading."""
+    begin_cpu_s, begin_s = time.process_time(), time.perf_counter()
     model = load_model(path)
     result = {
         "file_mb": path.stat().st_size / 1e6,
-        "cpu_s": time.process_time() - before_s,
+        "cpu_s": time.process_time() - begin_cpu_s,
         "elapsed_s": time.perf_counter() - begin_s,
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
         "triangles": len(model.solid.arrays()[1]),
@@ -44,7 +44,7 @@ def read_torus(path: Path, pipe: Connection) -> None:
 
 
 def measure(triangles: int) -> dict[str, float]:
-    """Write the model in one process and read it in another, so that neither pays for the other."""
+    """Write the model in one process and read it in another, so that neither affects the other's figures."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     with tempfile.TemporaryDirectory() as folder:

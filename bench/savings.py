@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bench.cluster_calls import add_cluster_options, count_calls, open_calls
-from bench.print_time_parts import ANYWHERE, EVEN, PRINTER
+from bench.print_time_parts import ENDLESS_BED, EVEN, PRINTER
 from bench.unseen import draw_model
 from decompose.decompose import decompose_model
 from decompose.geometry import write_stl
@@ -36,7 +36,7 @@ from slicing.settings import PartSettings, SettingsRequest, find_engine, find_re
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Times of the parts of one model in seconds: of all, and of the longest; and the same by prices."""
+    """Times of the parts of one model in seconds: their sum and the longest, sliced and by prices."""
 
     model: str
     hidden: bool
@@ -52,18 +52,18 @@ class Row:
 
 def slice_part(part: Part, request: SettingsRequest, cache: Path | None) -> float:
     """Slice a part with its own settings; return CuraEngine's time in seconds."""
-    chosen = PartSettings(
+    part_settings = PartSettings(
         brim_width_mm=part.brim_width_mm,
         layer_0_expansion_mm=part.layer_0_expansion_mm,
         bed_face_hidden=part.bed_face_hidden,
         tops_hidden=part.tops_hidden,
     )
-    settings = resolve_settings(request, find_resources(), chosen)
+    settings = resolve_settings(request, find_resources(), part_settings)
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "part.stl"
         write_stl(stl, part.stl_triangles())
         out = stl.with_suffix(".gcode")
-        return slice_plate(PlateRequest(stl, settings, out, find_engine(), ANYWHERE, cache=cache)).sliced_s
+        return slice_plate(PlateRequest(stl, settings, out, find_engine(), ENDLESS_BED, cache=cache)).sliced_s
 
 
 def measure(kind: str, args: argparse.Namespace) -> list[Row]:
@@ -82,20 +82,20 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             cost = CostModel.from_recipe(recipe)
             room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
             rooms = [PrinterRoom(str(number), room) for number in range(args.printers)]
-            fits = args.quality == "glue"
-            result = decompose_model(model, rooms, Options(fit_first_layer=fits, prove=False), cost)
-            took_s = [slice_part(part, request, args.cache) for part in result.parts]
+            fit_layer = args.quality == "glue"
+            result = decompose_model(model, rooms, Options(fit_first_layer=fit_layer, prove=False), cost)
+            sliced_s = [slice_part(part, request, args.cache) for part in result.parts]
             prices_s = [part.price_s for part in result.parts]
             rows.append(
                 Row(
                     f"{kind}-{args.seed}",
                     hidden,
                     gradual,
-                    len(took_s),
+                    len(sliced_s),
                     sum(part.bed_face_hidden for part in result.parts),
                     sum(part.tops_hidden for part in result.parts),
-                    sum(took_s),
-                    max(took_s),
+                    sum(sliced_s),
+                    max(sliced_s),
                     sum(prices_s),
                     max(prices_s),
                 )
@@ -127,13 +127,13 @@ def main() -> None:
     args = parser.parse_args()
     with open_calls(args) as call, ThreadPoolExecutor(count_calls(args)) as threads:
         by_kind = threads.map(lambda kind: call(deferred_measure, kind, args), args.kinds.split(","))
-        rows = [row for found in by_kind for row in found]
+        rows = [row for kind_rows in by_kind for row in kind_rows]
     if args.json:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return
-    for first in range(0, len(rows), 4):
-        plain = rows[first]
-        for row in rows[first : first + 4]:
+    for group_start in range(0, len(rows), 4):
+        plain = rows[group_start]
+        for row in rows[group_start : group_start + 4]:
             print(
                 f"{row.model:14} hidden {row.hidden:1} gradual {row.gradual:1}  {row.parts:2} parts"
                 f"  sum {row.sum_s:7.0f} s {row.sum_s / plain.sum_s - 1.0:+6.1%}"

@@ -2,7 +2,7 @@
 
 Usage: python -m bench.schedule [--printers N] [--plates N] [--json]
 
-A fleet of which half the printers print and a queue of plates of random times, some of which fit the tall
+A fleet in which half the printers print and a queue of plates of random times, some of which fit the tall
 printers only. `assign_ms` and `forecast_ms` are the best of three; `over_bound` is the end of the forecast
 of one job over its lower bound, with a person always there (the bound ignores clearing beds).
 """
@@ -37,7 +37,7 @@ TALL = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", Non
 
 
 def make_fleet(count: int, busy: bool) -> list[FleetPrinter]:
-    """Make a fleet, every third printer tall; where `busy`, every other one prints for some hours more."""
+    """Make a fleet with every third printer tall; if `busy`, every other one prints for some more hours."""
     return [
         FleetPrinter(
             name=f"um2-{number:03d}",
@@ -74,12 +74,12 @@ def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
     return plates
 
 
-def measure_best_ms(work: Callable[[], object]) -> float:
+def measure_best_ms(function: Callable[[], object]) -> float:
     """Return the best of three times, in ms."""
     times = []
     for _ in range(3):
         start_s = time.perf_counter()
-        work()
+        function()
         times.append(time.perf_counter() - start_s)
     return min(times) * 1000
 

@@ -1,4 +1,4 @@
-"""Models of 160 to 330 mm: flat and curved, thick and thin, upright and leaning."""
+"""Models of 160 to 330 mm: flat and curved, thick and thin, upright and sloping."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def ellipsoid(centre: tuple[float, ...], radii: tuple[float, ...]) -> Solid:
     return solid(mesh)
 
 
-def drawn(rings: list[np.ndarray]) -> Solid:
+def loft(rings: list[np.ndarray]) -> Solid:
     """Make a body through closed rings (k, n, 3) of points, one above the other."""
     n, k = len(rings[0]), len(rings)
     vertices = np.concatenate([*rings, [rings[0].mean(axis=0), rings[-1].mean(axis=0)]])
@@ -70,7 +70,7 @@ def vase() -> Solid:
 def house() -> Solid:
     """Walls of 6 mm with windows, under a pitched roof."""
     roof = [np.array([(x, -60.0, 80.0), (x, 60.0, 80.0), (x, 0.0, 135.0)]) for x in (-90.0, 90.0)]
-    body = Solid.union([Solid.box((-80.0, -50.0, 0.0), (80.0, 50.0, 85.0)), drawn(roof)])
+    body = Solid.union([Solid.box((-80.0, -50.0, 0.0), (80.0, 50.0, 85.0)), loft(roof)])
     holes = [Solid.box((-74.0, -44.0, 5.0), (74.0, 44.0, 78.0))]
     holes += [Solid.box((x, -70.0, 30.0), (x + 24.0, 70.0, 60.0)) for x in (-60.0, -12.0, 36.0)]
     return body.subtract(Solid.union(holes))
@@ -84,7 +84,7 @@ def bracket() -> Solid:
     ]
     for y in (-50.0, -5.0, 40.0):
         rib = [np.array([(10.0, t, 10.0), (130.0, t, 10.0), (10.0, t, 110.0)]) for t in (y + 10.0, y)]
-        plates.append(drawn(rib))
+        plates.append(loft(rib))
     bores = [rod((x, y, -5.0), (x, y, 20.0), 7.0) for x in (60.0, 110.0, 145.0) for y in (-25.0, 22.0)]
     bores += [rod((-5.0, y, 85.0), (20.0, y, 85.0), 9.0) for y in (-25.0, 22.0)]
     return Solid.union(plates).subtract(Solid.union(bores))
@@ -117,7 +117,7 @@ def gear() -> Solid:
     for i in range(5):
         x, y = 46.0 * math.cos(i * 0.4 * math.pi), 46.0 * math.sin(i * 0.4 * math.pi)
         holes.append(rod((x, y, -1.0), (x, y, 40.0), 19.0))
-    return drawn(outline).subtract(Solid.union(holes))
+    return loft(outline).subtract(Solid.union(holes))
 
 
 def tree() -> Solid:
@@ -138,9 +138,9 @@ def column() -> Solid:
     rings = []
     for z in np.linspace(0.0, 220.0, 45):
         r = (48.0 - 0.09 * z) * (1.0 + 0.16 * np.cos(5.0 * angle))
-        turned = angle + 0.008 * z
-        rings.append(np.stack([r * np.cos(turned), r * np.sin(turned), 0.0 * angle + z], axis=1))
-    return drawn(rings)
+        turned_angle = angle + 0.008 * z
+        rings.append(np.stack([r * np.cos(turned_angle), r * np.sin(turned_angle), 0.0 * angle + z], axis=1))
+    return loft(rings)
 
 
 def hills() -> Solid:
@@ -151,7 +151,7 @@ def hills() -> Solid:
         z = 64.0 + 16.0 * np.sin(x / 27.0) * np.cos(y / 21.0) + 12.0 * np.sin((x + 2.0 * y) / 55.0)
         top = np.stack([x, 0.0 * x + y, z], axis=1)
         rows.append(np.concatenate([top * (1.0, 1.0, 0.0), top[::-1]]))
-    return drawn(rows)
+    return loft(rows)
 
 
 def stairs() -> Solid:

@@ -27,7 +27,7 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 MOVE = trimesh.transformations.translation_matrix
-ROOM = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
+ENDLESS_BED = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
 
 
 def make_models() -> dict[str, trimesh.Trimesh]:
@@ -54,14 +54,14 @@ def make_models() -> dict[str, trimesh.Trimesh]:
 
 
 @dataclass
-class Clock:
-    """Clock of the CPU seconds of this process and of its ended children."""
+class CpuClock:
+    """CPU seconds of this process and of its ended children."""
 
     own_s: float = 0.0
     engine_s: float = 0.0
 
     @classmethod
-    def now(cls) -> Clock:
+    def now(cls) -> CpuClock:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         return cls(time.process_time(), children.ru_utime + children.ru_stime)
 
@@ -73,16 +73,16 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
     mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
     stl = folder / "model.stl"
     mesh.export(stl)
-    request = PlateRequest(stl, settings, folder / "model.gcode", find_engine(), ROOM)
-    start = Clock.now()
-    refused, unprinted, lines = None, (), 0
+    request = PlateRequest(stl, settings, folder / "model.gcode", find_engine(), ENDLESS_BED)
+    start = CpuClock.now()
+    refusal, unprinted, lines = None, (), 0
     try:
         result = slice_plate(request)
         unprinted = result.unprinted
         lines = result.gcode.read_bytes().count(b"\n")
-    except SliceRejected as rejected:
-        refused = str(rejected)
-    end = Clock.now()
+    except SliceRejected as error:
+        refusal = str(error)
+    end = CpuClock.now()
     check_s, engine_s = end.own_s - start.own_s, end.engine_s - start.engine_s
     return {
         "model": name,
@@ -91,7 +91,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
         "engine_cpu_s": round(engine_s, 3),
         "check_cpu_s": round(check_s, 3),
         "share": round(check_s / engine_s, 3),
-        "refused": refused,
+        "refused": refusal,
         "unprinted": [str(wall) for wall in unprinted],
     }
 
@@ -106,14 +106,14 @@ def main() -> None:
     options = parser.parse_args()
     models = {str(path): trimesh.load_mesh(path) for path in options.stl} or make_models()
     overrides = dict(pair.split("=", 1) for pair in options.set)
-    wanted = SettingsRequest(
+    request = SettingsRequest(
         build_slicing_printer(BEDS["ultimaker2_plus"]),
         options.quality,
         "generic_pla",
         options.nozzle,
         overrides,
     )
-    settings = resolve_settings(wanted, find_resources())
+    settings = resolve_settings(request, find_resources())
     with tempfile.TemporaryDirectory() as name:
         check_model("first", trimesh.creation.box((5, 5, 5)), settings, Path(name))  # imports and caches
         rows = [check_model(model, mesh, settings, Path(name)) for model, mesh in models.items()]
@@ -122,10 +122,10 @@ def main() -> None:
         print(json.dumps({"schema": 1, "share": round(share, 3), "models": rows}, indent=1))
         return
     for row in rows:
-        found = row["refused"] or "; ".join(row["unprinted"]) or "good"
+        finding = row["refused"] or "; ".join(row["unprinted"]) or "good"
         print(
             f"{row['model']:<40} {row['lines']:>8} lines  engine {row['engine_cpu_s']:7.2f} s  "
-            f"checks {row['check_cpu_s']:6.2f} s  {row['share']:5.0%}  {found}"
+            f"checks {row['check_cpu_s']:6.2f} s  {row['share']:5.0%}  {finding}"
         )
     print(f"checks / engine: {share:.1%}; most: {np.max([row['share'] for row in rows]):.0%}")
 

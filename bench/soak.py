@@ -1,4 +1,4 @@
-"""Very long print over a wire with errors: every line arrives once and unaltered, or a fault is named.
+"""Very long print over a wire with errors: every line arrives once and unaltered, or a fault is reported.
 
 ``python -m bench.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's firmware in
 one process, on a clock of their own. Each byte is damaged with the given probability, on the way out and
@@ -33,7 +33,7 @@ class Outcome:
     Attributes
     ----------
     fault
-        Reason for which the link gave up; None if it went on to the end.
+        Reason why the link gave up; None if it printed to the end.
     exact
         The firmware made all moves, each once, and head and filament are where the file leaves them.
     altered
@@ -50,9 +50,13 @@ class Outcome:
     cpu_s: float
 
 
-def make_move(at: int) -> bytes:
-    """Make the `at`-th line: a move of half a millimetre, different from its neighbours."""
-    return b"G1 X%.2f Y%.1f E%.4f" % (100 + at % 2 * 0.5 + at % 7 * 0.01, 100 + at % 50 * 0.5, at * 0.02)
+def make_move(i: int) -> bytes:
+    """Make the `i`-th line: a move of half a millimetre, different from its neighbours."""
+    return b"G1 X%.2f Y%.1f E%.4f" % (
+        100 + i % 2 * 0.5 + i % 7 * 0.01,
+        100 + i % 50 * 0.5,
+        i * 0.02,
+    )
 
 
 def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
@@ -66,13 +70,13 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     began_s = time.process_time()
     is_connected = False
     while fault is None:
-        out = link.take()
-        if not out:
+        sent = link.take()
+        if not sent:
             due_s = min(firmware.deadline_s(), link.deadline_s)
             now_s = max(now_s + 1e-4, due_s)
         else:
             now_s += 0.002
-        answer = firmware.feed(out, now_s)
+        answer = firmware.feed(sent, now_s)
         events = [*((answer and link.receive(answer, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
@@ -82,17 +86,17 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
         elif is_connected and link.drained:
             break
     machine = firmware.machine
-    moves = machine.planner.moves - 1  # without that of the head
+    moves = machine.planner.moves - 1  # without the move of the head
     last = make_move(lines - 1)
-    ends = (
+    is_at_end = (
         b"E%.4f" % machine.position[3] == last.split()[-1]
         and b"X%.2f" % machine.position[0] == last.split()[1]
     )
-    fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
+    has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     return Outcome(
         lines=lines,
         fault=fault,
-        exact=fault is None and moves == lines and ends and fed,
+        exact=fault is None and moves == lines and is_at_end and has_fed,
         moves=moves,
         altered=firmware.noise.altered if firmware.noise is not None else 0,
         damaged_bytes=firmware.noise.damaged if firmware.noise is not None else 0,
@@ -103,7 +107,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
 
 def list_lines(start: int, stop: int, lines: int) -> list[bytes]:
     """Yield the lines of the file, and the barriers after it."""
-    return [make_move(at) for at in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
+    return [make_move(index) for index in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
         0, stop - max(start, lines)
     )
 

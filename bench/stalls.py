@@ -1,4 +1,4 @@
-"""Time for which one damaged byte, line or answer keeps a hot head still.
+"""Time for which one damaged byte, line or answer stops a hot head.
 
 ``python -m bench.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the emulator's
 firmware in one process, on a clock of their own, print moves of 10 ms; every 30 lines one fault of a kind is
@@ -28,7 +28,7 @@ from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 EVERY_LINES = 30
-TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # on the way; the USB chip sends what it has every 4 ms
+TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # transfer times; the USB chip sends its buffer every 4 ms
 HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
 TAIL = [b"M400"] * 3
 SPECIAL = {10: b"M106 S%d", 20: b"M400"}  # among the moves, by their place in each 30 lines
@@ -36,8 +36,8 @@ SPECIAL = {10: b"M106 S%d", 20: b"M400"}  # among the moves, by their place in e
 Damage = Callable[[bytes, random.Random], bytes]
 
 
-def cut(data: bytes, at: int, count: int = 1) -> bytes:
-    return data[:at] + data[at + count :]
+def cut(data: bytes, index: int, count: int = 1) -> bytes:
+    return data[:index] + data[index + count :]
 
 
 def lose(data: bytes, rng: random.Random) -> bytes:
@@ -45,36 +45,36 @@ def lose(data: bytes, rng: random.Random) -> bytes:
 
 
 def double(data: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(data))
-    return data[:at] + data[at : at + 1] + data[at:]
+    index = rng.randrange(len(data))
+    return data[:index] + data[index : index + 1] + data[index:]
 
 
 def flip(data: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(data))
-    return data[:at] + bytes((data[at] ^ 1 << rng.randrange(8),)) + data[at + 1 :]
+    index = rng.randrange(len(data))
+    return data[:index] + bytes((data[index] ^ 1 << rng.randrange(8),)) + data[index + 1 :]
 
 
 def spoil(data: bytes, rng: random.Random) -> bytes:
     """Flip a bit so that the line is complete but refused."""
-    at = rng.randrange(data.index(b"X") + 1, data.index(b"*"))
-    return data[:at] + bytes((data[at] ^ 1,)) + data[at + 1 :]
+    index = rng.randrange(data.index(b"X") + 1, data.index(b"*"))
+    return data[:index] + bytes((data[index] ^ 1,)) + data[index + 1 :]
 
 
-def take_out(pattern: bytes, by: bytes = b"") -> Damage:
-    return lambda data, rng: re.sub(pattern, lambda _: by, data, count=1)
+def replace_match(pattern: bytes, replacement: bytes = b"") -> Damage:
+    return lambda data, rng: re.sub(pattern, lambda _: replacement, data, count=1)
 
 
 def flip_digit(data: bytes, rng: random.Random) -> bytes:
-    digits = [found.start() for found in re.finditer(rb"\d", data[data.index(b"Resend") :])]
-    at = data.index(b"Resend") + rng.choice(digits)
-    return data[:at] + bytes((data[at] ^ 1 << rng.randrange(3),)) + data[at + 1 :]
+    digits = [match.start() for match in re.finditer(rb"\d", data[data.index(b"Resend") :])]
+    index = data.index(b"Resend") + rng.choice(digits)
+    return data[:index] + bytes((data[index] ^ 1 << rng.randrange(3),)) + data[index + 1 :]
 
 
-def refuse(back: int) -> Damage:
-    """Add a refusal that the board never sent after an ok."""
+def refuse(age: int) -> Damage:
+    """Add a refusal after an ok, as no board sends it."""
 
     def damage(data: bytes, rng: random.Random) -> bytes:
-        last = refuse.last - back  # type: ignore[attr-defined]
+        last = refuse.last - age  # type: ignore[attr-defined]
         return data + b"Error:checksum mismatch, Last Line: %d\nResend: %d\nok\n" % (last, last + 1)
 
     return damage
@@ -92,72 +92,72 @@ class Kind:
         Pattern of the lines that are hit.
     """
 
-    there: Damage | None = None
-    back: Damage | None = None
+    to_board: Damage | None = None
+    to_host: Damage | None = None
     lines: bytes = rb" G1 "
 
 
-def gone(data: bytes, rng: random.Random) -> bytes:
+def drop(data: bytes, rng: random.Random) -> bytes:
     return b""
 
 
-def half(data: bytes, rng: random.Random) -> bytes:
+def cut_end(data: bytes, rng: random.Random) -> bytes:
     return data[: rng.randrange(1, len(data) - 1)]
 
 
-def twice(data: bytes, rng: random.Random) -> bytes:
+def repeat(data: bytes, rng: random.Random) -> bytes:
     return data + data
 
 
-_OF_A_LINE: dict[str, Damage] = {
-    "newline lost": take_out(rb"\n"),
+_LINE_DAMAGES: dict[str, Damage] = {
+    "newline lost": replace_match(rb"\n"),
     "byte lost": lose,
     "byte doubled": double,
     "bit flipped": flip,
-    "half lost": half,
-    "line lost": gone,
-    "line doubled": twice,
+    "cut_end lost": cut_end,
+    "line lost": drop,
+    "line doubled": repeat,
 }
-_OF_AN_ANSWER: dict[str, Damage] = {
-    "newline lost": take_out(rb"\n"),
+_ANSWER_DAMAGES: dict[str, Damage] = {
+    "newline lost": replace_match(rb"\n"),
     "byte lost": lose,
     "byte doubled": double,
     "bit flipped": flip,
-    "answer lost": gone,
-    "answer doubled": twice,
-    "glued to another": take_out(rb"\n", b"echo:SD init fail\n"),
+    "answer lost": drop,
+    "answer doubled": repeat,
+    "glued to another": replace_match(rb"\n", b"echo:SD init fail\n"),
     "noise before it": lambda data, rng: rng.randbytes(5) + data,
 }
-_OF_A_REFUSAL: dict[str, Damage] = {
+_REFUSAL_DAMAGES: dict[str, Damage] = {
     "arrives": lambda data, rng: data,
-    "Error lost": take_out(rb"Error:.*\n"),
-    "Resend lost": take_out(rb"Resend:.*\n"),
+    "Error lost": replace_match(rb"Error:.*\n"),
+    "Resend lost": replace_match(rb"Resend:.*\n"),
     "Resend garbled": flip_digit,
-    "Error and Resend lost": take_out(rb"(?s)Error:.*Resend: \d+\n"),
-    "its ok lost": take_out(rb"ok\n"),
-    "all of it lost": gone,
+    "Error and Resend lost": replace_match(rb"(?s)Error:.*Resend: \d+\n"),
+    "its ok lost": replace_match(rb"ok\n"),
+    "all of it lost": drop,
     "newline of Error lost": lambda data, rng: cut(data, data.index(b"\n")),
-    "newline of Resend lost": take_out(rb"\nok\n", b"ok\n"),
+    "newline of Resend lost": replace_match(rb"\nok\n", b"ok\n"),
     "newline of its ok lost": lambda data, rng: data[:-1],
 }
-_NOT_MOVES = {"M106": rb" M106 ", "M400": rb" M400\*", "M105": rb" M105\*"}
+_OTHER_COMMANDS = {"M106": rb" M106 ", "M400": rb" M400\*", "M105": rb" M105\*"}
 
 KINDS: dict[str, Kind] = {
-    **{f"move: {name}": Kind(there=damage) for name, damage in _OF_A_LINE.items()},
-    **{f"ok: {name}": Kind(back=damage) for name, damage in _OF_AN_ANSWER.items()},
-    **{f"refusal: {name}": Kind(spoil, damage) for name, damage in _OF_A_REFUSAL.items()},
+    **{f"move: {name}": Kind(there=damage) for name, damage in _LINE_DAMAGES.items()},
+    **{f"ok: {name}": Kind(back=damage) for name, damage in _ANSWER_DAMAGES.items()},
+    **{f"refusal: {name}": Kind(spoil, damage) for name, damage in _REFUSAL_DAMAGES.items()},
     "refusal: invented": Kind(back=refuse(0)),
     "refusal: invented, of an older line": Kind(back=refuse(3)),
     "refusal: invented, of a line long ago": Kind(back=refuse(40)),
     **{
         f"{code}: {name}": Kind(there=damage, lines=lines)
-        for code, lines in _NOT_MOVES.items()
-        for name, damage in _OF_A_LINE.items()
+        for code, lines in _OTHER_COMMANDS.items()
+        for name, damage in _LINE_DAMAGES.items()
     },
     **{
         f"{code}'s answer: {name}": Kind(back=damage, lines=lines)
-        for code, lines in _NOT_MOVES.items()
-        for name, damage in _OF_AN_ANSWER.items()
+        for code, lines in _OTHER_COMMANDS.items()
+        for name, damage in _ANSWER_DAMAGES.items()
     },
 }
 
@@ -188,19 +188,23 @@ class Outcome:
         return max(self.stalls_s, default=math.inf)
 
 
-def make_move(at: int) -> bytes:
-    """Make the `at`-th line: half a millimetre in 10 ms, different from its neighbours."""
-    special = SPECIAL.get(at % EVERY_LINES)
+def make_move(i: int) -> bytes:
+    """Make the `i`-th line: half a millimetre in 10 ms, different from its neighbours."""
+    special = SPECIAL.get(i % EVERY_LINES)
     if special is not None:
-        return special % (at % 255) if b"%" in special else special
-    return b"G1 X%.2f Y%.1f E%.4f" % (100 + at % 2 * 0.5, 100 + at // EVERY_LINES % 50 * 0.5, at * 0.02)
+        return special % (i % 255) if b"%" in special else special
+    return b"G1 X%.2f Y%.1f E%.4f" % (
+        100 + i % 2 * 0.5,
+        100 + i // EVERY_LINES % 50 * 0.5,
+        i * 0.02,
+    )
 
 
 class Recorder(EmulatedFirmware):
     """Firmware that records its numbered lines, without requests for reports."""
 
     def __init__(self, rng: random.Random) -> None:
-        self.taken: list[bytes] = []
+        self.received: list[bytes] = []
         super().__init__(PROFILES[MODEL], Faults(), rng, 0.0)
 
     @property
@@ -214,29 +218,29 @@ class Recorder(EmulatedFirmware):
         previous_number = self._last_number
         super()._accept(line)
         if self._last_number != previous_number and (body := remove_frame(line)) != b"M105":
-            self.taken.append(body)
+            self.received.append(body)
 
 
-class Way:
-    """One direction of the wire, on which bytes take time."""
+class WireDirection:
+    """One direction of the wire, which delays bytes."""
 
-    def __init__(self, takes_s: float) -> None:
-        self._takes_s = takes_s
-        self._under_way: deque[tuple[float, bytes]] = deque()
+    def __init__(self, delay_s: float) -> None:
+        self._delay_s = delay_s
+        self._in_flight: deque[tuple[float, bytes]] = deque()
 
     @property
     def due_s(self) -> float:
-        return self._under_way[0][0] if self._under_way else math.inf
+        return self._in_flight[0][0] if self._in_flight else math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
         if data:
-            self._under_way.append((now_s + self._takes_s, data))
+            self._in_flight.append((now_s + self._delay_s, data))
 
     def take(self, now_s: float) -> bytes:
-        out = b""
-        while self._under_way and self._under_way[0][0] <= now_s:
-            out += self._under_way.popleft()[1]
-        return out
+        data = b""
+        while self._in_flight and self._in_flight[0][0] <= now_s:
+            data += self._in_flight.popleft()[1]
+        return data
 
 
 class Tamperer:
@@ -245,81 +249,81 @@ class Tamperer:
     def __init__(self, kind: Kind, rng: random.Random) -> None:
         self._kind, self._rng = kind, rng
         self._number = re.compile(rb"N(\d+)" + kind.lines)
-        self._next = EVERY_LINES  # the line number from which the next fault may be
-        self._armed = False  # its answer is damaged next
+        self._next_number = EVERY_LINES  # first line number of the next fault
+        self._answer_is_next = False  # the answer is damaged next
         self.hit = 0
 
     def _draw(self, number: int) -> None:
-        self._next = number - number % EVERY_LINES + EVERY_LINES + self._rng.randrange(3)
+        self._next_number = number - number % EVERY_LINES + EVERY_LINES + self._rng.randrange(3)
 
-    def there(self, data: bytes) -> bytes:
-        found = self._number.match(data)
-        if found is None or int(found[1]) < self._next:
+    def to_board(self, data: bytes) -> bytes:
+        match = self._number.match(data)
+        if match is None or int(match[1]) < self._next_number:
             return data
-        self._draw(int(found[1]))
-        self._armed = self._kind.back is not None
-        self.hit += not self._armed
-        return self._kind.there(data, self._rng) if self._kind.there else data
+        self._draw(int(match[1]))
+        self._answer_is_next = self._kind.damage_answer is not None
+        self.hit += not self._answer_is_next
+        return self._kind.damage_line(data, self._rng) if self._kind.damage_line else data
 
-    def back(self, data: bytes) -> bytes:
-        if not self._armed or (self._kind.there and b"Resend" not in data):
+    def to_host(self, data: bytes) -> bytes:
+        if not self._answer_is_next or (self._kind.damage_line and b"Resend" not in data):
             return data
-        assert self._kind.back is not None
-        self._armed = False
+        assert self._kind.damage_answer is not None
+        self._answer_is_next = False
         self.hit += 1
-        return self._kind.back(data, self._rng)
+        return self._kind.damage_answer(data, self._rng)
 
 
 def run(kind: Kind, faults: int, seed: int) -> Outcome:
     """Print with a number of faults of one kind."""
     rng = random.Random(seed)
     lines = (faults + 2) * EVERY_LINES
-    program = [*(make_move(at) for at in range(lines)), *TAIL]
+    program = [*(make_move(index) for index in range(lines)), *TAIL]
     firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
     link.poll_every_s = 0.2
     link.on_opened(0.0)
-    there, back = Way(TO_BOARD_S), Way(TO_HOST_S)
+    to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
     now_s, is_connected, fault, hit = 0.0, False, None, 0
-    marks: list[tuple[float, float]] = []  # at each fault: the time, and how long the head had moved
+    marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
     while fault is None and not (is_connected and link.drained):
-        now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, there.due_s, back.due_s))
-        answer = firmware.feed(there.take(now_s), now_s)
+        now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
+        answer = firmware.feed(to_board.take(now_s), now_s)
         refuse.last = firmware.last  # type: ignore[attr-defined]
-        back.put(tamperer.back(answer) if answer else answer, now_s)
-        data = back.take(now_s)
+        to_host.put(tamperer.back(answer) if answer else answer, now_s)
+        data = to_host.take(now_s)
         events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
             is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        there.put(tamperer.there(link.take()), now_s)
-        if tamperer.hit > hit and len(marks) <= faults:
+        to_board.put(tamperer.there(link.take()), now_s)
+        if tamperer.hit > hit and len(marks_s) <= faults:
             hit = tamperer.hit
-            marks.append((now_s, firmware.printing_s))
+            marks_s.append((now_s, firmware.printing_s))
     stalls_s = tuple(
-        max(0.0, later[0] - earlier[0] - (later[1] - earlier[1])) for earlier, later in pairwise(marks)
+        max(0.0, later[0] - earlier[0] - (later[1] - earlier[1])) for earlier, later in pairwise(marks_s)
     )
     machine = firmware.machine
-    ends = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
-    fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
-    wanted, taken = [*HEAD, *program], firmware.taken
-    once = taken == wanted[: len(taken)] and len(taken) > len(wanted) - len(TAIL)
-    return Outcome(fault, fault is None and once and ends and fed, stalls_s, link.repeated)
+    is_at_end = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
+    has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
+    expected, received = [*HEAD, *program], firmware.received
+    is_exact = received == expected[: len(received)] and len(received) > len(expected) - len(TAIL)
+    return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeated)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--kind", action="append", help="only those whose names hold this")
+    parser.add_argument("--kind", action="append", help="only kinds whose names contain this")
     parser.add_argument("--faults", type=int, default=200, help="of each kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     results: dict[str, dict[str, object]] = {}
     for name, kind in KINDS.items():
-        if options.kind and not any(wanted in name for wanted in options.kind):
+        if options.kind and not any(pattern in name for pattern in options.kind):
             continue
         outcome = run(kind, options.faults, options.seed)
         results[name] = {
@@ -330,9 +334,9 @@ def main() -> None:
             "worst_s": round(outcome.worst_s, 3),
         }
         if not options.json:
-            ended = "exact" if outcome.exact else outcome.fault or "NOT EXACT"
+            outcome_text = "exact" if outcome.exact else outcome.fault or "NOT EXACT"
             figures = f"median {outcome.median_s:6.2f} s, worst {outcome.worst_s:6.2f} s"
-            print(f"{name:40} {len(outcome.stalls_s):4} faults: {figures}, {ended}", flush=True)
+            print(f"{name:40} {len(outcome.stalls_s):4} faults: {figures}, {outcome_text}", flush=True)
     if options.json:
         print(json.dumps({"schema": 1, "kinds": results}))
 

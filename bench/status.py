@@ -46,28 +46,28 @@ from farm.state import Books
 from farm.state.storage import Store
 
 PARTS = 9
-GOING = 10  # jobs that are being printed, and as many that wait for a verdict
-WAITING = 20  # jobs with no plate begun
+PRINTING_JOBS = 10  # jobs that are being printed, and as many that wait for a verdict
+WAITING_JOBS = 20  # jobs with no plate begun
 HOUR_S = 3600.0
 BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
 
 def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
     """Make a job with parts, plates and prints: an old one, one without verdicts, or an open one."""
-    waits = number > jobs - WAITING
-    going = not waits and number > jobs - WAITING - GOING
-    judged = number <= jobs - WAITING - 2 * GOING
-    open_ = going or waits
-    state = JobState.PRINTING if open_ else JobState.DONE if judged else JobState.PRINTED
-    start_s = now_s - HOUR_S - (0.0 if open_ else (jobs - number) * HOUR_S)
+    is_waiting = number > jobs - WAITING_JOBS
+    is_printing = not is_waiting and number > jobs - WAITING_JOBS - PRINTING_JOBS
+    has_verdicts = number <= jobs - WAITING_JOBS - 2 * PRINTING_JOBS
+    is_open = is_printing or is_waiting
+    state = JobState.PRINTING if is_open else JobState.DONE if has_verdicts else JobState.PRINTED
+    start_s = now_s - HOUR_S - (0.0 if is_open else (jobs - number) * HOUR_S)
     plates = [f"{number}/{i:02d}" for i in range(1, PARTS + 1)]
     entities: list[Entity] = []
     for i, plate in enumerate(plates):
         printer = printers[(number * PARTS + i) % len(printers)]
         attempt = Print(
             id=plate, plate=plate, job=number, printer=printer, assigned_s=start_s, started_s=start_s,
-            state=PrintState.PRINTING if going else PrintState.DONE, extruded=True,
-            ended_s=None if going else start_s + HOUR_S, verdict=Verdict.GOOD if judged else None,
+            state=PrintState.PRINTING if is_printing else PrintState.DONE, extruded=True,
+            ended_s=None if is_printing else start_s + HOUR_S, verdict=Verdict.GOOD if has_verdicts else None,
         )  # fmt: skip
         part = Part(
             id=f"{number}/p{i + 1:02d}", job=number, plate=plate, file="p.stl",
@@ -77,14 +77,14 @@ def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[
             id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, sliced_s=HOUR_S,
             expected_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
             max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer,
-            prints=() if waits else (attempt.id,),
+            prints=() if is_waiting else (attempt.id,),
         )  # fmt: skip
-        entities += [part, entry] if waits else [part, entry, attempt]
+        entities += [part, entry] if is_waiting else [part, entry, attempt]
     job = Job(
         id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=JobOptions(),
         state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plates),
         parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), expected_s=HOUR_S,
-        serial_s=9 * HOUR_S, ended_s=None if open_ else start_s + HOUR_S,
+        serial_s=9 * HOUR_S, ended_s=None if is_open else start_s + HOUR_S,
     )  # fmt: skip
     return [job, *entities]
 
@@ -122,12 +122,13 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
     for name in names:
         controller.telemetry.snapshots[name] = make_snapshot(name, controller.books)
 
-    async def down(now: bool) -> None:
+    async def shut_down(now: bool) -> None:
         pass
 
     workers = Workers(folder / "workers", 1, None)
     app = make_app(
-        Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down), DryRuns(controller)
+        Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, shut_down),
+        DryRuns(controller),
     )
     took_s, cpu_s = [], []
     person = Person(os.getuid(), os.getgid())

@@ -1,4 +1,4 @@
-"""Decompositions of shapes that no one has tuned for: drawn by a seed, different with each.
+"""Decompositions of random shapes on which nothing was tuned, generated from a seed.
 
 Usage: python -m bench.unseen [--seed 1] [--kinds organic,bust,...] [--printers 20] [--side 450]
        [--budget 20] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
@@ -40,15 +40,15 @@ def organic(rng: np.random.Generator) -> Solid:
     """Draw a body with limbs that bend and taper."""
     bodies = [ellipsoid((0.0, 0.0, 0.0), tuple(rng.uniform(30.0, 60.0, 3)))]
     for _ in range(int(rng.integers(4, 7))):
-        at, way = np.zeros(3), rng.normal(size=3)
+        point, direction = np.zeros(3), rng.normal(size=3)
         for radius in np.linspace(22.0, rng.uniform(5.0, 9.0), 8):
-            way = way / np.linalg.norm(way) + rng.normal(scale=0.25, size=3)
-            next_point = at + 24.0 * way / np.linalg.norm(way)
+            direction = direction / np.linalg.norm(direction) + rng.normal(scale=0.25, size=3)
+            next_point = point + 24.0 * direction / np.linalg.norm(direction)
             bodies += [
                 ellipsoid(tuple(next_point), (radius,) * 3),
-                rod(tuple(at), tuple(next_point), float(radius)),
+                rod(tuple(point), tuple(next_point), float(radius)),
             ]
-            at = next_point
+            point = next_point
     return Solid.union(bodies)
 
 
@@ -75,24 +75,24 @@ def lattice(rng: np.random.Generator) -> Solid:
         for k in range(4)
     }
     radius = float(rng.uniform(4.0, 8.0))
-    struts = [ellipsoid(tuple(at), (1.2 * radius,) * 3) for at in nodes.values()]
-    for place, at in nodes.items():
+    struts = [ellipsoid(tuple(point), (1.2 * radius,) * 3) for point in nodes.values()]
+    for index, point in nodes.items():
         for axis in range(3):
-            neighbour = tuple(n + (a == axis) for a, n in enumerate(place))
+            neighbour = tuple(n + (a == axis) for a, n in enumerate(index))
             if neighbour in nodes:
-                struts.append(rod(tuple(at), tuple(nodes[neighbour]), radius))
+                struts.append(rod(tuple(point), tuple(nodes[neighbour]), radius))
     return Solid.union(struts)
 
 
 def shell(rng: np.random.Generator) -> Solid:
     """Draw a thin, open bowl with an uneven rim."""
     radii = rng.uniform(70.0, 120.0, 3)
-    thick_mm = float(rng.uniform(2.5, 6.0))
+    thickness_mm = float(rng.uniform(2.5, 6.0))
     bowl = ellipsoid((0.0, 0.0, 0.0), tuple(radii)).subtract(
-        ellipsoid((0.0, 0.0, 0.0), tuple(radii - thick_mm))
+        ellipsoid((0.0, 0.0, 0.0), tuple(radii - thickness_mm))
     )
-    lean = rng.uniform(-0.3, 0.3, 2)
-    normal = np.array([*lean, 1.0]) / math.sqrt(1.0 + float(lean @ lean))
+    slope = rng.uniform(-0.3, 0.3, 2)
+    normal = np.array([*slope, 1.0]) / math.sqrt(1.0 + float(slope @ slope))
     return bowl.split_by_plane(normal, float(rng.uniform(-20.0, 30.0)))[0]
 
 
@@ -113,10 +113,10 @@ def mechanical(rng: np.random.Generator) -> Solid:
 
 def flat(rng: np.random.Generator) -> Solid:
     """Draw a wide sheet with ribs."""
-    wide, deep = rng.uniform(200.0, 400.0, 2)
-    bodies = [Solid.box((0.0, 0.0, 0.0), (wide, deep, 3.0))]
+    width, depth = rng.uniform(200.0, 400.0, 2)
+    bodies = [Solid.box((0.0, 0.0, 0.0), (width, depth, 3.0))]
     for _ in range(5):
-        x, y = rng.uniform(0.0, 0.6, 2) * (wide, deep)
+        x, y = rng.uniform(0.0, 0.6, 2) * (width, depth)
         long_mm = float(rng.uniform(60.0, 140.0))
         size = (long_mm, 4.0) if rng.random() < 0.5 else (4.0, long_mm)
         bodies.append(Solid.box((x, y, 0.0), (x + size[0], y + size[1], float(rng.uniform(10.0, 30.0)))))
@@ -138,7 +138,7 @@ def draw_model(kind: str, seed: int, side_mm: float) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one decomposition; those of the result are None where there was none, and `reason` says why.
+    """Figures of one decomposition; those of the result are None if it failed, and `reason` says why.
 
     Attributes
     ----------
@@ -182,8 +182,8 @@ def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float
     wall_s = perf_counter() - began_s
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     if result is None:
-        nothing = (None,) * 6
-        return Figures(kind, seed, model.solid.faces, *nothing, wall_s, peak_mb, reason)
+        no_figures = (None,) * 6
+        return Figures(kind, seed, model.solid.faces, *no_figures, wall_s, peak_mb, reason)
     return Figures(
         kind,
         seed,
@@ -200,7 +200,7 @@ def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float
 
 
 def list_files(*_: object) -> TaskFiles:
-    """List the files of `measure`: there are none."""
+    """Return the files of `measure`: none."""
     return TaskFiles()
 
 
@@ -227,25 +227,25 @@ def main() -> None:
     parser.add_argument("--budget", type=float, default=BUDGET_S)
     parser.add_argument("--json", action="store_true")
     add_cluster_options(parser)
-    wanted = parser.parse_args()
+    options = parser.parse_args()
     rows = []
-    with open_calls(wanted) as call, ThreadPoolExecutor(count_calls(wanted)) as threads:
+    with open_calls(options) as call, ThreadPoolExecutor(count_calls(options)) as threads:
 
         def measure_kind(kind: str) -> Figures:
-            size = wanted.printers, wanted.side, wanted.budget
-            figures: Figures = call(deferred_measure, kind, wanted.seed, *size)
+            size = options.printers, options.side, options.budget
+            figures: Figures = call(deferred_measure, kind, options.seed, *size)
             return figures
 
-        for row in threads.map(measure_kind, wanted.kinds.split(",")):
+        for row in threads.map(measure_kind, options.kinds.split(",")):
             rows.append(row)
-            if not wanted.json:
+            if not options.json:
                 print(format_row(row), flush=True)
-    found = [row.efficiency for row in rows if row.efficiency is not None]
-    mean = math.exp(sum(map(math.log, found)) / len(found)) if found else None
-    if wanted.json:
+    efficiencies = [row.efficiency for row in rows if row.efficiency is not None]
+    mean = math.exp(sum(map(math.log, efficiencies)) / len(efficiencies)) if efficiencies else None
+    if options.json:
         print(json.dumps({"models": [asdict(row) for row in rows], "efficiency": mean}, indent=1))
     elif mean is not None:
-        print(f"E in the geometric mean {mean:.3f}, at worst {min(found):.3f}")
+        print(f"E in the geometric mean {mean:.3f}, at worst {min(efficiencies):.3f}")
 
 
 if __name__ == "__main__":

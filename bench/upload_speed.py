@@ -1,10 +1,10 @@
-"""Speed of uploads from the network, and how fast the daemon answers meanwhile.
+"""Speed of uploads from the network, and the daemon's response times during them.
 
 ``python -m bench.upload_speed [--mb MB] [--times N] [--form] [--json]``. A real daemon with one simulated
 printer. This process sends a file of that size over loopback TCP with a key: `--form` as slicers do
 (multipart), else as `farm submit` does. Another process asks for `GET /status` on the Unix socket and on TCP
 every 50 ms. The file is G-code that its first line refuses, so that the answer comes as soon as the last byte
-is on the disk. One more upload is cut in its middle: what it leaves on the disk is counted.
+is on the disk. One more upload is cut in its middle: the files that it leaves on the disk are counted.
 """
 
 from __future__ import annotations
@@ -72,86 +72,86 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
     with socket.create_connection(("127.0.0.1", farm.port), PATIENCE_S) as connection:
         start_s = time.perf_counter()
         connection.sendall(head + head_bytes)
-        left = int(size * share)
-        while left:
-            block = memoryview(BLOCK)[:left]
+        remaining_bytes = int(size * share)
+        while remaining_bytes:
+            block = memoryview(BLOCK)[:remaining_bytes]
             connection.sendall(block)
-            left -= len(block)
+            remaining_bytes -= len(block)
         if share < 1.0:
             return time.perf_counter() - start_s, 0, ""
         connection.sendall(tail_bytes)
         answer = b""
         while chunk := connection.recv(65536):
             answer += chunk
-        took_s = time.perf_counter() - start_s
+        durations_s = time.perf_counter() - start_s
     status, _, text = answer.partition(b"\r\n\r\n")
-    return took_s, int(status.split()[1]), text.decode()
+    return durations_s, int(status.split()[1]), text.decode()
 
 
 def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
-    """Ask for the status until told to stop; send the milliseconds of each answer."""
-    took_ms: list[float] = []
+    """Request the status until a message stops it; send the milliseconds of each answer."""
+    durations_ms: list[float] = []
     socket_transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
     with (
-        httpx.Client(transport=socket_transport, base_url="http://farm", timeout=PATIENCE_S) as near,
+        httpx.Client(transport=socket_transport, base_url="http://farm", timeout=PATIENCE_S) as local_client,
         httpx.Client(
             base_url=f"http://127.0.0.1:{port}", headers={"x-api-key": key}, timeout=PATIENCE_S
-        ) as far,
+        ) as network_client,
     ):
         while not pipe.poll():
-            for client, path in ((near, "/status"), (far, f"{NETWORK_PREFIX}/status")):
+            for client, path in ((local_client, "/status"), (network_client, f"{NETWORK_PREFIX}/status")):
                 start_s = time.perf_counter()
                 client.get(path).raise_for_status()
-                took_ms.append(1000 * (time.perf_counter() - start_s))
+                durations_ms.append(1000 * (time.perf_counter() - start_s))
             time.sleep(ASK_S)
-    pipe.send(took_ms)
+    pipe.send(durations_ms)
 
 
 def measure_answers(farm: WebFarm, key: str) -> Iterator[list[float]]:
-    """Ask for the status beside what the caller does; yield an empty list, then its milliseconds."""
+    """Request the status in another process; yield an empty list, then the milliseconds of the answers."""
     receiver, sender = multiprocessing.get_context("spawn").Pipe()
-    asking = multiprocessing.get_context("spawn").Process(
+    asker = multiprocessing.get_context("spawn").Process(
         target=ask_status, args=(farm.state, farm.port, key, sender)
     )
-    asking.start()
+    asker.start()
     yield []
     receiver.send(None)
     yield receiver.recv()
-    asking.join()
+    asker.join()
 
 
 def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
-    """Measure the speed of whole uploads, the answers meanwhile, and what a cut one leaves."""
+    """Measure the speed of uploads, the answers during them, and the files that a cut upload leaves."""
     with tempfile.TemporaryDirectory() as name:
         farm = WebFarm(Path(name))
         try:
             key = farm.add_key("bench", "print")
-            size, took_s = size_mb * MB, []
+            size, durations_s = size_mb * MB, []
             upload(farm, key, MB, form)  # the first one waits for the workers
-            idle = measure_answers(farm, key)
-            next(idle)
+            idle_answers = measure_answers(farm, key)
+            next(idle_answers)
             time.sleep(3.0)
-            idle_ms = sorted(next(idle))
-            before_s, busy = farm.cpu_s(), measure_answers(farm, key)
-            next(busy)
-            time.sleep(2.0)  # until it asks
+            idle_ms = sorted(next(idle_answers))
+            before_s, busy_answers = farm.cpu_s(), measure_answers(farm, key)
+            next(busy_answers)
+            time.sleep(2.0)  # until the first request
             for _ in range(times):
                 seconds, status, text = upload(farm, key, size, form)
                 if status != 400 or "line 1" not in text:
                     raise RuntimeError(f"unexpected answer {status}: {text}")
-                took_s.append(seconds)
-            status_ms = sorted(next(busy))
+                durations_s.append(seconds)
+            status_ms = sorted(next(busy_answers))
             cpu_s = farm.cpu_s() - before_s
             upload(farm, key, size, form, share=0.5)
             time.sleep(1.0)
-            left = farm.list_leftovers()
+            leftovers = farm.list_leftovers()
         finally:
             farm.run("down", "--now")
     return {
         "mb": size_mb,
         "form": form,
-        "mb_per_s": max(size_mb / seconds for seconds in took_s),
-        "mb_per_s_each": [size_mb / seconds for seconds in took_s],
+        "mb_per_s": max(size_mb / seconds for seconds in durations_s),
+        "mb_per_s_each": [size_mb / seconds for seconds in durations_s],
         "cpu_s_per_gb": 1000 * cpu_s / (size_mb * times),
         "status_asked": len(status_ms),
         "status_median_ms": status_ms[len(status_ms) // 2],
@@ -159,7 +159,7 @@ def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
         "status_worst_ms": status_ms[-1],
         "idle_status_median_ms": idle_ms[len(idle_ms) // 2],
         "idle_status_worst_ms": idle_ms[-1],
-        "cut_upload_leaves": left,
+        "cut_upload_leaves": leftovers,
         "load": os.getloadavg()[0],
     }
 

@@ -1,4 +1,4 @@
-"""Home of a large fleet in Chromium: stalls of its main thread, first paint, and the weight of pages.
+"""Home of a large fleet in Chromium: stalls of its main thread, first paint, and the size of pages.
 
 ``PYTHONPATH=tests/support python -m bench.web_browser [--printers N] [--seconds S] [--json]``. The farm is
 that of `bench.web_live`: all printers print, and each has another temperature every second. A stall is a
@@ -37,36 +37,38 @@ class Tracer:
 
     def __init__(self, tab: Any) -> None:
         self._tab, self._events = tab, list[dict[str, Any]]()
-        self._whole, self._on_event = asyncio.Event(), tab.on_event
+        self._complete, self._on_event = asyncio.Event(), tab.on_event
         tab.on_event = self._collect
 
     def _collect(self, method: str, params: dict[str, Any]) -> None:
         if method == "Tracing.dataCollected":
             self._events += params["value"]
         elif method == "Tracing.tracingComplete":
-            self._whole.set()
+            self._complete.set()
         self._on_event(method, params)
 
     async def trace(self, seconds: float) -> list[tuple[float, float]]:
-        """Return the milliseconds on the processor and in all of each task in a time."""
+        """Return the CPU and wall milliseconds of each task during some seconds."""
         categories = "disabled-by-default-devtools.timeline,__metadata"
         await self._tab.call("Tracing.start", categories=categories, transferMode="ReportEvents")
         await asyncio.sleep(seconds)
         await self._tab.call("Tracing.end")
-        await self._whole.wait()
+        await self._complete.wait()
         names = [event for event in self._events if event["name"] == "thread_name"]
-        mains = {(event["pid"], event["tid"]) for event in names if event["args"]["name"] == "CrRendererMain"}
+        main_threads = {
+            (event["pid"], event["tid"]) for event in names if event["args"]["name"] == "CrRendererMain"
+        }
         return [
             (event.get("tdur", event["dur"]) / 1000, event["dur"] / 1000)
             for event in self._events
-            if event["name"] == "RunTask" and "dur" in event and (event["pid"], event["tid"]) in mains
+            if event["name"] == "RunTask" and "dur" in event and (event["pid"], event["tid"]) in main_threads
         ]
 
 
 async def load(
     tab: Any, address: str, slowdown: int, network: Mapping[str, float]
 ) -> tuple[list[float], float]:
-    """Load a page some times without a cache; return its first paints in ms, sorted, and its weight in kB."""
+    """Load a page several times without a cache; return sorted first paints in ms, and the size in kB."""
     await tab.call("Network.setCacheDisabled", cacheDisabled=True)
     await tab.call("Emulation.setCPUThrottlingRate", rate=slowdown)
     await tab.call("Network.emulateNetworkConditions", offline=False, **network)

@@ -23,7 +23,7 @@ class WebFarm:
     Parameters
     ----------
     folder
-        Where its settings and its state stand.
+        Parent folder of its settings and its state.
     printers
         Names of the printers.
     """
@@ -31,7 +31,7 @@ class WebFarm:
     def __init__(self, folder: Path, printers: Sequence[str] = ("um2-01",)) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
-        compilation = [sys.executable, "-m", "decompose.compilation"]  # else the first model waits
+        compilation = [sys.executable, "-m", "decompose.compilation"]  # or the first model waits for it
         subprocess.run(compilation, check=True, stdout=subprocess.DEVNULL)
         self.state, self.fleet = folder / "state", folder / "fleet.yaml"
         rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in printers]
@@ -43,9 +43,9 @@ class WebFarm:
         self.run("up", "--fleet", str(self.fleet))
         self.pid = int(json.loads(self.run("status", "--json"))["daemon"]["pid"])
 
-    def run(self, *words: str) -> str:
+    def run(self, *arguments: str) -> str:
         """Run a command of `farm`."""
-        command = [str(FARM), *words, "--state", str(self.state)]
+        command = [str(FARM), *arguments, "--state", str(self.state)]
         return subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
 
     def add_key(self, name: str, role: str) -> str:

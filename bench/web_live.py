@@ -1,4 +1,4 @@
-"""CPU of Home for many viewers of a large fleet, and what each of them receives.
+"""CPU of Home for many viewers of a large fleet, and the bytes that each of them receives.
 
 ``python -m bench.web_live [--printers N] [--viewers N] [--seconds S] [--json]``. A process serves the
 pages of printers that all print: each second, each has another temperature and progress. No agents run, so
@@ -75,7 +75,7 @@ def make_snapshot(name: str, print_id: str | None, progress_s: float) -> AgentSn
 
 
 async def serve(folder: Path, printers: int, pipe: Connection) -> None:
-    """Serve until told to end; send the port and two keys, then the CPU seconds when asked."""
+    """Serve until a message ends it; send the port and two keys, then the CPU seconds on request."""
     state = StateFolder(folder)
     state.make()
     names = [f"um2-{number:03d}" for number in range(1, printers + 1)]

@@ -42,7 +42,7 @@ _SPARE_DESCRIPTORS = 100
 _LARGE = 10**9
 
 
-def list_beginnings(key: str) -> list[bytes]:
+def list_incomplete_requests(key: str) -> list[bytes]:
     """List incomplete requests, as hanging clients send them."""
     head = f"Host: localhost\r\nX-Api-Key: {key}\r\n"
     status = f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\n{head}\r\n"
@@ -67,12 +67,12 @@ class HangingClients:
     """Connections that hang; those that are closed connect again."""
 
     def __init__(self, port: int, key: str, number: int) -> None:
-        self._port, self._beginnings = port, list_beginnings(key)
+        self._port, self._incomplete_requests = port, list_incomplete_requests(key)
         self._selector = selectors.DefaultSelector()
         self._number, self.connected, self.closed, self.refused = number, 0, 0, 0
 
     def hang(self, seconds: float) -> None:
-        """Keep the connections hanging for a time."""
+        """Keep the connections open for some seconds."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             for _ in range(min(10, self._number - len(self._selector.get_map()))):
@@ -85,7 +85,7 @@ class HangingClients:
         client.settimeout(0.2)
         try:
             client.connect(("127.0.0.1", self._port))
-            client.send(self._beginnings[self.connected % len(self._beginnings)])
+            client.send(self._incomplete_requests[self.connected % len(self._incomplete_requests)])
         except OSError:
             client.close()
             self.refused += 1
@@ -106,25 +106,25 @@ class HangingClients:
 
 
 def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
-    """Ask for the status until told to stop; send the milliseconds of each answer, and the failures."""
-    near_ms: list[float] = []
-    asked_count = failed = 0
+    """Request the status until a message stops it; send the milliseconds of each answer, and the failures."""
+    local_ms: list[float] = []
+    request_count = failed = 0
     next_s = 0.0
     url, headers = f"http://127.0.0.1:{port}{NETWORK_PREFIX}/status", {"x-api-key": key}
     transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
-    with httpx.Client(transport=transport, base_url="http://farm", timeout=PATIENCE_S) as near:
+    with httpx.Client(transport=transport, base_url="http://farm", timeout=PATIENCE_S) as local_client:
         while not pipe.poll():
             start_s = time.perf_counter()
-            near.get("/status").raise_for_status()
-            near_ms.append(1000 * (time.perf_counter() - start_s))
+            local_client.get("/status").raise_for_status()
+            local_ms.append(1000 * (time.perf_counter() - start_s))
             if time.monotonic() >= next_s:
-                next_s, asked_count = time.monotonic() + _NETWORK_S, asked_count + 1
+                next_s, request_count = time.monotonic() + _NETWORK_S, request_count + 1
                 try:
                     httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
                 except httpx.HTTPError:
                     failed += 1
             time.sleep(ASK_S)
-    pipe.send((near_ms, asked_count, failed))
+    pipe.send((local_ms, request_count, failed))
 
 
 def read_printer(farm: WebFarm) -> dict[str, Any]:
@@ -146,44 +146,44 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
                 time.sleep(0.5)
             printer_before = read_printer(farm)
             receiver, sender = multiprocessing.get_context("spawn").Pipe()
-            asking = multiprocessing.get_context("spawn").Process(
+            asker = multiprocessing.get_context("spawn").Process(
                 target=ask_status, args=(farm.state, farm.port, key, sender)
             )
             clients = HangingClients(farm.port, key, number)
             clients.hang(5.0)
-            asking.start()
+            asker.start()
             clients.hang(seconds)
             descriptors = len(list(Path(f"/proc/{farm.pid}/fd").iterdir()))
             receiver.send(None)
-            near_ms, asked_count, failed = receiver.recv()
-            asking.join()
+            local_ms, request_count, failed = receiver.recv()
+            asker.join()
             printer_after = read_printer(farm)
             start_s = time.monotonic()
             os.kill(farm.pid, signal.SIGTERM)
             while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + PATIENCE_S:
                 clients.hang(0.1)
             end_s = time.monotonic() - start_s
-            left = [path.name for path in (farm.state / "work").glob("upload-*")]
+            uploads_left = [path.name for path in (farm.state / "work").glob("upload-*")]
         finally:
             farm.start()
             farm.run("down", "--now")
-    near_ms.sort()
+    local_ms.sort()
     return {
         "connections": number,
         "made": clients.connected,
         "closed_by_the_daemon": clients.closed,
         "refused": clients.refused,
         "descriptors": descriptors,
-        "status_asked": len(near_ms),
-        "status_median_ms": near_ms[len(near_ms) // 2],
-        "status_p99_ms": near_ms[int(0.99 * len(near_ms))],
-        "status_worst_ms": near_ms[-1],
-        "network_asked": asked_count,
-        "network_failures_share": failed / max(1, asked_count),
+        "status_asked": len(local_ms),
+        "status_median_ms": local_ms[len(local_ms) // 2],
+        "status_p99_ms": local_ms[int(0.99 * len(local_ms))],
+        "status_worst_ms": local_ms[-1],
+        "network_asked": request_count,
+        "network_failures_share": failed / max(1, request_count),
         "new_agents": int(printer_before["agent_pid"] != printer_after["agent_pid"]),
         "printer_lost": int(printer_after["print"] is None),
         "end_s": end_s,
-        "uploads_left": len(left),
+        "uploads_left": len(uploads_left),
         "load": os.getloadavg()[0],
     }
 
@@ -195,11 +195,11 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     _, descriptor_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = args.connections + _SPARE_DESCRIPTORS
+    needed = args.connections + _SPARE_DESCRIPTORS
     resource.setrlimit(
         resource.RLIMIT_NOFILE,
         (
-            wanted if descriptor_limit == resource.RLIM_INFINITY else min(wanted, descriptor_limit),
+            needed if descriptor_limit == resource.RLIM_INFINITY else min(needed, descriptor_limit),
             descriptor_limit,
         ),
     )

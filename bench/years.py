@@ -5,7 +5,7 @@
 
 Every night a job is planned, printed on eight printers and judged, and the database is backed up. Its files
 have the sizes of one real night and take no space (they are sparse). The state, its events, the backup and
-the prune are the daemon's own. The pictures of parts are not drawn: a file of the usual size stands for each.
+the prune are the daemon's own. The pictures of parts are not loft: a file of the usual size stands for each.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
-from bench.measured_daemon import make_plan
+from bench.measured_daemon import make_planned_event
 from drivers.clock import Clock
 from farm.compute import Workers
 from farm.config import Fleet
@@ -55,7 +55,7 @@ NIGHT = {
 
 
 class Calendar(Clock):
-    """Clock that is set to each night."""
+    """Clock that is set to the time of each night."""
 
     now_s = BEGIN_S
 
@@ -63,15 +63,17 @@ class Calendar(Clock):
         return self.now_s
 
 
-class StandIns:
+class FakeWorkers:
     """Workers whose pictures of parts are files of the usual size."""
 
-    async def run(self, work: object, files: Path, parts: dict[str, str], *_: object, **__: object) -> object:
+    async def run(
+        self, function: object, files: Path, parts: dict[str, str], *_: object, **__: object
+    ) -> object:
         return {part: write_sparse(files, f"{name}.png", PICTURE_BYTES) for part, name in parts.items()}
 
 
 def write_sparse(files: Path, name: str, size: int) -> str:
-    """Write a file of a size that takes no space, as if it was stored two hours ago."""
+    """Write a sparse file of a size, with the modification time of two hours ago."""
     path = files / name
     path.touch()
     os.truncate(path, size)
@@ -81,7 +83,7 @@ def write_sparse(files: Path, name: str, size: int) -> str:
 
 
 def list_printers(jobs: int) -> list[str]:
-    """List the printers that some jobs a night need."""
+    """List the printers for a number of jobs a night."""
     return [f"um2-{number:02d}" for number in range(1, PARTS * jobs + 1)]
 
 
@@ -108,7 +110,7 @@ def list_job_events(
     )  # fmt: skip
     yield ev.JobSubmitted(at_s=at_s, job=job)
     yield ev.PlanningStarted(at_s=at_s, job=number)
-    plan = make_plan(number, len(names["gcode"]), printers, random.Random(number))
+    plan = make_planned_event(number, len(names["gcode"]), printers, random.Random(number))
     parts = zip(plan.parts, names["stl"], strict=True)
     plates = zip(plan.plates, names["gcode"], strict=True)
     yield plan.model_copy(
@@ -146,7 +148,7 @@ class Year:
         fleet = Fleet.model_validate({"fleet": {"keep": keep}, "printers": []})
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(NoEffects())
-        self.upkeep = Upkeep(self.controller, self.store, self.state, cast(Workers, StandIns()))
+        self.upkeep = Upkeep(self.controller, self.store, self.state, cast(Workers, FakeWorkers()))
         self.prune_s: list[float] = []
         self._jobs = jobs
         for name in list_printers(jobs):
@@ -161,21 +163,21 @@ class Year:
         """Print for some nights, each followed by the upkeep."""
         for night in range(1, nights + 1):
             self.clock.now_s = BEGIN_S + night * DAY_S
-            for place in range(self._jobs):
-                number = (night - 1) * self._jobs + place + 1
-                printers = list_printers(self._jobs)[PARTS * place :][:PARTS]
+            for index in range(self._jobs):
+                number = (night - 1) * self._jobs + index + 1
+                printers = list_printers(self._jobs)[PARTS * index :][:PARTS]
                 for event in list_job_events(
                     number, self.clock.now_s - 14 * 3600.0, self._write_files(number), printers
                 ):
                     self._commit(event)
-            begun_s = time.perf_counter()
+            start_s = time.perf_counter()
             await self.upkeep.prune("the bench", dry_run=False)
-            self.prune_s.append(time.perf_counter() - begun_s)
+            self.prune_s.append(time.perf_counter() - start_s)
 
     def _write_files(self, number: int) -> dict[str, list[str]]:
         return {
             kind: [
-                write_sparse(self.state.files, f"{number}-{at}.{kind}", size) for at, size in enumerate(sizes)
+                write_sparse(self.state.files, f"{number}-{i}.{kind}", size) for i, size in enumerate(sizes)
             ]
             for kind, sizes in NIGHT.items()
         }
@@ -185,7 +187,7 @@ class Year:
         files, books = list_files(self.state.files), self.controller.books
         events, missing = len(self.store.events()), list_named_files(books) - files.keys()
         self.store.close()
-        (copy, *_), pruned = (
+        (copy, *_), pruned_jobs = (
             sorted(self.state.backups.iterdir()),
             [j for j in books.jobs.values() if j.pruned_s],
         )
@@ -196,7 +198,7 @@ class Year:
             "backup_readable": read_books(copy)[1] > 0,
             "events": events,
             "jobs": len(books.jobs),
-            "pruned_jobs": len(pruned),
+            "pruned_jobs": len(pruned_jobs),
             "missing_files": len(missing),
             "upkeep_s_median": statistics.median(self.prune_s),
             "upkeep_s_worst": max(self.prune_s),

@@ -112,7 +112,7 @@ class Package:
             ) from error
 
     def has_modifiers(self) -> bool:
-        """Tell whether a slicer has marked some volumes as not to be printed as they are."""
+        """Check whether a slicer has marked some volumes as not to be printed as they are."""
         return any(
             _MODIFIER.search(b"".join(self.unpack(part)))
             for part in _SETTINGS

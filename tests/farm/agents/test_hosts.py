@@ -175,7 +175,7 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
 
 
 def is_in(listener: RecordingListener, state: PrintState) -> bool:
-    """Tell whether printer a has a print in this state."""
+    """Check whether printer a has a print in this state."""
     report = listener.last["a"].print
     return report is not None and report.state is state
 

@@ -1,6 +1,6 @@
-"""Odd models and numbers of printers: each ends soon, with parts or a refusal that says what would do.
+"""Unusual models and numbers of printers: each ends soon, with parts or a refusal that says how to change it.
 
-Usage: python -m bench.odd_asks [--only sheet,rod,...] [--budget 20] [--json]
+Usage: python -m bench.edge_cases [--only sheet,rod,...] [--budget 20] [--json]
 
 A sheet of 450 x 450 x 1 mm, a rod of 2 m, a vase, ten bodies, a sphere, 1 and 100 printers, and `auto`.
 Nothing is sliced. `wall_s` and `cpu_s` are those of this machine, from the model in memory to checked parts.
@@ -29,7 +29,7 @@ from decompose.printers import PrinterRoom
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class Case:
     """A model, a number of printers, and whether the number of parts is chosen (`decompose_auto`)."""
 
     draw: Callable[[], Solid]
@@ -38,8 +38,8 @@ class Ask:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """Outcome of an ask: a makespan of some parts, or a refusal."""
+class Outcome:
+    """Outcome of a case: the makespan of its parts, or a refusal."""
 
     name: str
     printers: int
@@ -68,24 +68,24 @@ def _draw_ten_bodies() -> Solid:
     )
 
 
-ASKS: Mapping[str, Ask] = {
-    "sheet": Ask(lambda: Solid.box((0.0, 0.0, 0.0), (450.0, 450.0, 1.0))),
-    "rod": Ask(lambda: Solid.box((0.0, 0.0, 0.0), (2000.0, 20.0, 20.0))),
-    "vase": Ask(_draw_vase),
-    "ten-bodies": Ask(_draw_ten_bodies),
-    "sphere": Ask(_draw_sphere),
-    "one-printer": Ask(_draw_sphere, printers=1),
-    "hundred-printers": Ask(_draw_sphere, printers=100),
-    "auto": Ask(_draw_vase, printers=100, auto=True),
+CASES: Mapping[str, Case] = {
+    "sheet": Case(lambda: Solid.box((0.0, 0.0, 0.0), (450.0, 450.0, 1.0))),
+    "rod": Case(lambda: Solid.box((0.0, 0.0, 0.0), (2000.0, 20.0, 20.0))),
+    "vase": Case(_draw_vase),
+    "ten-bodies": Case(_draw_ten_bodies),
+    "sphere": Case(_draw_sphere),
+    "one-printer": Case(_draw_sphere, printers=1),
+    "hundred-printers": Case(_draw_sphere, printers=100),
+    "auto": Case(_draw_vase, printers=100, auto=True),
 }
 
 
-def answer(name: str, ask: Ask, budget_s: float) -> Answer:
-    """Decompose the model of an ask with default options."""
-    model = Model(ask.draw(), (), 1.0)
-    printers = [PrinterRoom(str(number), ROOM) for number in range(ask.printers)]
+def run_case(name: str, case: Case, budget_s: float) -> Outcome:
+    """Decompose the model of a case with default options."""
+    model = Model(case.draw(), (), 1.0)
+    printers = [PrinterRoom(str(number), ROOM) for number in range(case.printers)]
     options = Options(best=BestOptions(budget_s))
-    decompose = decompose_auto if ask.auto else decompose_model
+    decompose = decompose_auto if case.auto else decompose_model
     began_s, began_cpu_s = perf_counter(), process_time()
     parts, makespan_s, effort_s, refusal = None, None, None, ""
     with ThreadPoolExecutor(os.cpu_count()) as executor:
@@ -96,27 +96,27 @@ def answer(name: str, ask: Ask, budget_s: float) -> Answer:
         except DecomposeError as error:
             refusal = str(error)
     wall_s, cpu_s = perf_counter() - began_s, process_time() - began_cpu_s
-    return Answer(name, ask.printers, parts, makespan_s, effort_s, wall_s, cpu_s, refusal)
+    return Outcome(name, case.printers, parts, makespan_s, effort_s, wall_s, cpu_s, refusal)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", default=",".join(ASKS))
+    parser.add_argument("--only", default=",".join(CASES))
     parser.add_argument("--budget", type=float, default=BUDGET_S)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    answers = []
+    outcomes = []
     for name in options.only.split(","):
-        row = answer(name, ASKS[name], options.budget)
-        answers.append(row)
+        row = run_case(name, CASES[name], options.budget)
+        outcomes.append(row)
         if not options.json:
-            outcome = row.refusal or f"{row.parts} parts, {row.makespan_s:.0f} s, effort {row.effort_s:.1f} s"
-            print(f"{name:16} {outcome}; {row.wall_s:.0f} s of wall, {row.cpu_s:.0f} s of CPU")
+            figures = row.refusal or f"{row.parts} parts, {row.makespan_s:.0f} s, effort {row.effort_s:.1f} s"
+            print(f"{name:16} {figures}; {row.wall_s:.0f} s of wall, {row.cpu_s:.0f} s of CPU")
             sys.stdout.flush()
     if options.json:
-        print(json.dumps([asdict(row) for row in answers], indent=1))
+        print(json.dumps([asdict(row) for row in outcomes], indent=1))
 
 
 if __name__ == "__main__":

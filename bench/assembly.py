@@ -1,11 +1,11 @@
-"""Assembly of parts by a stranger, who has the parts and the printed page of instructions, and nothing else.
+"""Assembly of parts by their shapes and the page of instructions alone, as a person would assemble them.
 
 The parts are their STL files, from which holes and codes are read (`bench.part_reader`); the page is read as
 text. Step by step two bodies are put together wherever their pins go in: at the faces with the codes of the
-step, in every way that there is. The report of the decomposition only judges the outcome. Then each body is
+step, in every way that there is. The outcome is judged by the report of the decomposition. Then each body is
 tried at the faces of every other step, where it must not fit.
 
-Usage: python -m bench.stranger FOLDER... [--json]   (of `farm decompose --pins filament --marks`)
+Usage: python -m bench.assembly FOLDER... [--json]   (of `farm decompose --pins filament --marks`)
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from bench.part_reader import CodedFace, read_part
 from decompose.arrays import Floats
 from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 
-PLAY_MM = 0.7  # by which holes may be apart that a pin goes through, slots included
-LEVEL_MM = 0.3  # of faces in one plane
-TURN = 0.99  # cosine between arrows, or normals, that agree
-RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # a body further from its place, or turned more, is put together wrongly
+PLAY_MM = 0.7  # greatest distance between two holes that one pin joins, slots included
+LEVEL_MM = 0.3  # largest offset between faces in one plane
+TURN = 0.99  # least cosine between arrows, or normals, that agree
+RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # largest error of a correct placement: distance, and entry of the rotation
 
 
 @dataclass(frozen=True, slots=True)
 class PageStep:
-    """Step as the page tells it: parts, codes, parts with a face without one, and the lengths of its pins."""
+    """Step of the page: parts, codes, parts with a face without a code, and the lengths of the pins."""
 
     moved: tuple[str, ...]
     fixed: tuple[str, ...]
@@ -44,7 +44,7 @@ class PageStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Socket:
-    """Face of a body as it is laid against another: holes (n, 3), their depths, normals and arrows."""
+    """Glued face of a body: holes (n, 3), their depths, normals and arrows."""
 
     at_mm: Floats
     depths_mm: Floats
@@ -54,7 +54,7 @@ class Socket:
 
 @dataclass(slots=True)
 class Outcome:
-    """Outcome of a job: steps put together rightly, wrongly, in several ways or none, or with under two pins.
+    """Outcome of a job: steps assembled correctly, wrongly, ambiguously, not at all, or with under two pins.
 
     Attributes
     ----------
@@ -86,54 +86,54 @@ def read_page(page: str) -> tuple[float, list[PageStep]]:
         bodies = re.search(r"Glue <strong>(.*?)</strong> onto <strong>(.*?)</strong>", section)
         codes = re.findall(r'class="code"[^>]*>([^<]*)</span> on ([0-9A-Za-z]+)', section)
         blank = ", ".join(re.findall(r"no code on ([0-9A-Za-z, ]+)<", section))
-        dotted = [part for text, part in codes if "-" not in text]
+        dot_parts = [part for text, part in codes if "-" not in text]
         pins = re.findall(r">pin ([\d.]+) mm<", section)
         moved, fixed = (tuple(name.split(", ")) for name in bodies.groups()) if bodies else ((), ())
-        plain = ((part, html.unescape(text).removesuffix(" ↑")) for text, part in codes)
-        bare = (*filter(None, blank.split(", ")), *dotted)
-        steps.append(PageStep(moved, fixed, tuple(plain), bare, tuple(map(float, pins))))
+        part_codes = ((part, html.unescape(text).removesuffix(" ↑")) for text, part in codes)
+        blank_parts = (*filter(None, blank.split(", ")), *dot_parts)
+        steps.append(PageStep(moved, fixed, tuple(part_codes), blank_parts, tuple(map(float, pins))))
     return float(diameter[1]) if diameter else 0.0, steps
 
 
 def assemble(folder: Path) -> Outcome:
-    """Put the parts of a folder together by its page, and judge each step by its report."""
+    """Assemble the parts of a folder by its page, and judge each step by its report."""
     pin_mm, steps = read_page((folder / INSTRUCTIONS).read_text(encoding="utf-8"))
-    truth = {
+    true_poses = {
         part["id"]: np.array(part["to_model"]) for part in json.loads((folder / REPORT).read_text())["parts"]
     }
-    names = {part: find_part_number(part) for part in truth}
+    names = {part: find_part_number(part) for part in true_poses}
     faces = {
         part: read_part(folder / f"{part}.stl", name, set(names.values()) - {name}, pin_mm)
         for part, name in names.items()
     }
     outcome = Outcome(folder.name, steps=len(steps))
-    placed = {part: np.eye(4) for part in truth}  # of each part in the frame of its body
+    placed = {part: np.eye(4) for part in true_poses}  # of each part in the frame of its body
     sockets: list[tuple[Socket, Socket]] = []
     for step in steps:
         lettered = [(part, text) for part, text in step.codes if "-" in text]
-        read = {(names[part], text) for part in truth for face in faces[part] for text in face.codes}
+        read = {(names[part], text) for part in true_poses for face in faces[part] for text in face.codes}
         outcome.misread += sum(code not in read for code in lettered)
         pair = [collect(body, step, faces, placed, names) for body in (step.fixed, step.moved)]
-        ways = list(find_ways(pair[0], pair[1], step.pins_mm)) if len(step.pins_mm) > 1 else []
-        right = find_right_way(step, truth, placed)
+        placements = list(find_placements(pair[0], pair[1], step.pins_mm)) if len(step.pins_mm) > 1 else []
+        true_placement = find_true_placement(step, true_poses, placed)
         if len(step.pins_mm) < 2:
             outcome.without_pins += 1
-        elif not ways:
+        elif not placements:
             outcome.unsolved += 1
-        elif len(ways) > 1:
+        elif len(placements) > 1:
             outcome.ambiguous += 1
-        elif differ(ways[0], right):
+        elif differ(placements[0], true_placement):
             outcome.wrong += 1
         else:
             outcome.right += 1
         if len(step.pins_mm) > 1:
             sockets.append((pair[0], pair[1]))
             outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(pair[0], pair[1], step.pins_mm))
-        way = ways[0] if len(ways) == 1 else right
+        placement = placements[0] if len(placements) == 1 else true_placement
         for part in step.moved:
-            placed[part] = way @ placed[part]
+            placed[part] = placement @ placed[part]
     outcome.wrong_fits = sum(
-        any(True for _ in find_ways(fixed, moved, None))
+        any(True for _ in find_placements(fixed, moved, None))
         for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(sockets), repeat=2)
         if a != b
     )
@@ -148,34 +148,34 @@ def collect(
     names: dict[str, str],
 ) -> Socket:
     """Collect the faces of a body that carry the codes of a step, or are level with one that does."""
-    own = {names[part] for part in body}
-    wanted = {(part, text) for part, text in step.codes if part in own}
-    found = [
+    own_names = {names[part] for part in body}
+    step_codes = {(part, text) for part, text in step.codes if part in own_names}
+    placed_faces = [
         (face, names[part], placed[part][:3, :3], placed[part][:3, 3])
         for part in body
         for face in faces[part]
     ]
     planes = [
         compute_plane(face, turn, move)
-        for face, name, turn, move in found
-        if any((name, text) in wanted for text in face.codes) or (face.holes and name in step.blank)
+        for face, name, turn, move in placed_faces
+        if any((name, text) in step_codes for text in face.codes) or (face.holes and name in step.blank)
     ]
-    chosen = [
+    level_faces = [
         (face, name, turn, move)
-        for face, name, turn, move in found
+        for face, name, turn, move in placed_faces
         for plane in [compute_plane(face, turn, move)]
         if any(plane[:3] @ other[:3] > TURN and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
     ]
     holes = [
         (turn @ hole.at_mm + move, hole.depth_mm, turn @ face.normal)
-        for face, _, turn, move in chosen
+        for face, _, turn, move in level_faces
         for hole in face.holes
     ]
     arrows = {
         "-".join(sorted((name, text.split("-")[1]))): turn @ arrow
-        for face, name, turn, _ in chosen
+        for face, name, turn, _ in level_faces
         for text, arrow in face.codes.items()
-        if arrow is not None and (name, text) in wanted
+        if arrow is not None and (name, text) in step_codes
     }
     return Socket(
         np.array([at for at, _, _ in holes]).reshape(-1, 3),
@@ -191,7 +191,7 @@ def compute_plane(face: CodedFace, turn: Floats, move: Floats) -> Floats:
     return np.append(normal, face.offset_mm + float(normal @ move))
 
 
-def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> Iterator[Floats]:
+def find_placements(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> Iterator[Floats]:
     """Find all ways (4, 4) in which a body can be laid against another so that the pins go in.
 
     Parameters
@@ -201,7 +201,7 @@ def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> 
     pins_mm
         Lengths of the pins; None: as many as there are holes in the fixed body, whatever the codes.
     """
-    found: list[Floats] = []
+    placements: list[Floats] = []
     pairs = list(permutations(range(len(moved.at_mm)), 2))
     for i, j in permutations(range(len(fixed.at_mm)), 2):
         distances_mm = fixed.at_mm[j] - fixed.at_mm[i]
@@ -209,21 +209,21 @@ def find_ways(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> 
             other = moved.at_mm[m] - moved.at_mm[k]
             if abs(np.linalg.norm(distances_mm) - np.linalg.norm(other)) > PLAY_MM:
                 continue
-            way = lay(fixed, moved, (i, j), (k, m))
-            if way is None or not goes_in(fixed, moved, way, pins_mm):
+            placement = place(fixed, moved, (i, j), (k, m))
+            if placement is None or not pins_fit(fixed, moved, placement, pins_mm):
                 continue
-            if all(differ(way, known) for known in found):
-                found.append(way)
-                yield way
+            if all(differ(placement, earlier) for earlier in placements):
+                placements.append(placement)
+                yield placement
 
 
-def differ(way: Floats, other: Floats) -> bool:
+def differ(placement: Floats, other: Floats) -> bool:
     """Check whether two ways (4, 4) differ by more than the play of the pins."""
-    distances_mm = np.abs(way - other)
+    distances_mm = np.abs(placement - other)
     return bool(distances_mm[:3, 3].max() > RIGHT_MM or distances_mm[:3, :3].max() > RIGHT_TURN)
 
 
-def lay(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, int]) -> Floats | None:
+def place(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, int]) -> Floats | None:
     """Lay two holes of a body on two of another, mouth to mouth; None if their faces do not meet."""
     frames = []
     for socket, (a, b), sign in ((fixed, ends, 1.0), (moved, others, -1.0)):
@@ -234,24 +234,24 @@ def lay(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, 
         if length < 1.0:
             return None
         frames.append(np.stack([direction / length, np.cross(normal, direction / length), normal]))
-    way = np.eye(4)
-    way[:3, :3] = frames[0].T @ frames[1]
+    placement = np.eye(4)
+    placement[:3, :3] = frames[0].T @ frames[1]
     middle = (fixed.at_mm[list(ends)].mean(axis=0), moved.at_mm[list(others)].mean(axis=0))
-    way[:3, 3] = middle[0] - way[:3, :3] @ middle[1]
-    return way
+    placement[:3, 3] = middle[0] - placement[:3, :3] @ middle[1]
+    return placement
 
 
-def goes_in(fixed: Socket, moved: Socket, way: Floats, pins_mm: Sequence[float] | None) -> bool:
+def pins_fit(fixed: Socket, moved: Socket, placement: Floats, pins_mm: Sequence[float] | None) -> bool:
     """Check that each pin has a hole on both sides that is deep enough, and that the arrows agree."""
-    at_mm = moved.at_mm @ way[:3, :3].T + way[:3, 3]
+    at_mm = moved.at_mm @ placement[:3, :3].T + placement[:3, 3]
     distances_mm = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
-    facing = fixed.normals @ (moved.normals @ way[:3, :3].T).T < -TURN
+    facing = fixed.normals @ (moved.normals @ placement[:3, :3].T).T < -TURN
     meets = (distances_mm < PLAY_MM) & facing
     room_mm = sorted((fixed.depths_mm[i] + moved.depths_mm[k] for i, k in np.argwhere(meets)), reverse=True)
     if pins_mm is None:
         return bool(meets.any(axis=1).all() and meets.any(axis=0).all())
     if any(
-        fixed.arrows[code] @ (way[:3, :3] @ moved.arrows[code]) < TURN
+        fixed.arrows[code] @ (placement[:3, :3] @ moved.arrows[code]) < TURN
         for code in fixed.arrows.keys() & moved.arrows
     ):
         return False
@@ -272,10 +272,10 @@ def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float
     return float(min(gaps, default=np.inf))
 
 
-def find_right_way(step: PageStep, truth: dict[str, Floats], placed: dict[str, Floats]) -> Floats:
-    """Compute where the moved body belongs, in the frame of the fixed one."""
+def find_true_placement(step: PageStep, true_poses: dict[str, Floats], placed: dict[str, Floats]) -> Floats:
+    """Compute the true placement (4, 4) of the moved body in the frame of the fixed one."""
     a, b = step.fixed[0], step.moved[0]
-    return np.asarray(placed[a] @ np.linalg.inv(truth[a]) @ truth[b] @ np.linalg.inv(placed[b]))
+    return np.asarray(placed[a] @ np.linalg.inv(true_poses[a]) @ true_poses[b] @ np.linalg.inv(placed[b]))
 
 
 def main() -> None:

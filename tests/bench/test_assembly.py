@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.stranger import Socket, assemble, find_ways
+from bench.assembly import Socket, assemble, find_placements
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
@@ -55,9 +55,9 @@ def make_socket(depths_mm: list[float], up: float) -> Socket:
 def test_pins_of_unequal_depth_leave_one_way_and_equal_ones_two() -> None:
     unequal = [make_socket([7.0, 4.0], up) for up in (1.0, -1.0)]
     equal = [make_socket([7.0, 7.0], up) for up in (1.0, -1.0)]
-    assert len(list(find_ways(*unequal, [13.0, 7.0]))) == 1
-    assert len(list(find_ways(*equal, [13.0, 13.0]))) == 2
+    assert len(list(find_placements(*unequal, [13.0, 7.0]))) == 1
+    assert len(list(find_placements(*equal, [13.0, 13.0]))) == 2
     further = Socket(1.1 * unequal[1].at_mm, unequal[1].depths_mm, unequal[1].normals, {})
-    assert list(find_ways(unequal[0], further, [13.0, 7.0])) == []  # distances of pins are unique
-    assert list(find_ways(unequal[0], further, None)) == []
-    assert len(list(find_ways(*equal, None))) == 2  # a foreign body fits if all holes meet
+    assert list(find_placements(unequal[0], further, [13.0, 7.0])) == []  # distances of pins are unique
+    assert list(find_placements(unequal[0], further, None)) == []
+    assert len(list(find_placements(*equal, None))) == 2  # a foreign body fits if all holes meet
