@@ -32,6 +32,22 @@ def format_filament(
     return ", ".join(parts)
 
 
+_GENERIC = "generic_"
+
+
+def describe_material(material: str, kind: str | None) -> str:
+    """Name a material for people: by its kind, like PLA; one of unknown kind by its file.
+
+    Parameters
+    ----------
+    material
+        Name of its file, like `generic_pla`.
+    kind
+        Its kind; None or empty if it is not known.
+    """
+    return kind or (material.removeprefix(_GENERIC).upper() if material.startswith(_GENERIC) else material)
+
+
 def format_planning(progress: PlanProgress) -> str:
     """Describe the current step in planning a job."""
     if progress.step is PlanStep.WAITING:

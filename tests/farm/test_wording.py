@@ -4,7 +4,7 @@ import pytest
 
 from farm.model import PlanProgress, PlanStep
 from farm.text import format_duration
-from farm.wording import format_filament, format_planning, format_time
+from farm.wording import describe_material, format_filament, format_planning, format_time
 
 
 @pytest.mark.parametrize(
@@ -49,3 +49,11 @@ def test_progress_of_a_plan_is_formatted():
     assert (
         format_planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"
     )
+
+
+@pytest.mark.parametrize(
+    ("material", "kind", "name"),
+    [("generic_tpu", "TPU 95A", "TPU 95A"), ("generic_pla", None, "PLA"), ("white_petg", "", "white_petg")],
+)
+def test_materials_are_named_by_their_kind(material, kind, name):
+    assert describe_material(material, kind) == name

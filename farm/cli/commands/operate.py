@@ -17,6 +17,7 @@ from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
 from farm.text import format_duration
+from farm.wording import describe_material
 
 Targets = Annotated[
     list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).", autocompletion=completion.targets)
@@ -222,7 +223,7 @@ def load(
     request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
     reel = connect(places).load(printer, request)
     amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
-    colour_and_kind = " ".join(filter(None, (reel.colour, reel.kind or reel.material)))
+    colour_and_kind = " ".join(filter(None, (reel.colour, describe_material(reel.material, reel.kind))))
     print(f"{printer}: {colour_and_kind}{amount}, nozzle {reel.nozzle_mm:g} mm")
 
 

@@ -10,7 +10,7 @@ from farm import api
 from farm.cli.display.table import Column, lay_out_table
 from farm.model import Bed, HoldCode, Link, PrintState
 from farm.text import format_duration, format_recent
-from farm.wording import format_deviation, format_share, parse_time
+from farm.wording import describe_material, format_deviation, format_share, parse_time
 
 _COLUMNS = (
     Column("PRINTER"),
@@ -68,7 +68,7 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
 
 
 def _format_reel(reel: api.Reel) -> str:
-    words = [reel.kind or reel.material.removeprefix("generic_").upper(), reel.colour or ""]
+    words = [describe_material(reel.material, reel.kind), reel.colour or ""]
     if reel.grams is not None:
         words.append(f"{reel.grams:.0f}g")
     return " ".join(filter(None, words))

@@ -11,6 +11,7 @@ from farm.views.charts import Mark, TimeAxis
 from farm.views.context import ViewContext
 from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, PlannedPrint, list_spans, plan_fleet
 from farm.views.dashboard.what_if import Change, JobShift, try_change
+from farm.views.queue import count_waiting
 
 _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # px
 _BAR = 22
@@ -119,6 +120,8 @@ class TimelineView:
         Parts that no printer can take.
     unplanned
         Jobs that have no plan yet, and are not in it.
+    waiting
+        Jobs of which a plate has not started, whose place or start can be tried out.
     change, shifts
         The change that is tried out, and what it does to each job; None and empty: the plan as it is.
     """
@@ -172,7 +175,7 @@ def describe_fleet_timeline(
         table=tuple(_make_table_row(context, slot) for slot in plan.prints),
         left=tuple(context.books.plates[name].parts[0] for name in plan.left),
         unplanned=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
-        waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if job.plates),
+        waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if count_waiting(context.books, job)),
         change=change,
         shifts=tuple(
             Shift(

@@ -10,6 +10,7 @@ from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, group_figures, name_month, sum_figures
 from farm.views.history import describe_ended_print
 from farm.views.job_times import measure_times
+from farm.wording import describe_material
 
 _DAY_S = 86400.0
 
@@ -103,7 +104,11 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int 
         ),
         total=sum_figures("all", prints, books.plates),
         by_printer=group_figures(prints, books.plates, lambda attempt: attempt.printer),
-        by_material=group_figures(prints, books.plates, lambda attempt: books.plates[attempt.plate].material),
+        by_material=group_figures(
+            prints,
+            books.plates,
+            lambda attempt: _name_material(context, books.plates[attempt.plate].material),
+        ),
         by_month=group_figures(prints, books.plates, lambda attempt: name_month(attempt, zone)),
         jobs=[_describe_outcome(context, job) for job in jobs[:max_rows]],
         rows=[describe_ended_print(context, attempt) for attempt in reversed(shown)],
@@ -132,6 +137,12 @@ def select_prints(context: ViewContext, chosen: HistoryFilter) -> list[Print]:
         and (attempt.ended_s or 0.0) >= since_s
     ]
     return sorted(prints, key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
+
+
+def _name_material(context: ViewContext, material: str) -> str:
+    """Name the material of a plate as the pages of printers do; no printer may have it any more."""
+    kinds = (section.material_kind for section in context.fleet.printers if section.material == material)
+    return describe_material(material, next(kinds, None))
 
 
 def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:

@@ -9,6 +9,7 @@ from farm.control import PartCommands, PrinterCommands
 from farm.http import CallerName, OperatorName
 from farm.web.actions.form_route import FormRoute, answer_form, read_form
 from farm.web.notes import Note
+from farm.wording import describe_material
 
 
 def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
@@ -25,7 +26,9 @@ def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
         reel = await printers.load_reel(name, await read_form(request, api.LoadRequest), by)
         grams = "" if reel.grams is None else f", {reel.grams:.0f} g"
         colour = f" {reel.colour}" if reel.colour else ""
-        return answer_form(request, Note(f"{name} has {reel.material}{colour}{grams}."))
+        return answer_form(
+            request, Note(f"{name} has {describe_material(reel.material, reel.kind)}{colour}{grams}.")
+        )
 
     @router.post("/printers/{name}/pause")
     async def pause(name: str, request: Request, by: CallerName) -> Response:

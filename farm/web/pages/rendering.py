@@ -15,7 +15,7 @@ from farm.templates import load_environment
 from farm.text import format_duration, format_mass, format_moment
 from farm.web.notes import Note, Reader
 from farm.web.pages.static_files import find_address, load_static_files
-from farm.wording import format_deviation, format_share
+from farm.wording import describe_material, format_deviation, format_share
 
 NAVIGATION: tuple[tuple[str, str, Role], ...] = (
     ("/", "Home", Role.LOOK),
@@ -114,6 +114,7 @@ def load_templates() -> Environment:
         "mass": format_mass,
         "moment": format_time_element,
         "degrees": _format_degrees,
+        "material": describe_material,
         "share": partial(_format_known, format_share),
         "deviation": partial(_format_known, format_deviation),
         "commands": format_commands,

@@ -20,7 +20,7 @@ from farm.views.dashboard import (
     write_csv,
 )
 from farm.views.history import describe_ended_print
-from farm.views.queue import list_queue
+from farm.views.queue import count_waiting, list_queue
 from farm.web.notes import Note, Reader
 from farm.web.pages.fleet.history import HistoryQuery, render_history
 from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
@@ -86,26 +86,27 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
     NoSuchThing
         If there is no such job.
     Refused
-        If it cannot be moved there.
+        If nothing of it waits, or it cannot be moved there.
     FarmError
         If the start cannot be read.
     """
     query.check()
     if query.job is None:
         return None
-    context.books.job(query.job)
+    job = context.books.job(query.job)
+    if not count_waiting(context.books, job):
+        reason = "all of its plates have started" if job.plates else "it has no plan yet"
+        raise Refused(f"nothing of job {job.id} would move: {reason}")
     before, not_before_s = None, None
     if query.to is not None:
-        order = [job.id for job in list_queue(context.books)]
-        if query.job not in order:
-            raise Refused(f"nothing of job {query.job} waits: all of its plates have started")
-        before = find_successor(order, query.job, api.QueueMove(to=query.to))
+        order = [queued.id for queued in list_queue(context.books)]
+        before = find_successor(order, job.id, api.QueueMove(to=query.to))
     if query.at:
         try:
             not_before_s = parse_moment_s(query.at, context.now_s, context.fleet.zone)
         except ValueError as error:
             raise FarmError(str(error), ErrorCode.SETTINGS) from error
-    return Change(query.job, query.to is not None, before, not_before_s)
+    return Change(job.id, query.to is not None, before, not_before_s)
 
 
 def _export(context: ViewContext, query: HistoryQuery) -> str:

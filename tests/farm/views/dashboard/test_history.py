@@ -30,7 +30,7 @@ def test_history_has_figures_jobs_and_prints():
     view = describe()
     assert (view.total.prints, view.total.good, view.total.failed) == (4, 2, 2)
     assert [(group.name, group.prints) for group in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
-    assert [group.name for group in view.by_material] == ["generic_pla"]
+    assert [group.name for group in view.by_material] == ["PLA"]
     assert [group.name for group in view.by_month] == ["2023-11"]
     assert [(job.id, job.expected_s, job.reached_s) for job in view.jobs] == [(1, 100.0, 120.0)]
     assert view.jobs[0].deviation == pytest.approx(0.2)

@@ -12,7 +12,9 @@ from drivers.messages import WireLine
 from farm.control import DryRuns
 from farm.http import EventStreams
 from farm.model import AgentSnapshot, FilamentState, Link, Moment, PrintState, Role, Still
+from farm.state import events as ev
 from farm.web import make_web_app
+from make_books import apply_events
 from network_farm import HOST, NetworkFarm
 
 
@@ -139,6 +141,17 @@ def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, quer
     assert "Not tried:" in page
     assert text in page
     assert "2/p01" in page
+
+
+@pytest.mark.parametrize("query", ["at=23:50", "to=last"])
+def test_change_to_a_job_whose_plates_have_started_would_move_nothing(busy_farm, query):
+    books = busy_farm.controller.books
+    started = ev.PlateAssigned(at_s=busy_farm.clock.now_s, plate="2/01", printer="a", print_id="running")
+    busy_farm.controller.books = apply_events(books, started)[0]
+    page = read(busy_farm, f"/timeline?job=2&{query}")
+    assert "nothing of job 2 would move: all of its plates have started" in page
+    assert '<option value="2"' not in page
+    assert '<option value="3"' in page
 
 
 @pytest.mark.parametrize(
