@@ -9,10 +9,11 @@ result is taken once, no task and in the end no process is left on any host.
 this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
 
 ``... replay [--workers 4,16,64,256] [--tasks FILE] [--jobs N] [--scale F] [--page FILE] [--json]`` runs jobs
-with tasks that only sleep through the real scheduler, a job for each four workers. Scheduler, workers and
-farm share one process and one core, so the overhead is an upper bound. `efficiency` is the work over workers
-times duration; `critical_s` the longest job on workers without number, its tasks named in `critical_path`,
-and `drawn_first_s` the same if the parts were loft before they are sliced; all in unscaled seconds.
+with tasks that only sleep through the real scheduler, a job for each four workers; see
+`bench.cluster_replay`. `late_ms` is the median of what a task takes beyond its sleep, `efficiency` the work
+over workers times duration, `critical_s` the longest job on workers without number, its tasks named in
+`critical_path`, and `drawn_first_s` the same if the parts were drawn before they are sliced; all but
+`late_ms` in unscaled seconds.
 `--page docs/explanation/cluster.md` puts the figures there as a table.
 """
 
@@ -23,20 +24,10 @@ import asyncio
 import json
 import sys
 import tempfile
-import time
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from distributed import Scheduler
-
-from dask_cluster import HERE, Recorder
-from farm.compute import Deferred, Limit, TaskFiles
-from farm.compute.cluster.cluster_pool import ClusterPool
-from farm.compute.cluster.connection import Connection
-from farm.compute.cluster.dask_worker import FarmWorker
-from farm.compute.cluster.relocation import dump, load
-from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
+from bench.cluster_replay import replay
 
 RECORDED = Path(__file__).with_name("cluster_jobs.json")
 TABLE_BEGIN, TABLE_END = "<!-- bench/cluster.py {} -->", "<!-- end of {} -->"
@@ -48,6 +39,7 @@ REPLAY_COLUMNS = {
     "at least": "{bound_s:.0f} s",
     "efficiency": "{efficiency:.0%}",
     "CPU a task": "{cpu_ms_per_task:.0f} ms",
+    "a task takes longer by": "{late_ms:.0f} ms",
 }
 FAULT_COLUMNS = {
     "fault": "{fault}",
@@ -60,112 +52,6 @@ FAULT_COLUMNS = {
     "processes left": "{more}",
     "went on with its own pool": "{here}",
 }
-LIMIT = Limit("sleeping", 600.0)
-
-
-class SleepingExecutor:
-    """Executor whose tasks sleep; see `TaskExecutor`."""
-
-    installation = HERE
-
-    def __init__(self, host: str) -> None:
-        self.host = host
-
-    async def execute(self, task: RemoteTask, *_: object) -> RemoteAnswer:
-        """Sleep for the seconds that the task names."""
-        _, (seconds,) = load(task.call)
-        await asyncio.sleep(seconds)
-        return RemoteAnswer(self.host, result=dump(None))
-
-
-def _list_no_files(_: float) -> TaskFiles:
-    return TaskFiles()
-
-
-sleep = Deferred("time:sleep", _list_no_files)
-
-
-Stages = list[dict[str, list[float]]]
-
-
-def find_critical_path(stages: Stages, drawn_first: bool = False) -> list[tuple[str, float]]:
-    """Find the longest chain of a job's tasks on workers without number, with the seconds of each.
-
-    Parameters
-    ----------
-    stages
-        See `bench.cluster_jobs.list_stages`.
-    drawn_first
-        If parts were loft before they are sliced, in the task that cuts them.
-    """
-    path: list[tuple[str, float]] = []
-    loft: list[tuple[str, float]] = []
-    for stage in stages:
-        begin = list(path)
-        if drawn_first:
-            path += [("draw_job", seconds) for seconds in stage.get("draw_job", [])]
-        path += [(what, max(times)) for what, times in stage.items() if what != "draw_job"]
-        for seconds in [] if drawn_first else stage.get("draw_job", []):  # behind the first slice
-            first = ("slice_part", min(stage["slice_part"]))
-            loft = max(loft, [*begin, first, ("draw_job", seconds)], key=sum_path)
-    return max(path, loft, key=sum_path)
-
-
-def sum_path(path: list[tuple[str, float]]) -> float:
-    """Return the seconds of a chain."""
-    return sum(seconds for _, seconds in path)
-
-
-async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float) -> None:
-    """Run a job's tasks as a plan does: stage by stage, drawings beside what follows."""
-
-    def start(seconds: float) -> asyncio.Future[None]:
-        return asyncio.ensure_future(pool.run(sleep, seconds * scale, limit=LIMIT, group=number))
-
-    drawings = []
-    for stage in stages:
-        times = [seconds for what, each in stage.items() if what != "draw_job" for seconds in each]
-        running = [start(seconds) for seconds in sorted(times, reverse=True)]
-        await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
-        drawings += [start(seconds) for seconds in stage.get("draw_job", [])]
-        await asyncio.gather(*running)
-    await asyncio.gather(*drawings)
-
-
-async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -> dict[str, Any]:
-    """Run the jobs on sleeping workers. Returns the figures of the run."""
-    async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
-        serving = [
-            FarmWorker(scheduler.address, SleepingExecutor(f"w{n}"), 1, folder / f"w{n}")  # type: ignore[arg-type]
-            for n in range(workers)
-        ]
-        await asyncio.gather(*serving)
-        link = partial(Connection, scheduler.address, None, HERE)
-        pool = ClusterPool(Recorder(), scheduler.address, HERE, link)
-        pool.start()
-        while len(pool.state.workers) < workers:
-            await asyncio.sleep(0.1)
-        begin_s, begin_cpu_s = time.monotonic(), time.process_time()
-        await asyncio.gather(*(run_job(pool, number, job, scale) for number, job in enumerate(jobs)))
-        duration_s, cpu_s = time.monotonic() - begin_s, time.process_time() - begin_cpu_s
-        pool.close()
-        await pool.wait_closed()
-        await asyncio.gather(*(worker.close() for worker in serving))
-    times = [seconds for job in jobs for stage in job for each in stage.values() for seconds in each]
-    longest = max((find_critical_path(job) for job in jobs), key=sum_path)
-    critical_s = sum_path(longest)
-    return {
-        "workers": workers,
-        "jobs": len(jobs),
-        "tasks": len(times),
-        "duration_s": duration_s / scale,
-        "critical_s": critical_s,
-        "bound_s": max(critical_s, sum(times) / workers),
-        "efficiency": sum(times) * scale / (workers * duration_s),
-        "cpu_ms_per_task": 1000.0 * cpu_s / len(times),
-        "critical_path": ", ".join(f"{what} {seconds:.1f} s" for what, seconds in longest),
-        "drawn_first_s": max(sum_path(find_critical_path(job, drawn_first=True)) for job in jobs),
-    }
 
 
 def main() -> None:

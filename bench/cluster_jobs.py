@@ -1,6 +1,6 @@
 """Real jobs planned by one and by two workers of this computer, and the times of their tasks.
 
-Parts are cut from a loft model (`bench.unseen`) and sliced by CuraEngine. The processor's time of each task
+Parts are cut from a drawn model (`bench.unseen`) and sliced by CuraEngine. The processor's time of each task
 does not depend on what else the computer does, the ratio of the durations hardly.
 """
 
@@ -131,7 +131,7 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
     Returns
     -------
     list
-        Processor's seconds of the tasks of each stage, by their kind. Parts are loft in the stage in which
+        Processor's seconds of the tasks of each stage, by their kind. Parts are drawn in the stage in which
         they are sliced.
     """
     stages: list[dict[str, list[float]]] = []

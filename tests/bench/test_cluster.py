@@ -2,8 +2,9 @@
 
 import pytest
 
-from bench.cluster import REPLAY_COLUMNS, find_critical_path, replace_table, sum_path, sum_up_faults
+from bench.cluster import REPLAY_COLUMNS, replace_table, sum_up_faults
 from bench.cluster_jobs import list_stages
+from bench.cluster_replay import find_critical_path, sum_path
 
 STAGES = [
     {"decompose_job": [30.0]},
@@ -54,12 +55,18 @@ def test_parts_drawn_before_they_are_sliced_lengthen_the_path():
 
 def test_the_table_of_a_page_is_replaced():
     page = "# Page\n<!-- bench/cluster.py replay -->\nold\n<!-- end of replay -->\nrest\n"
-    figures = {"duration_s": 12.34, "bound_s": 11.0, "efficiency": 0.5, "cpu_ms_per_task": 17.6}
+    figures = {
+        "duration_s": 12.34,
+        "bound_s": 11.0,
+        "efficiency": 0.5,
+        "cpu_ms_per_task": 17.6,
+        "late_ms": 9.9,
+    }
     runs = [{"workers": n, "jobs": 2, "tasks": 30, **figures} for n in (4, 16)]
     once = replace_table(page, "replay", REPLAY_COLUMNS, runs)
     assert once.startswith("# Page\n<!-- bench/cluster.py replay -->\n| workers | jobs |")
     assert once.endswith("|\n<!-- end of replay -->\nrest\n")
-    assert "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms |\n" in once and "old" not in once
+    assert "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms | 10 ms |\n" in once and "old" not in once
     assert replace_table(once, "replay", REPLAY_COLUMNS, runs) == once
 
 
