@@ -3,9 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
-import sysconfig
-import venv
 import zipfile
 from pathlib import Path
 
@@ -13,36 +10,24 @@ import pytest
 
 from apt_host import Host
 from decompose.jit import INSTALLED
+from installed_version import ROOT, build_wheel, install_wheel
 
-ROOT = Path(__file__).resolve().parents[2]
 BROWSER_SOURCES = "farm/web/pages/browser/"
 """Bundled by `deploy/build-pages.sh`: the wheel has the bundle."""
 BUNDLE = "farm/web/pages/built"
-PARTS = ("farm", "drivers", "decompose", "slicing", "pyproject.toml", "README.md", "LICENSE")
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the wheel from a copy, so that nothing is left in the checkout."""
-    folder = tmp_path_factory.mktemp("wheel")
-    for name in PARTS:
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy2
-        copy(ROOT / name, folder / name)
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*command, "--no-index", "-w", folder / "dist", folder], check=True, cwd=folder)
-    [path] = (folder / "dist").glob("farm-*.whl")
-    return path
+    return build_wheel(tmp_path_factory.mktemp("wheel") / "sources")
 
 
 @pytest.fixture(scope="module")
 def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Install the wheel, with the dependencies that this environment has."""
     folder = tmp_path_factory.mktemp("clean") / "farm"
-    venv.create(folder)
-    packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
-    (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    command = [sys.executable, "-m", "pip", "--python", folder / "bin" / "python", "install", "--quiet"]
-    subprocess.run([*command, "--no-deps", "--no-index", wheel], check=True)
+    packages = install_wheel(wheel, folder)
     # Where the checkout is compiled, so is this: it takes a minute, and is the same code.
     shutil.copytree(INSTALLED, packages / "decompose" / "__pycache__" / INSTALLED.name, dirs_exist_ok=True)
     return folder

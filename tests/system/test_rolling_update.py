@@ -1,0 +1,132 @@
+"""Rolling update of the agents of two hosts, from one installed version of farm to the next."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bench.night import write_slow_gcode
+from drivers.emulator.launch import Command, control, is_running
+from host_pipe import HostPipe
+from installed_version import Versions
+from real_farm import RealFarm, wait_for
+
+pytestmark = pytest.mark.system
+
+MODEL = "ultimaker2_plus"
+OLD, BROKEN, NEW = "1.0.0", "1.1.0", "1.1.1"
+HOSTS = {"pc-a": ("a1", "a2"), "pc-b": ("b1", "b2")}
+PRINTING = "a1"
+BREAKAGE = 'raise SystemExit("no such library")\n'
+PRINT_S = 4500.0  # on the farm's clock: longer than the update of the other printers
+
+
+class HostsFarm(RealFarm):
+    """A farm whose printers are on two hosts, by `farm host` of the version that a link names."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.versions = Versions(folder)
+        self.pipes = {}
+        for host in HOSTS:
+            (folder / host).mkdir()
+            self.pipes[host] = HostPipe(folder / host)
+        monkeypatch.setenv("FARM_SSH", self.pipes["pc-a"].ssh)  # it runs any command, of either host
+        super().__init__(folder, {name: (MODEL, "") for names in HOSTS.values() for name in names})
+        command = f"{self.versions.link}/bin/farm host"
+        rows = [
+            {
+                "name": name,
+                "model": MODEL,
+                "port": f"sim://{MODEL}",
+                "colour": "red" if name == PRINTING else "white",
+                "host": host,
+                "host_command": f"XDG_STATE_HOME={folder / host / 'there'} {command}",
+            }
+            for host, names in HOSTS.items()
+            for name in names
+        ]
+        fleet = {"fleet": {"name": "test", "time_scale": 150, "compute": {"workers": 1}}, "printers": rows}
+        self.fleet.write_text(json.dumps(fleet))
+
+    def update(self, version: str) -> None:
+        """Update to an installed version as the documentation says."""
+        self.versions.use(version)
+        self.kill_daemon()
+        self.ok("up")
+        wait_for("the new services", lambda: {h["version"] for h in self.hosts()} == {version})
+        self.ok("hosts", "--update")
+
+    def hosts(self) -> list[dict]:
+        """Return the hosts, as `farm hosts --json` shows them."""
+        return self._read(self._client().hosts())["hosts"]
+
+    def agents(self) -> dict[str, tuple[str | None, int]]:
+        """Return the version and the process of each agent that runs."""
+        return {
+            agent["printer"]: (self.versions.find(agent["installation"]), agent["pid"])
+            for host in self.hosts()
+            for agent in host["agents"]
+        }
+
+    def end(self) -> None:
+        """End all processes of the farm and of its hosts."""
+        super().end()
+        for host, names in HOSTS.items():
+            self.pipes[host].close(*names)
+            for name in names:
+                emulator = self.pipes[host].places.agent(name) / "emulator"
+                if is_running(emulator):
+                    control(emulator, Command.POWER_OFF)
+
+
+@pytest.fixture
+def farm(tmp_path, monkeypatch):
+    """Farm of two hosts with the old version, and two newer ones that are installed; the first is broken."""
+    farm = HostsFarm(tmp_path, monkeypatch)
+    for version in (OLD, BROKEN, NEW):
+        packages = farm.versions.install(version)
+        if version == BROKEN:
+            (packages / "drivers" / "agent" / "__main__.py").write_text(BREAKAGE)
+    farm.versions.use(OLD)
+    try:
+        farm.up()
+        yield farm
+    finally:
+        farm.end()
+
+
+def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_first_fault(farm, tmp_path):
+    slow = tmp_path / "slow.gcode"
+    slow.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
+    farm.ok("submit", slow, "--colour", "red")
+    wait_for("the print", lambda: farm.printer(PRINTING)["state"] == "printing")
+    before = farm.agents()
+    assert {version for version, _ in before.values()} == {OLD}
+
+    farm.update(BROKEN)
+    tasks = wait_for("the fault", lambda: [t for t in farm.status()["todo"] if "the update" in t["text"]])
+    assert "a2: its new agent has ended; its old version is started again" in tasks[0]["text"]
+    wait_for("the old agent", lambda: {version for version, _ in farm.agents().values()} == {OLD})
+    wait_for("its printer", lambda: farm.printer("a2")["state"] == "idle")
+    after = farm.agents()
+    assert {name for name in after if after[name] != before[name]} == {"a2"}
+
+    farm.update(NEW)
+    seen = []
+
+    def is_updated() -> bool:
+        agents = farm.agents()
+        seen.append({name: version for name, (version, _) in agents.items()})
+        if farm.job()["printed"] == 0:
+            assert agents[PRINTING] == before[PRINTING]
+        return {version for version, _ in agents.values()} == {NEW}
+
+    wait_for("the update", is_updated)
+    assert {"a1": OLD, "a2": NEW, "b1": OLD, "b2": OLD} in seen  # the others wait for the print
+    assert not [
+        versions for versions in seen if NEW in (versions["b1"], versions["b2"]) and versions["a1"] != NEW
+    ]
+    assert [attempt["state"] for attempt in farm.job()["parts"][0]["prints"]] == ["done"]
+    assert not [task for task in farm.status()["todo"] if "the update" in task["text"]]
