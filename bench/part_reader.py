@@ -21,6 +21,7 @@ from decompose.geometry import choose_plane_axes
 
 SEED_MM2, FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
 FLAT_MM = 0.01
+SLIT_MM = 0.005  # half the width of a slit between triangles of one face
 PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
 RISE_MM = 0.05  # half of the height by which the bottom of a groove rises
 SAME_MM = 0.12  # distance between a stroke and its points
@@ -220,5 +221,7 @@ def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:
 
 
 def _unite_triangles(triangles: Floats) -> shapely.Geometry:
+    """Unite triangles (n, 3, 2); slits that rounding leaves between them are closed, as they open rings."""
     rings = np.concatenate([triangles, triangles[:, :1]], axis=1)
-    return shapely.union_all(shapely.polygons(rings), grid_size=1e-3)
+    united = shapely.union_all(shapely.polygons(rings), grid_size=1e-3)
+    return united.buffer(SLIT_MM, join_style="mitre").buffer(-SLIT_MM, join_style="mitre")
