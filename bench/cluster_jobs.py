@@ -30,7 +30,7 @@ MODEL = "ultimaker2_plus"
 KIND, SEED = "organic", 1
 SIDE_MM = 200.0  # parts are small, so that slices take seconds
 BUDGET_S = 5.0
-BESIDE = {"slice_part", "draw_job"}  # tasks that run at the same time
+BESIDE = {"slice_part", "draw_overview", "draw_some_steps", "draw_job"}  # tasks that run at the same time
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +73,11 @@ class TimingPool:
     def starting(self) -> str | None:
         """Step of the start of the workers."""
         return self._own.starting
+
+    @property
+    def has_idle(self) -> bool:
+        """Check that a task would start at once."""
+        return self._own.has_idle
 
     async def run(
         self, work: Callable[..., Any], *args: object, limit: Limit = CHECKING, group: Hashable = None

@@ -12,6 +12,7 @@ from decompose.errors import GeometryError
 from decompose.export.glb import write_glb
 from decompose.export.instructions import write_instructions
 from decompose.export.picture import draw_assembly
+from decompose.export.step_picture import StepPictures
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from decompose.geometry import write_stl
 from decompose.printers import BedPlace
@@ -69,7 +70,13 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
     return stored
 
 
-def draw_parts(stored: Decomposition, folder: Path, find_place: FindPlace = lambda part: None) -> None:
+def draw_parts(
+    stored: Decomposition,
+    folder: Path,
+    find_place: FindPlace = lambda part: None,
+    overview: bytes | None = None,
+    steps: Sequence[StepPictures] | None = None,
+) -> None:
     """Write picture, GLB and instructions.
 
     Parameters
@@ -80,11 +87,16 @@ def draw_parts(stored: Decomposition, folder: Path, find_place: FindPlace = lamb
         Folder that exists.
     find_place
         For the instructions, which show each part on its bed.
+    overview, steps
+        Picture of the parts as PNG, and pictures of all steps, if they have been drawn before.
     """
-    draw_assembly(stored.parts, folder / PICTURE)
+    if overview is None:
+        draw_assembly(stored.parts, folder / PICTURE)
+    else:
+        (folder / PICTURE).write_bytes(overview)
     write_glb(stored.parts, folder / ASSEMBLY, stored.assembly.steps)
     places = [find_place(part) for part in stored.parts]
-    write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE, places)
+    write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE, places, steps)
 
 
 def _write_parts(parts: Sequence[Part], folder: Path) -> tuple[Part, ...]:

@@ -54,8 +54,9 @@ def write_instructions(
     path: Path,
     overview: Path | None = None,
     places: Sequence[BedPlace | None] = (),
+    steps: Sequence[StepPictures] | None = None,
 ) -> None:
-    """Draw all steps and write the page.
+    """Draw the steps, unless they have been drawn, and write the page.
 
     Parameters
     ----------
@@ -67,9 +68,11 @@ def write_instructions(
         PNG of the parts with their numbers.
     places
         Place of each part on its bed, as far as known.
+    steps
+        Pictures of all steps; None to draw them.
     """
     pictures = Pictures(
-        draw_steps(decomposition),
+        draw_steps(decomposition) if steps is None else steps,
         None if overview is None else overview.read_bytes(),
         draw_layout(decomposition.parts, _order_parts(decomposition), places),
         tuple(places),

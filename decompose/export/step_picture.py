@@ -54,15 +54,25 @@ class StepPictures:
     top: str
 
 
-def draw_steps(decomposition: Decomposition) -> list[StepPictures]:
-    """Draw all steps of the assembly, each from a view near to that of the step before."""
+def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = None) -> list[StepPictures]:
+    """Draw steps of the assembly, each from a view near to that of the step before.
+
+    Parameters
+    ----------
+    decomposition
+        Has the parts and the steps.
+    first, end
+        Range of the steps that are drawn; all by default. The views of those before are found too.
+    """
     pictures: list[StepPictures] = []
     azimuth_deg: float | None = None
-    for number, step in enumerate(decomposition.assembly.steps):
+    for number, step in enumerate(decomposition.assembly.steps[:end]):
         apart_mm = find_gap_mm(step, decomposition) * step.direction
         scene = build_both(number, decomposition, apart_mm)
         pose = find_pose(step.direction)
         azimuth_deg, elevation_deg = choose_view(scene, pose, ELEVATIONS_DEG, azimuth_deg)
+        if number < first:
+            continue
         camera = make_camera(azimuth_deg, elevation_deg) @ pose
         both = _draw_both(scene, step, decomposition, camera, apart_mm)
         moved = build_moved(number, decomposition)

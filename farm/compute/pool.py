@@ -24,6 +24,11 @@ class Pool(Protocol):
         """Step of the start of the workers on this computer, in words, while none of them is ready."""
         ...
 
+    @property
+    def has_idle(self) -> bool:
+        """Check that a task would start at once, other than an urgent one."""
+        ...
+
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
@@ -62,6 +67,11 @@ class PoolShare:
 
     def __init__(self, pool: Pool, group: Hashable, urgent: bool = False) -> None:
         self._pool, self._group, self._urgent = pool, group, urgent
+
+    @property
+    def has_idle(self) -> bool:
+        """Check that a task would start at once; see `Pool.has_idle`."""
+        return self._pool.has_idle
 
     async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
         """Run a function in a worker."""

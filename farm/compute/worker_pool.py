@@ -111,6 +111,11 @@ class Workers:
         steps = [worker.starting for worker in self._alive]
         return steps[0] if steps and all(steps) else None
 
+    @property
+    def has_idle(self) -> bool:
+        """Check that a task would start at once; see `Pool.has_idle`."""
+        return any(worker is not self._urgent_worker for worker in self._idle)
+
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:

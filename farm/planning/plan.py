@@ -128,6 +128,8 @@ class DecomposedJob:
         File for `relevel_parts` (farm.planning.parts.cut_record); None if the cuts cannot be moved.
     assembly_s
         A person's time to glue the parts; None for a single part.
+    steps
+        Number of steps in which they are glued.
     """
 
     parts: tuple[DecomposedPart, ...]
@@ -137,6 +139,7 @@ class DecomposedJob:
     drawing_record: Path
     cut_record: Path | None = None
     assembly_s: float | None = None
+    steps: int = 0
 
 
 @dataclass(frozen=True, slots=True)

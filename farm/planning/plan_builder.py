@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from farm.compute import CHECKING, DECOMPOSING, DRAWING, PoolShare
+from farm.compute import CHECKING, DECOMPOSING, PoolShare
 from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
@@ -17,9 +17,10 @@ from farm.planning.booking import book_plan
 from farm.planning.decompose_progress import read_progress
 from farm.planning.part_records import SliceBatch
 from farm.planning.parts.copies import multiply_plan
+from farm.planning.parts.drawings import Drawings
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
 from farm.planning.slice_batch import slice_batch
-from farm.planning.tasks import decompose_job, draw_job, plan_gcode, relevel_parts
+from farm.planning.tasks import decompose_job, plan_gcode, relevel_parts
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class PlanBuilder:
     ) -> None:
         self.task = task
         self._workers, self._state, self._on_progress = workers, state, on_progress
-        self._drawings: dict[Path, asyncio.Future[None]] = {}  # by the folder of the parts
+        self._drawings = Drawings(workers)
 
     async def plan_gcode(self) -> Plan:
         """Plan a person's own G-code as one plate."""
@@ -64,24 +65,16 @@ class PlanBuilder:
         return multiply_plan(plan, self.task)
 
     async def plan_model(self) -> Plan:
-        """Decompose a model, slice its parts while they are drawn, and balance them."""
+        """Decompose a model, slice its parts, balance them, and draw them meanwhile by idle workers."""
         try:
             decomposed = await self._decompose()
             sliced = await self._relevel(await self._slice(self.task, decomposed))
-            await self._drawings[sliced.task.folder]
+            await self._drawings.finish(sliced.task, sliced.decomposed)
         finally:
-            await self._stop_drawings()
+            await self._drawings.stop()
         plan = await asyncio.to_thread(book_plan, sliced, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         return multiply_plan(plan, self.task)
-
-    async def _stop_drawings(self) -> None:
-        """Stop what is still drawn, and wait until its workers have ended."""
-        drawings = list(self._drawings.values())
-        for drawing in drawings:
-            drawing.cancel()
-        await asyncio.gather(*drawings, return_exceptions=True)
-        self._drawings.clear()
 
     async def _decompose(self) -> DecomposedJob:
         self._on_progress(PlanProgress(step=PlanStep.WAITING))
@@ -106,7 +99,7 @@ class PlanBuilder:
                 self._on_progress(now)
 
     async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
-        """Slice all parts, and report the progress; the drawing of the parts starts behind them."""
+        """Slice all parts, and report the progress; idle workers draw the parts."""
         sliced = cached = 0
 
         def report_progress() -> None:
@@ -118,18 +111,14 @@ class PlanBuilder:
             sliced += 1
             cached += result.cached
             report_progress()
-            if sliced == 1:  # all others wait for a worker before it
-                self._start_drawing(task, decomposed)
+            if sliced < len(decomposed.parts) and self._workers.has_idle:
+                self._drawings.start(task, decomposed)
 
         report_progress()
         batch = SliceBatch(
             decomposed.parts, task.printers, task.options.quality, task.folder, self._state.slices
         )
         return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
-
-    def _start_drawing(self, task: DecomposeTask, decomposed: DecomposedJob) -> None:
-        drawing = self._workers.run(draw_job, task, decomposed.drawing_record, limit=DRAWING)
-        self._drawings[task.folder] = asyncio.ensure_future(drawing)
 
     async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
         """Move the cuts as long as this shortens the slowest part, by its slice."""
@@ -140,19 +129,34 @@ class PlanBuilder:
             self._on_progress(PlanProgress(step=PlanStep.LEVELLING))
             folder = sliced.task.folder / "levelled"
             try:
-                decomposed = await self._workers.run(relevel_parts, sliced, folder, limit=DECOMPOSING)
+                decomposed = await self._move_cuts(sliced, folder)
                 if decomposed is None:
                     break
                 relevelled = await self._slice(replace(sliced.task, folder=folder), decomposed)
                 if relevelled.makespan_s() >= sliced.makespan_s():
                     break
-                await self._drawings[folder]
+                await self._drawings.finish(relevelled.task, decomposed)
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
                 break
             except Exception:  # the plan is valid without moved cuts
                 log.exception("job %d: its cuts are not moved", job, extra={"job": job})
                 break
-            self._drawings[sliced.task.folder].cancel()
+            await self._drawings.stop(sliced.task.folder)
             sliced = relevelled
         return sliced
+
+    async def _move_cuts(self, sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
+        """Move the cuts; idle workers draw the parts, in case that they stay as they are."""
+        moving = asyncio.ensure_future(self._workers.run(relevel_parts, sliced, folder, limit=DECOMPOSING))
+        try:
+            await asyncio.sleep(0)  # it takes a worker first
+            if self._workers.has_idle:
+                self._drawings.start(sliced.task, sliced.decomposed)
+            decomposed = await moving
+        finally:
+            moving.cancel()
+            await asyncio.gather(moving, return_exceptions=True)  # until its worker has ended
+        if decomposed is not None and not self._workers.has_idle:  # the new parts need the workers
+            await self._drawings.stop(sliced.task.folder)
+        return decomposed

@@ -5,6 +5,7 @@ Those that list their files can run on a computer without a shared disk.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,9 +23,22 @@ def list_decompose_files(task: DecomposeTask) -> TaskFiles:
     return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS,))
 
 
-def list_draw_files(task: DecomposeTask, drawing_record: Path) -> TaskFiles:
-    """List the files of `draw_job`: the record of the parts, the folder of the plan."""
-    return TaskFiles(reads=(drawing_record,), folders=(task.folder,))
+def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
+    """List the files of `draw_overview`: the record of the parts, the picture."""
+    return TaskFiles(reads=(drawing_record,), writes=(out,))
+
+
+def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> TaskFiles:
+    """List the files of `draw_some_steps`: the record of the parts, the pictures."""
+    return TaskFiles(reads=(drawing_record,), writes=(out,))
+
+
+def list_draw_files(
+    task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
+) -> TaskFiles:
+    """List the files of `draw_job`: the record of the parts, pictures of before, the folder of the plan."""
+    pictures = steps if overview is None else (overview, *steps)
+    return TaskFiles(reads=(drawing_record, *pictures), folders=(task.folder,))
 
 
 def list_relevel_files(sliced: SlicedJob, folder: Path) -> TaskFiles:
@@ -50,7 +64,7 @@ if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm
-    from farm.planning.parts.draw_job import draw_job
+    from farm.planning.parts.draw_job import draw_job, draw_overview, draw_some_steps
     from farm.planning.parts.relevel_parts import relevel_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
@@ -58,6 +72,8 @@ else:
     inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
     decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
     draw_job = Deferred("farm.planning.parts.draw_job:draw_job", list_draw_files)
+    draw_overview = Deferred("farm.planning.parts.draw_job:draw_overview", list_overview_files)
+    draw_some_steps = Deferred("farm.planning.parts.draw_job:draw_some_steps", list_step_files)
     relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
     warm = Deferred("farm.planning.parts.decompose_job:warm")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
@@ -68,6 +84,8 @@ __all__ = [
     "cut_part",
     "decompose_job",
     "draw_job",
+    "draw_overview",
+    "draw_some_steps",
     "inspect_submission",
     "plan_gcode",
     "relevel_parts",

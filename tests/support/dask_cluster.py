@@ -20,6 +20,7 @@ class Recorder:
     """Pool of the computer that submits, which runs each task at once and records it."""
 
     starting = None
+    has_idle = True
     memory_bytes = 2**30
 
     def __init__(self):

@@ -27,6 +27,7 @@ class NoWorkers:
     """Stand-in for the daemon's worker processes."""
 
     starting = None
+    has_idle = True
     memory_bytes = 2**40
 
     def __init__(self, *_):

@@ -7,6 +7,7 @@ class SameProcess:
     """Workers that run each task at once."""
 
     starting = None
+    has_idle = True
     memory_bytes = 2**40
 
     async def run(self, work, *args, limit=None, group=None):

@@ -107,6 +107,11 @@ class ClusterPool:
         return self._own.starting
 
     @property
+    def has_idle(self) -> bool:
+        """Check that a task would start at once; see `Pool.has_idle`."""
+        return self._own.has_idle if choose_place(self._lost_s()) is Place.HERE else self._turns.has_free
+
+    @property
     def state(self) -> ClusterState:
         """State of the cluster."""
         tasks = tuple(running for running, _ in self._running.values())

@@ -30,6 +30,11 @@ class Turns:
         """Number of tasks that wait."""
         return len(self._waiting)
 
+    @property
+    def has_free(self) -> bool:
+        """Check that a slot is free."""
+        return self._running.total() < self._slots
+
     def update(self, slots: int, give_up: bool) -> None:
         """Set the number of slots; with `give_up`, nobody waits for one any more."""
         self._slots, self._open = slots, give_up

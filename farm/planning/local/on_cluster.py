@@ -37,6 +37,7 @@ class _ThisProcess:
     """Pool that works in this process, once the cluster is given up."""
 
     starting = None
+    has_idle = True
 
     def __init__(self, on_notice: Callable[[str], None]) -> None:
         self.memory_bytes = read_process_bytes()

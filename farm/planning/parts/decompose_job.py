@@ -118,6 +118,7 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
         drawing_record=write_drawing_record(stored, folder),
         cut_record=write_cut_record(stored, folder),
         assembly_s=stored.assembly.total_s if stored.assembly.steps else None,
+        steps=len(stored.assembly.steps),
     )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Sequence
 from pathlib import Path
 
-from decompose.export import draw_parts
+from decompose.export import draw_assembly, draw_parts, draw_steps
 from decompose.results import Decomposition
 from farm.planning.error_translation import translate_errors
 from farm.planning.parts.bed_places import find_beds, place_on
@@ -22,15 +23,45 @@ def write_drawing_record(stored: Decomposition, folder: Path) -> Path:
     return path
 
 
-def draw_job(task: DecomposeTask, drawing_record: Path) -> None:
+def draw_overview(drawing_record: Path, out: Path) -> None:
+    """Draw all parts pulled apart, as PNG; see `draw_job`."""
+    with translate_errors():
+        draw_assembly(_read_record(drawing_record).parts, out)
+
+
+def draw_some_steps(drawing_record: Path, first: int, end: int, out: Path) -> None:
+    """Draw a range of the steps of the assembly into a file; see `draw_job`."""
+    with translate_errors():
+        pictures = draw_steps(_read_record(drawing_record), first, end)
+    out.write_bytes(pickle.dumps(pictures, protocol=pickle.HIGHEST_PROTOCOL))
+
+
+def draw_job(
+    task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
+) -> None:
     """Draw a job's parts into the folder of its task.
 
     Parameters
     ----------
     drawing_record
         File of `write_drawing_record`, by a worker of this farm.
+    overview
+        File of `draw_overview`; None to draw it.
+    steps
+        Files of `draw_some_steps` with all steps, in their order; empty to draw them.
     """
-    stored: Decomposition = pickle.loads(drawing_record.read_bytes())
+    pictures = [picture for path in steps for picture in pickle.loads(path.read_bytes())]
     with translate_errors():
         beds = find_beds(task.printers, task.options.quality, find_resources())
-        draw_parts(stored, task.folder, place_on(beds))
+        draw_parts(
+            _read_record(drawing_record),
+            task.folder,
+            place_on(beds),
+            None if overview is None else overview.read_bytes(),
+            pictures if steps else None,
+        )
+
+
+def _read_record(path: Path) -> Decomposition:
+    stored: Decomposition = pickle.loads(path.read_bytes())
+    return stored

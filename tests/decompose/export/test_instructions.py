@@ -297,3 +297,14 @@ def test_parts_are_drawn_alike_in_another_process(drilled: Decomposition, tmp_pa
     for name in (PICTURE, INSTRUCTIONS):
         assert (here / name).read_bytes() == (there / name).read_bytes(), name
     assert (here / ASSEMBLY).stat().st_size == (there / ASSEMBLY).stat().st_size
+
+
+def test_a_share_of_the_steps_is_drawn_as_among_all(
+    drilled: Decomposition, drawn: list[StepPictures]
+) -> None:
+    middle = len(drawn) // 2
+    assert 0 < middle < len(drawn)
+    shares = [*draw_steps(drilled, 0, middle), *draw_steps(drilled, middle, len(drawn))]
+    assert [(step.both, step.moved, step.top) for step in shares] == [
+        (step.both, step.moved, step.top) for step in drawn
+    ]

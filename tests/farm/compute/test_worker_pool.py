@@ -295,3 +295,15 @@ def test_memory_of_a_worker_is_its_share_or_the_minimum():
     assert compute_memory_for_each(1, None) == pytest.approx(0.8 * machine)
     assert compute_memory_for_each(10_000, None) == min(4 * 2**30, machine // 2)
     assert compute_memory_for_each(8, 1.5) == 1.5 * 2**30
+
+
+def test_a_pool_is_idle_while_a_worker_is_free_for_any_task(pool):
+    async def use(workers):
+        seen = [workers.has_idle]
+        running = asyncio.ensure_future(workers.run(work.whoami, limit=DECOMPOSING))
+        await asyncio.sleep(0)
+        seen.append(workers.has_idle)
+        await running
+        return [*seen, workers.has_idle]
+
+    assert pool.run(use) == [True, False, True]

@@ -11,9 +11,10 @@ from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning import job_planner, plan_builder, slice_batch
+from farm.planning import job_planner, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, JobPlanner
+from farm.planning.parts import drawings
 from farm.planning.plan import Plan, PlanRequest
 from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
@@ -143,8 +144,8 @@ def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
 class NotingWorkers(SameProcess):
     """Workers that note their tasks, each in a turn of the event loop of its own; drawings may be held."""
 
-    def __init__(self, held=()):
-        self.begun, self.ended, self.held = [], [], held
+    def __init__(self, held=(), has_idle=True):
+        self.begun, self.ended, self.held, self.has_idle = [], [], held, has_idle
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
@@ -161,6 +162,7 @@ class NotingWorkers(SameProcess):
 
 def plan_noted(state, job, workers, monkeypatch):
     monkeypatch.setattr(SameProcess, "run", workers.run)
+    monkeypatch.setattr(SameProcess, "has_idle", workers.has_idle)
     return plan(state, job)[1]
 
 
@@ -185,11 +187,23 @@ def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypa
     assert not list(state.work.iterdir())
 
 
+def test_parts_that_may_be_cut_again_are_drawn_by_idle_workers_alone(state, bar, monkeypatch):
+    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    workers = NotingWorkers(has_idle=False)
+    result = plan_noted(state, bar, workers, monkeypatch)
+    assert isinstance(result, Plan), result
+    assert "relevel_parts 0" in workers.begun
+    assert [call for call in workers.begun if call.startswith("draw")] == ["draw_job 0"]
+    page = (state.files / result.instructions).read_text()
+    left, right = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
+    assert left != pytest.approx(right, rel=0.1) and f"{left:.0f} x" in page
+
+
 def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
     def refuse(*_):
         raise FarmError("no room for a picture")
 
-    monkeypatch.setattr(plan_builder, "draw_job", refuse)
+    monkeypatch.setattr(drawings, "draw_job", refuse)
     _, result = plan(state, bar)
     assert str(result) == "no room for a picture"
     assert not list(state.work.iterdir())

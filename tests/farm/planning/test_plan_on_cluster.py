@@ -13,11 +13,12 @@ from farm.model import Job, JobOptions
 from farm.paths import StateFolder
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import JobPlanner
+from farm.planning.parts import drawings
 from farm.planning.plan import PlanRequest
 
 MODEL = "ultimaker2_plus"
 FLEET = Fleet.model_validate(
-    {"printers": [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]}
+    {"printers": [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "abc"]}
 )
 
 
@@ -67,14 +68,22 @@ def planned(bar, tmp_path_factory):
     return plan_here(tmp_path_factory.mktemp("one") / "state", bar, 1)
 
 
+@pytest.fixture
+def side_by_side(monkeypatch):
+    """Let the pictures be drawn by several workers, also of few parts."""
+    monkeypatch.setattr(drawings, "MIN_STEPS", 1)
+
+
+@pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
     one, by_one = planned
     two, by_two = plan_here(tmp_path / "two", bar, 2)
     assert by_two == replace(by_one, decomposition=by_two.decomposition)  # it has the time that it took
-    assert len(by_two.plates) == 2
+    assert len(by_two.plates) == 3
     assert list_stored(one) == list_stored(two)
 
 
+@pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_here_and_on_a_cluster(planned, bar, tmp_path):
     here, local = planned
     there = StateFolder(tmp_path / "there")

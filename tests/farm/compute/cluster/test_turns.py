@@ -83,3 +83,18 @@ def test_nobody_waits_where_the_cluster_is_given_up():
         return tasks
 
     run(use)
+
+
+def test_a_slot_is_free_until_a_task_takes_it():
+    seen = []
+
+    async def use(queue):
+        queue.turns.update(1, False)
+        seen.append(queue.turns.has_free)
+        tasks = [queue.add("a", 1)]
+        await settle()
+        seen.append(queue.turns.has_free)
+        return tasks
+
+    run(use)
+    assert seen == [True, False]

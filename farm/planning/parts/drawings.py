@@ -1,0 +1,76 @@
+"""Drawings of a job's parts in the workers: its many pictures side by side, then the page that shows them."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import pairwise
+from pathlib import Path
+
+from farm.compute import DRAWING, PoolShare
+from farm.planning.plan import DecomposedJob, DecomposeTask
+from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
+
+MAX_SHARES = 4  # of the steps: each share finds the views of all steps before it again
+MIN_STEPS = 5  # of a share
+
+
+class Drawings:
+    """Drawings that run, by the folder of the parts."""
+
+    def __init__(self, workers: PoolShare) -> None:
+        self._workers = workers
+        self._running: dict[Path, asyncio.Future[None]] = {}
+
+    def start(self, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+        """Start to draw parts, unless that has been done."""
+        if task.folder not in self._running:
+            drawing = draw_side_by_side(self._workers, task, decomposed)
+            self._running[task.folder] = asyncio.ensure_future(drawing)
+
+    async def finish(self, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+        """Wait until parts are drawn. Raises FarmError if that fails."""
+        self.start(task, decomposed)
+        await self._running[task.folder]
+
+    async def stop(self, folder: Path | None = None) -> None:
+        """Stop the drawing of the parts in a folder, or all, and wait until the workers have ended it."""
+        folders = [other for other in self._running if folder in (None, other)]
+        drawings = [self._running.pop(other) for other in folders]
+        for drawing in drawings:
+            drawing.cancel()
+        await asyncio.gather(*drawings, return_exceptions=True)
+
+
+async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+    """Draw a job's parts into the folder of its task, with the pictures of many steps by several workers.
+
+    Raises
+    ------
+    FarmError
+        See `draw_job`.
+    """
+    record, folder = decomposed.drawing_record, task.folder
+    ranges = split_steps(decomposed.steps)
+    if not ranges:
+        await workers.run(draw_job, task, record, limit=DRAWING)
+        return
+    overview = folder / "overview.png"
+    files = [folder / f"steps-{first}.pickle" for first, _ in ranges]
+    shares = [asyncio.ensure_future(workers.run(draw_overview, record, overview, limit=DRAWING))]
+    for (first, end), file in zip(ranges, files, strict=True):
+        share = workers.run(draw_some_steps, record, first, end, file, limit=DRAWING)
+        shares.append(asyncio.ensure_future(share))
+    try:
+        await asyncio.gather(*shares)
+    finally:
+        for running in shares:
+            running.cancel()
+        await asyncio.gather(*shares, return_exceptions=True)  # until their workers have ended
+    await workers.run(draw_job, task, record, overview, tuple(files), limit=DRAWING)
+
+
+def split_steps(steps: int) -> list[tuple[int, int]]:
+    """Split the steps into ranges, each with its end; into none if one worker draws all of them."""
+    shares = min(MAX_SHARES, steps // MIN_STEPS)
+    bounds = [steps * share // shares for share in range(shares + 1)] if shares > 1 else []
+    return list(pairwise(bounds))
