@@ -144,7 +144,8 @@ class Daemon:
         connection_limit = self._limit_connections()
         self._server = self._make_server(make_app(services, dry_runs), connection_limit)
         self._controller.start(self._effects, self._restored_s)
-        self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
+        books = self._controller.books
+        self._agents.start({attempt.printer for attempt in books.open_prints()}, books.lost_hosts)
         gc.freeze()  # else each full collection would go through large books in the middle of an event
         timers = self._timers
         timers.every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)

@@ -80,13 +80,6 @@ class HostRecord:
             return f"agents that ended: {names} ({waiting[0].reason or 'started again soon'})"
         return self.state.update.reason
 
-    def describe_outage(self) -> str:
-        """Describe its loss for people, once for all of its printers."""
-        return (
-            f"{self.host} with {' '.join(self.printers)} does not answer ({self.reason}): its agents print "
-            "on without the farm; check its power and its network"
-        )
-
     def find_change(self, now_s: float, scale: float) -> HostChange | None:
         """Return the change that has not been reported; None if there is none."""
         lost = self.disconnected_s is not None and now_s - self.disconnected_s >= LOST_S * scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
@@ -244,9 +244,10 @@ class Hosts:
         """Return the record of each host, in the order of their names."""
         return [self._connections[host].record for host in sorted(self._connections)]
 
-    def start(self) -> None:
-        """Begin to connect to all hosts."""
+    def start(self, lost: Collection[str] = ()) -> None:
+        """Begin to connect to all hosts; an earlier daemon has reported the loss of those in `lost`."""
         for connection in self._connections.values():
+            connection.record.reported = connection.record.host in lost
             connection.start()
 
     def find(self, printer: str) -> HostConnection | None:
@@ -271,8 +272,6 @@ class Hosts:
                 log.error("%s", error)
                 continue
             record.reported = lost
-            self._listener.warn(f"host {record.host}", record.describe_outage() if lost else None)
-
         if self._rollout is not None:
             self._roll_out(self._rollout)
 

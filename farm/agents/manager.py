@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from drivers import messages as m
@@ -37,18 +37,18 @@ class AgentManager:
             for name, section in ((section.name, section) for section in fleet.printers if section.enabled)
         }
 
-    def start(self, printing: Iterable[str]) -> None:
+    def start(self, printing: Iterable[str], lost_hosts: Collection[str] = ()) -> None:
         """Adopt the agents that run, start the others, and listen to all.
 
         `printing` names the printers with an open print in the books: their agents are monitored even if
-        the printer was removed from `fleet.yaml`.
+        the printer was removed from `fleet.yaml`. The books have the loss of `lost_hosts`.
         """
         for name in printing:
             if name not in self._connections:
                 self._connections[name] = AgentConnection(
                     name, None, self._state, self._clock, self._listener
                 )
-        self.hosts.start()
+        self.hosts.start(lost_hosts)
         for connection in self._connections.values():
             connection.start()
         self._orphans = asyncio.create_task(self._end_orphans())

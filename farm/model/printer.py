@@ -30,6 +30,14 @@ class Reel(Entity):
     uncertain: bool = False  # `grams` are from a backup: prints since may have used some
 
 
+class HostLoss(Entity):
+    """Loss of the connection to a host with printers; their prints may go on."""
+
+    host: str
+    at_s: float  # of the first of the hosts that were lost together: people hear of them once
+    reason: str
+
+
 class Printer(Entity):
     """Recorded state of a printer; everything else is telemetry."""
 
@@ -42,6 +50,7 @@ class Printer(Entity):
     alarm_s: float | None = None  # when it was reported
     maintenance: str | None = None  # why a person has taken it out of use
     disconnected_at_s: float | None = None  # when the connection to its board was last lost
+    host_loss: HostLoss | None = None  # until its host is connected again
     restored_s: float | None = None  # when the database was last restored from a backup
     unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
     reel: Reel | None = None  # None: the reel in fleet.yaml

@@ -55,6 +55,12 @@ class Books:
         """Return the outage that has not been confirmed; None if there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
+    @property
+    def lost_hosts(self) -> frozenset[str]:
+        """Return the hosts whose loss is recorded."""
+        losses = (printer.host_loss for printer in self.printers.values())
+        return frozenset(loss.host for loss in losses if loss is not None)
+
     def job(self, number: int) -> Job:
         try:
             return self.jobs[number]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from farm.model import Printer
+from farm.model import HostLoss, Printer
 
 WINDOW_S = 10.0
 """Largest time between two losses with a common cause, in seconds."""
@@ -50,3 +50,23 @@ def find_common_losses(name: str, printers: Iterable[Printer], window_s: float =
         group |= neighbours
         todo += neighbours
     return tuple(sorted(group))
+
+
+def find_common_host_loss_s(at_s: float, losses: Iterable[HostLoss], window_s: float = WINDOW_S) -> float:
+    """Find the time of the losses of hosts to which one more belongs: that of the first within the window.
+
+    Parameters
+    ----------
+    at_s
+        Time of a loss, seconds since the epoch.
+    losses
+        Earlier ones.
+    window_s
+        Farm seconds.
+
+    Returns
+    -------
+    float
+        Time of the first, seconds since the epoch; `at_s` if there is none.
+    """
+    return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s <= window_s), default=at_s)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from farm.model import JobState, PrintState
 from farm.state import BY_PEOPLE, Books
 from farm.text import format_duration
+from farm.views.host_losses import describe_lost_hosts, group_host_losses
 
 _LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
 
@@ -42,6 +43,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
         *_list_jobs(books),
         *_list_parts(books),
         *_list_losses(books),
+        *_list_host_losses(books),
         *_list_restored(books),
         *_list_all_ended(books),
     ]
@@ -103,6 +105,12 @@ def _list_losses(books: Books) -> Iterator[Notice]:
             disconnected_at_s,
             f"{name} is lost: the connection to its board is gone",
         )
+
+
+def _list_host_losses(books: Books) -> Iterator[Notice]:
+    """List one notice for all hosts that were lost together."""
+    for at_s, losses in group_host_losses(books).items():
+        yield Notice(f"hosts {at_s:.0f}", at_s, describe_lost_hosts(losses))
 
 
 def _list_restored(books: Books) -> Iterator[Notice]:

@@ -24,11 +24,13 @@ from farm.model import (
 from farm.state import Books, find_possibly_complete_print, find_stopped_print, name_part
 from farm.text import format_count, format_mass, format_moment, format_recent
 from farm.views.context import ViewContext
+from farm.views.host_losses import describe_lost_hosts, list_lost_printers
 
 _ORDER = {
     "alarm": 0,
     "farm": 1,
     "outage": 2,
+    "host": 2,
     "replace": 2,
     "look": 2,
     "connect": 3,
@@ -49,6 +51,7 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
     tasks = list(_list_farm_tasks(context))
     if outage is not None:
         tasks.append(_describe_outage(context, outage))
+    tasks += _list_host_tasks(context)
     occupied = []
     for section in context.fleet.printers:
         printer_tasks = list(_list_printer_tasks(context, section, section.name in lost_printers))
@@ -76,6 +79,15 @@ def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
         if progress.step is PlanStep.NO_ROOM:
             text = f"free space on the disk of {context.state.root}: job {number} waits for it"
             yield api.Todo(code="farm", printers=[], text=text, jobs=[number])
+
+
+def _list_host_tasks(context: ViewContext) -> Iterator[api.Todo]:
+    """List one task for all hosts that do not answer."""
+    printers = list_lost_printers(context.fleet, context.books)
+    losses = [printer.host_loss for printer in printers if printer.host_loss is not None]
+    if losses:
+        text = f"{describe_lost_hosts(losses)} (`farm hosts`)"
+        yield api.Todo(code="host", printers=[printer.name for printer in printers], text=text)
 
 
 def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:

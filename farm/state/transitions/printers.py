@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from farm.model import Bed, FilamentState, Printer, Verdict
+from collections.abc import Iterable
+
+from farm.model import Bed, FilamentState, HostLoss, Printer, Verdict
 from farm.state import events as ev
 from farm.state import restore
 from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, mark_printer_lost, shift_print_times, update_job_state
 from farm.state.lifecycles import InvalidTransition
+from farm.state.outage import find_common_host_loss_s
 from farm.state.salvaged_parts import record_complete_part
 from farm.state.transitions.rules import change
 
@@ -110,12 +113,21 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.HostLost, books: Books) -> Result:
-    return books, ()  # its agents go on: only their reports are missing
+    losses = [printer.host_loss for printer in books.printers.values() if printer.host_loss is not None]
+    at_s = find_common_host_loss_s(event.at_s, losses, books.outage_window_s)
+    loss = HostLoss(host=event.host, at_s=at_s, reason=event.reason)
+    return _set_host_loss(books, event.printers, loss), ()
 
 
 @change.register
 def _(event: ev.HostConnected, books: Books) -> Result:
-    return books, ()
+    return _set_host_loss(books, event.printers, None), ()
+
+
+def _set_host_loss(books: Books, names: Iterable[str], loss: HostLoss | None) -> Books:
+    """Return the books in which these printers share the loss of their host, or None."""
+    printers = (books.printers[name] for name in names if name in books.printers)
+    return put(books, *(replace_fields(printer, host_loss=loss) for printer in printers))
 
 
 @change.register

@@ -142,7 +142,7 @@ def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
     """Yield a key for each task: its code and what it is about, with a number where that is not enough."""
     seen = Counter[str]()
     for todo in todos:
-        subjects = () if todo.code == "clear" else (*map(str, todo.jobs), *todo.printers)
+        subjects = () if todo.code in ("clear", "host") else (*map(str, todo.jobs), *todo.printers)
         key = "-".join((todo.code, *subjects))
         seen[key] += 1
         yield key if seen[key] == 1 else f"{key}-{seen[key]}"
@@ -183,6 +183,8 @@ def _describe_task(
             text = f"Decide on {text}, which the emergency stop ended"
         case "alarm" | "farm":
             text = todo.text
+        case "host":  # of hundreds of printers, perhaps: none has a button of its own
+            return Task(key, todo.code, text, [])
         case "connect":
             text = f"Connect {text}"
     jobs_of_task = [jobs[number] for number in todo.jobs if number in jobs]

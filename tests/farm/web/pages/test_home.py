@@ -177,3 +177,14 @@ def test_job_says_why_it_waits_and_ended_ones_are_below(status):
 def test_note_is_above_the_page(status):
     page = render_home(status, ANN, Note("<i> is refused", is_problem=True))
     assert page.index("&lt;i&gt; is refused") < page.index("<main")
+
+
+def test_lost_host_is_one_card_without_a_button_for_each_printer(status):
+    text = "pc-b with 2 printers does not answer (time-out): check its power and its network (`farm hosts`)"
+    todo = api.Todo(code="host", printers=["um2-1", "um2-2"], text=text)
+    lost = with_printers(status, {"state": "unknown"}, {"state": "unknown"}, todo=[todo])
+    (task,) = list_home_tasks(lost)
+    assert (task.key, task.text, task.printers) == ("host", text, [])
+    page = render_home(lost, ANN)
+    assert "pc-b with 2 printers does not answer" in page
+    assert "Look at um2-1" not in page
