@@ -46,6 +46,13 @@ class AgentWatch:
         The installation that it is kept on after an update failed; None: that of this process.
     on_change
         Called when its state has changed.
+
+    Attributes
+    ----------
+    starts
+        Number of agents that it has started.
+    ended_start
+        Number of the last one of them that has ended, or could not be started.
     """
 
     def __init__(
@@ -58,7 +65,7 @@ class AgentWatch:
         self._client = AgentClient(folder, on_message=self._heartbeat.reset)
         self._backoff = Backoff()
         self._process: subprocess.Popen[bytes] | None = None
-        self._starts = 0
+        self.starts = self.ended_start = 0
         self._reason: str | None = None
         self._listening: asyncio.Task[None] | None = None
         self._phase = AgentPhase.STARTING
@@ -70,8 +77,13 @@ class AgentWatch:
 
     @property
     def is_alive(self) -> bool:
-        """True while its process runs."""
+        """True while an agent has the lock of its folder."""
         return is_alive(self._folder)
+
+    @property
+    def is_running(self) -> bool:
+        """True while an agent runs, also one that has just been started and has no lock yet."""
+        return self.is_alive or (self._process is not None and self._process.poll() is None)
 
     def describe(self) -> AgentState:
         """Describe it for the daemon."""
@@ -81,7 +93,7 @@ class AgentWatch:
             printer=self.printer,
             phase=self._find_phase(),
             pid=pid,
-            restarts=max(0, self._starts - 1),
+            restarts=max(0, self.starts - 1),
             installation="" if runs is None else runs.folder,
             reason=self._reason,
         )
@@ -104,6 +116,7 @@ class AgentWatch:
             self._listening = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
+                self.ended_start = self.starts
                 self._reason = f"its agent ended with {self._process.returncode}"
                 log.warning("%s: %s", self.printer, self._reason)
             self._process = None
@@ -123,12 +136,13 @@ class AgentWatch:
     def _start(self) -> None:
         self._backoff = self._backoff.start(time.monotonic())
         self._heartbeat.reset()
-        self._starts += 1
+        self.starts += 1
         try:
             kept = self.kept if self.kept is not None and self.kept.exists else None
             self._process = start_agent(self.start, self._folder, kept)
             log.info("%s: agent started, pid %d", self.printer, self._process.pid)
         except DriverError as error:
+            self.ended_start = self.starts
             self._reason = str(error)
             log.error("%s", error)
 
@@ -171,6 +185,8 @@ class AgentWatch:
         """Kill an agent that does not end; the next one finds an open print, and resets the board."""
         if not kill_agent(self._folder):
             log.error("%s: its agent cannot be killed; switch the printer off", self.printer)
+        elif self._process is not None and not agents_are_units():
+            self._process.kill()  # it may not have taken its lock yet
 
     async def close(self) -> None:
         """Stop watching; the agent goes on."""

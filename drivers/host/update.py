@@ -31,15 +31,15 @@ class Trial:
         Link of the old agent; None if it was not known.
     snapshot
         Latest report of the new agent; None before the first.
-    is_alive
-        Whether its process runs.
+    has_ended
+        Whether it has ended, or could not be started.
     waited_s
         Wall seconds since the replacement.
     """
 
     link_before: m.LinkState | None
     snapshot: m.Snapshot | None
-    is_alive: bool
+    has_ended: bool
     waited_s: float
 
 
@@ -53,7 +53,7 @@ def judge_trial(trial: Trial) -> str | bool:
         return True
     if snapshot is not None and snapshot.link in (m.LinkState.FAULT, m.LinkState.ABSENT):
         return f"its new agent reports: {snapshot.reason or snapshot.link}"
-    if snapshot is None and not trial.is_alive and trial.waited_s > 1.0:
+    if trial.has_ended:
         return "its new agent has ended"
     return trial.waited_s > _PATIENCE_S and f"its new agent was not ready in {_PATIENCE_S:g} s"
 
@@ -114,7 +114,7 @@ class AgentsUpdate:
     async def _replace(self, watch: AgentWatch) -> None:
         """Replace an agent; after a fault, start its old version again and end the update."""
         try:
-            before = watch.snapshot
+            before, starts = watch.snapshot, watch.starts
             old = watch.find_installation()
             kept, watch.kept = watch.kept, None
             try:
@@ -124,20 +124,23 @@ class AgentsUpdate:
                 log.info("%s: not replaced: %s", watch.printer, error)
                 return
             watch.snapshot = None
-            fault = await self._await_verdict(watch, None if before is None else before.link)
+            fault = await self._await_verdict(watch, None if before is None else before.link, starts)
             if fault is not None:
                 await self._go_back(watch, old, fault)
         finally:
             self._replacing = None
             self._on_change()
 
-    async def _await_verdict(self, watch: AgentWatch, link_before: m.LinkState | None) -> str | None:
+    async def _await_verdict(
+        self, watch: AgentWatch, link_before: m.LinkState | None, starts: int
+    ) -> str | None:
+        """Wait for the verdict on the first agent after `starts`; return its fault, or None."""
         begun_s = time.monotonic()
         while True:
             runs = watch.find_installation()
             snapshot = watch.snapshot if runs == self._installation else None
             waited_s = time.monotonic() - begun_s
-            verdict = judge_trial(Trial(link_before, snapshot, watch.is_alive, waited_s))
+            verdict = judge_trial(Trial(link_before, snapshot, watch.ended_start > starts, waited_s))
             if verdict is True:
                 log.info("%s: its agent is of this version now", watch.printer)
                 return None
@@ -153,7 +156,7 @@ class AgentsUpdate:
         result = "its old version is started again" if back else "its old version is gone"
         self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
         log.error("%s", self._reason)
-        if back and watch.is_alive:
+        if back and watch.is_running:
             try:
                 await watch.end()
             except DriverError as error:
