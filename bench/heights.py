@@ -18,8 +18,8 @@ from slicing.settings.layer_heights import (
     EXACT_MM,
     FIRST_LAYER_CHANGES,
     LayerHeights,
+    compute_printed_height_mm,
     fit_heights,
-    printed_height_mm,
 )
 from slicing.settings.limits import LAYER_SHARE
 
@@ -34,7 +34,7 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
         height_mm = hundredth / 100.0
         heights = fit_heights(height_mm, nominal, max_first_mm=LAYER_SHARE * nozzle_mm)
         change = abs(heights.first_mm / nominal.first_mm - 1.0)
-        exact = abs(printed_height_mm(height_mm, heights) - height_mm) <= EXACT_MM
+        exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= EXACT_MM
         case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)
         counts[case if exact else -1] += 1
     return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}

@@ -143,19 +143,19 @@ _REFUSAL_DAMAGES: dict[str, Damage] = {
 _OTHER_COMMANDS = {"M106": rb" M106 ", "M400": rb" M400\*", "M105": rb" M105\*"}
 
 KINDS: dict[str, Kind] = {
-    **{f"move: {name}": Kind(there=damage) for name, damage in _LINE_DAMAGES.items()},
-    **{f"ok: {name}": Kind(back=damage) for name, damage in _ANSWER_DAMAGES.items()},
+    **{f"move: {name}": Kind(to_board=damage) for name, damage in _LINE_DAMAGES.items()},
+    **{f"ok: {name}": Kind(to_host=damage) for name, damage in _ANSWER_DAMAGES.items()},
     **{f"refusal: {name}": Kind(spoil, damage) for name, damage in _REFUSAL_DAMAGES.items()},
-    "refusal: invented": Kind(back=refuse(0)),
-    "refusal: invented, of an older line": Kind(back=refuse(3)),
-    "refusal: invented, of a line long ago": Kind(back=refuse(40)),
+    "refusal: invented": Kind(to_host=refuse(0)),
+    "refusal: invented, of an older line": Kind(to_host=refuse(3)),
+    "refusal: invented, of a line long ago": Kind(to_host=refuse(40)),
     **{
-        f"{code}: {name}": Kind(there=damage, lines=lines)
+        f"{code}: {name}": Kind(to_board=damage, lines=lines)
         for code, lines in _OTHER_COMMANDS.items()
         for name, damage in _LINE_DAMAGES.items()
     },
     **{
-        f"{code}'s answer: {name}": Kind(back=damage, lines=lines)
+        f"{code}'s answer: {name}": Kind(to_host=damage, lines=lines)
         for code, lines in _OTHER_COMMANDS.items()
         for name, damage in _ANSWER_DAMAGES.items()
     },
@@ -289,7 +289,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)
         refuse.last = firmware.last  # type: ignore[attr-defined]
-        to_host.put(tamperer.back(answer) if answer else answer, now_s)
+        to_host.put(tamperer.to_host(answer) if answer else answer, now_s)
         data = to_host.take(now_s)
         events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
@@ -297,7 +297,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
             is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        to_board.put(tamperer.there(link.take()), now_s)
+        to_board.put(tamperer.to_board(link.take()), now_s)
         if tamperer.hit > hit and len(marks_s) <= faults:
             hit = tamperer.hit
             marks_s.append((now_s, firmware.printing_s))

@@ -16,7 +16,7 @@ _ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 @dataclass(frozen=True, slots=True)
 class CacheEntry:
-    """Stored slice: its name, its size, and the time of its last use (s, of any clock)."""
+    """Stored slice: its name, its size, and the time of its last use (s, by any one clock)."""
 
     name: str
     size_bytes: int

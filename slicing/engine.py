@@ -227,14 +227,14 @@ def _limit_child(memory_bytes: int, parent: int) -> None:
     # The parent may have a limit of its own, against which the stacks would count in full.
     data = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (data, data))
-    for limit, most in (
+    for limit, maximum in (
         (resource.RLIMIT_AS, memory_bytes),
         (resource.RLIMIT_FSIZE, OUTPUT_BYTES),
         (resource.RLIMIT_CORE, 0),
     ):
         hard = resource.getrlimit(limit)[1]
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(limit, (most, most))
+        maximum = maximum if hard == resource.RLIM_INFINITY else min(maximum, hard)
+        resource.setrlimit(limit, (maximum, maximum))
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:  # the parent ended before the signal was set up
         os._exit(1)
@@ -265,9 +265,9 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
     match = re.search(r"version (\d+)\.", version)
     if match is None:  # a build without a version number
         return
-    files = 5 if "inset_direction" in extruder else 4
-    if (int(match[1]) >= 5) != (files >= 5):
+    files_version = 5 if "inset_direction" in extruder else 4
+    if (int(match[1]) >= 5) != (files_version >= 5):
         raise EngineMissing(
-            f"{engine} is {version}, and Cura's settings files are of version {files}: "
+            f"{engine} is {version}, and Cura's settings files are of version {files_version}: "
             "set FARM_CURA_ENGINE and FARM_CURA_RESOURCES to the same version"
         )

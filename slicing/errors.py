@@ -48,7 +48,7 @@ class GcodeRefused(SlicingError):
 
 
 class Rule(StrEnum):
-    """Rules that a slice must keep to be printed."""
+    """Rules that a slice must meet to be printed."""
 
     NOTHING_PRINTED = "nothing printed"
     BROKEN_MESH = "broken mesh"

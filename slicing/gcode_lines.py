@@ -62,8 +62,8 @@ def split_line(raw: bytes, number: int) -> Line:
         return "", "", comment.strip()
     if command.lstrip()[:1] in (b"N", b"n"):
         command = _strip_number(command, number)
-    if (shown_text := _TEXT.match(command)) is not None:
-        return f"M{shown_text[1].decode()}", "", comment.strip()
+    if (text_command := _TEXT.match(command)) is not None:
+        return f"M{text_command[1].decode()}", "", comment.strip()
     try:
         text = command.decode("ascii").strip().replace("\t", " ").upper()
     except UnicodeDecodeError:
@@ -107,10 +107,10 @@ def parse_words(rest: str, number: int) -> Words:
         If the firmware would read it in another way, or a number is out of any printer's range.
     """
     words: Words = {}
-    at = 0
+    offset = 0
     if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
         raise GcodeRefused(f"line {number}: write a space before each E: {quote_text(rest)} is not clear")
-    while at < len(rest) and (word := _WORD.match(rest, at)) is not None:
+    while offset < len(rest) and (word := _WORD.match(rest, offset)) is not None:
         letter, digits = word.groups()
         if letter in words:
             raise GcodeRefused(f"line {number}: {letter} appears twice in {quote_text(rest)}: take one out")
@@ -120,9 +120,9 @@ def parse_words(rest: str, number: int) -> Words:
                 f"line {number}: {letter}{digits} is out of any printer's range: is the file damaged?"
             )
         words[letter] = value
-        at = word.end()
-    if rest[at:].strip():
-        raise GcodeRefused(f"line {number}: {quote_text(rest[at:])} cannot be read: is the file damaged?")
+        offset = word.end()
+    if rest[offset:].strip():
+        raise GcodeRefused(f"line {number}: {quote_text(rest[offset:])} cannot be read: is the file damaged?")
     return words
 
 
@@ -142,11 +142,11 @@ def _find_max_value(letter: str) -> float:
 def _strip_number(command: bytes, number: int) -> bytes:
     """Remove the line number and the checksum from a command that was written for a serial port."""
     body, star, checksum = command.partition(b"*")
-    numbered = _NUMBERED.match(body)
+    match = _NUMBERED.match(body)
     if star:
         xor = 0
         for byte in body:
             xor ^= byte
-        if numbered is None or checksum.strip() != b"%d" % xor:
+        if match is None or checksum.strip() != b"%d" % xor:
             raise GcodeRefused(f"line {number}: its checksum is wrong: the file is damaged")
-    return numbered[2] if numbered is not None else body
+    return match[2] if match is not None else body

@@ -14,7 +14,7 @@ _SCRIPT = Path(__file__).with_name("install-cura.sh")
 def install_cura(folder: Path = INSTALLED) -> None:
     """Install CuraEngine by apt, and take Cura's settings of its version out of Debian's packages.
 
-    Does nothing if both are there, or where the environment names them. The script says on stderr what it
+    Does nothing if both are installed, or if the environment names them. The script says on stderr what it
     does and what is missing.
 
     Parameters
@@ -25,7 +25,7 @@ def install_cura(folder: Path = INSTALLED) -> None:
     Raises
     ------
     EngineMissing
-        If they cannot be had.
+        If they cannot be installed.
     """
     try:
         process = subprocess.run(["bash", str(_SCRIPT), str(folder.absolute())], check=False)

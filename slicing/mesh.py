@@ -80,11 +80,11 @@ def add_waves(corners: Floats) -> Floats:
         first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
         for turn in range(int(np.ceil(first)), int(np.floor(last)) + 1):
             corners = _cut(corners, axis, turn * step_mm)
-    waved = corners.copy()
-    for axis, across in ((0, 1), (1, 0)):
-        along = corners[..., across] / STEPS_MM[across]
-        waved[..., axis] += WAVE_MM * np.abs(along % 2.0 - 1.0)
-    return waved
+    result = corners.copy()
+    for axis, other_axis in ((0, 1), (1, 0)):
+        phase = corners[..., other_axis] / STEPS_MM[other_axis]
+        result[..., axis] += WAVE_MM * np.abs(phase % 2.0 - 1.0)
+    return result
 
 
 def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
@@ -93,15 +93,17 @@ def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
     An edge is cut at the very same point for both of its triangles.
     """
     side = np.sign(np.where(np.abs(corners[..., axis] - at_mm) < SAME_MM, 0.0, corners[..., axis] - at_mm))
-    across = (side.max(axis=1) > 0.0) & (side.min(axis=1) < 0.0)
-    touching = across & (side == 0.0).any(axis=1)
-    through = across & ~touching
-    on, a, b = _roll_corners(corners[touching], side[touching] == 0.0)
+    is_crossed = (side.max(axis=1) > 0.0) & (side.min(axis=1) < 0.0)
+    has_corner_on_plane = is_crossed & (side == 0.0).any(axis=1)
+    is_cut_twice = is_crossed & ~has_corner_on_plane
+    on_plane, a, b = _roll_corners(corners[has_corner_on_plane], side[has_corner_on_plane] == 0.0)
     middle = _interpolate(a, b, axis, at_mm)
-    tip, c, d = _roll_corners(corners[through], side[through] == -np.sign(side[through].sum(axis=1))[:, None])
+    tip, c, d = _roll_corners(
+        corners[is_cut_twice], side[is_cut_twice] == -np.sign(side[is_cut_twice].sum(axis=1))[:, None]
+    )
     p, q = _interpolate(tip, c, axis, at_mm), _interpolate(tip, d, axis, at_mm)
-    new = [(on, a, middle), (on, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
-    return np.concatenate([corners[~across], *(np.stack(corner_set, axis=1) for corner_set in new)])
+    new = [(on_plane, a, middle), (on_plane, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
+    return np.concatenate([corners[~is_crossed], *(np.stack(corner_set, axis=1) for corner_set in new)])
 
 
 def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:

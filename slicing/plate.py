@@ -123,9 +123,9 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
         for variant in (*variants, partial(_add_wave, request, corners, Path(folder))):
             try:
                 return _slice_once(variant(), corners, progress)
-            except SliceRejected as rejected:
-                first = first or rejected
-                if rejected.rule not in _RETRIED_RULES:
+            except SliceRejected as error:
+                first = first or error
+                if error.rule not in _RETRIED_RULES:
                     break
     assert first is not None
     raise first
@@ -137,16 +137,18 @@ def _widen(
     """Make the request for a part scaled by a share about the bed's centre, with its outlines grown."""
     if not share:
         return request
-    wider = folder / request.stl.name
+    wider_stl = folder / request.stl.name
     scaled = corners.astype(np.float32)
     scaled[..., :2] *= 1.0 + share
-    wider.write_bytes(write_triangles(scaled))
+    wider_stl.write_bytes(write_triangles(scaled))
     settings = request.settings
     offsets = {
         key: str(float(settings.extruder.get(key) or 0.0) + offset_mm)
         for key in ("xy_offset", "xy_offset_layer_0")
     }
-    return replace(request, stl=wider, settings=replace(settings, extruder={**settings.extruder, **offsets}))
+    return replace(
+        request, stl=wider_stl, settings=replace(settings, extruder={**settings.extruder, **offsets})
+    )
 
 
 def _add_wave(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequest:
@@ -171,7 +173,7 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
         facts,
         height_mm=height_mm,
         cut_mm=removed_layers * settings.layer_height_mm,
-        top_checked=layout is not None,
+        is_top_checked=layout is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
         min_extrusion_c=min_extrusion_c,
     )
@@ -196,7 +198,7 @@ def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:
 def _check_bed(request: PlateRequest, facts: output.GcodeFacts) -> None:
     settings = request.settings
     highest_mm = max(settings.layer_height_mm, settings.layer_height_0_mm)
-    output.check_bed(facts, _find_bed_centre(settings), request.bed, over_mm=highest_mm / 2)
+    output.check_bed(facts, _find_bed_centre(settings), request.bed, max_excess_mm=highest_mm / 2)
 
 
 def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> PlateResult:

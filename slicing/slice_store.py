@@ -77,7 +77,7 @@ class StoredSlice:
             "unprinted": [asdict(wall) for wall in sliced.unprinted],
         }
         write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)
-        # Last: it makes the entry valid.
+        # The record is written last: it makes the entry valid.
         write_atomically(self.folder / f"{self.key}.json", json.dumps(entry).encode())
 
 
@@ -86,8 +86,8 @@ def write_atomically(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
-        with os.fdopen(handle, "wb") as sink:
-            sink.write(content)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
         Path(name).replace(path)
     except BaseException as error:
         Path(name).unlink(missing_ok=True)

@@ -102,26 +102,26 @@ def check_outline(
         `OUTLINE` if something thick enough is missing, something is printed outside of the model, or most
         of the model is too thin.
     """
-    if removed_layers:  # the first printed layer is not the one that was grown as the first
+    if removed_layers:  # the first printed layer has not the expansion of the first layer
         layout = replace(layout, offset_0_mm=layout.offset_mm)
-    if np.linalg.det(corners).sum() < 0:  # inside out, which the engine accepts
+    if np.linalg.det(corners).sum() < 0:  # an inverted mesh, which the engine accepts
         corners = corners[:, ::-1]
     walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
     z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layers)
-    differ, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
-    if not len(differ):
+    differing, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
+    if not len(differing):
         return ()
-    sampled = _sample_layers(differ, off_mm2)
+    sampled = _sample_layers(differing, off_mm2)
     sections = _Sections(corners, layout)
     thin = [piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, layout)]
-    return _join_pieces(thin, layout, len(differ) / len(sampled))
+    return _join_pieces(thin, layout, len(differing) / len(sampled))
 
 
 def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
     """Compute the heights (layers,) at which the engine cut the model for the layers that it printed."""
     height_mm = float(corners[..., 2].max())
-    planned = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
-    count = max(1, planned - removed_layers, int(walls.layer.max(initial=-1)) + 1)
+    planned_count = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
+    count = max(1, planned_count - removed_layers, int(walls.layer.max(initial=-1)) + 1)
     return layout.section_mm(count + removed_layers)[removed_layers:]
 
 
@@ -137,10 +137,10 @@ def _find_differing_layers(
     slack_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
     offset_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
-    differ = np.flatnonzero(
+    differing = np.flatnonzero(
         (off_mm2 > slack_mm2) | (offset_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
     )
-    return differ, off_mm2[differ]
+    return differing, off_mm2[differing]
 
 
 def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
@@ -152,19 +152,19 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
             "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
         )
-    lost_mm2 = walls.lost_areas_mm2(layout, len(model.area_mm2))
-    incomplete = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
+    missing_mm2 = walls.compute_missing_areas_mm2(layout, len(model.area_mm2))
+    incomplete = np.flatnonzero(missing_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
     if len(incomplete):
         layer = int(incomplete[0])
         raise SliceRejected(
             Rule.OUTLINE,
-            f"layer {layer} (Z {layout.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
+            f"layer {layer} (Z {layout.top_mm(layer):.2f} mm) lacks {missing_mm2[layer]:.0f} mm2 within its "
             "inner walls; repair the mesh, or scale it by a thousandth",
         )
 
 
 def _expand_sections(model: Rings, layout: WallLayout) -> Rings:
-    """Grow sections by the engine's horizontal expansion, to first order."""
+    """Expand sections by the engine's horizontal expansion, to first order."""
     offset = np.full(len(model.area_mm2), layout.offset_mm)
     offset[:1] = layout.offset_0_mm
     return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
@@ -222,24 +222,24 @@ def _compare(
     printed = walls.build_printed_area(layer, shapely.union_all(sections_beside))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
     extra = _find_worst(printed.difference(shapely.union_all(sections_beside).buffer(tolerance_mm)))
-    at = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
+    layer_text = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
     if extra is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{at} prints {extra.area:.1f} mm2 outside of the model at {_format_place(extra)}; "
+            f"{layer_text} prints {extra.area:.1f} mm2 outside of the model at {_format_place(extra)}; "
             "repair the mesh",
         )
-    common = sections_beside[0].intersection(sections_beside[1])
-    missing = common.difference(printed.buffer(tolerance_mm))
+    certain = sections_beside[0].intersection(sections_beside[1])
+    missing = certain.difference(printed.buffer(tolerance_mm))
     if missing.area > _SPECK_MM2:
         missing = missing.difference(walls.build_filling(layer, missing.bounds).buffer(tolerance_mm))
     two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
-    thick = common.buffer(-two_lines_mm).buffer(two_lines_mm)
+    thick = certain.buffer(-two_lines_mm).buffer(two_lines_mm)
     lost_area = _find_worst(missing.intersection(thick))
     if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{at} leaves out {lost_area.area:.1f} mm2 of the model at {_format_place(lost_area)}; "
+            f"{layer_text} leaves out {lost_area.area:.1f} mm2 of the model at {_format_place(lost_area)}; "
             "repair the mesh there",
         )
     tolerance_area = printed.buffer(TIP_MM)
@@ -273,11 +273,11 @@ def _join_pieces(
     ground = shapely.get_parts(shapely.union_all(shapely.buffer(shapes, TIP_MM)))
     walls = []
     for shadow in ground:
-        of = [(layer, piece) for layer, piece in pieces if shadow.intersects(piece)]
-        layers = [layer for layer, _ in of]
+        wall_pieces = [(layer, piece) for layer, piece in pieces if shadow.intersects(piece)]
+        layers = [layer for layer, _ in wall_pieces]
         box = shadow.bounds
         low_mm, high_mm = layout.top_mm(min(layers) - 1) if min(layers) else 0.0, layout.top_mm(max(layers))
-        side_mm2 = sum(piece.length / 2 for _, piece in of) * layout.layer_height_mm * share
+        side_mm2 = sum(piece.length / 2 for _, piece in wall_pieces) * layout.layer_height_mm * share
         if high_mm - low_mm < TIP_MM or side_mm2 < MIN_WALL_MM2:
             continue
         middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)

@@ -1,4 +1,4 @@
-"""Rules that CuraEngine's log and G-code must keep to be printed.
+"""Rules that CuraEngine's log and G-code must meet to be printed.
 
 For most bad input CuraEngine ends with exit code 0 and a file that heats, homes and prints nothing, or only a
 part of the model; so every file is checked before it is printed.
@@ -55,27 +55,29 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     min_extrusion_c
         Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    extruded_mm, has_moved = path.extruded_mm, path.moved
-    prints = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
-    layers = path.layer[prints]
-    last = int(np.flatnonzero(prints)[-1]) if prints.any() else -1
-    ends = np.concatenate((path.before[prints, :3], path.after[prints, :3]))
+    extruded_mm, has_moved = path.extruded_mm, path.is_move
+    is_printing = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
+    layers = path.layer[is_printing]
+    last = int(np.flatnonzero(is_printing)[-1]) if is_printing.any() else -1
+    ends = np.concatenate((path.before[is_printing, :3], path.after[is_printing, :3]))
     low = ends.min(axis=0, initial=math.inf)
     high = ends.max(axis=0, initial=-math.inf)
-    homed = next((command.move for command in path.commands if command.code == "G28"), len(has_moved))
-    cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
+    first_homed_move = next(
+        (command.move for command in path.commands if command.code == "G28"), len(has_moved)
+    )
+    is_cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
     return GcodeFacts(
         flavour=_read_last_comment(path, "FLAVOR:"),
         sliced_s=float(_read_last_comment(path, "TIME_ELAPSED:") or 0.0),
-        filament_mm=float(extruded_mm[prints].sum()),
+        filament_mm=float(extruded_mm[is_printing].sum()),
         layer_count=int(_read_last_comment(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
         min_mm=(float(low[0]), float(low[1]), float(low[2])),
         max_mm=(float(high[0]), float(high[1]), float(high[2])),
         uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
-        moved_before_homing=bool(has_moved[:homed].any()),
-        extruded_cold=cold,
+        moved_before_homing=bool(has_moved[:first_homed_move].any()),
+        extruded_cold=is_cold,
         heaters_off=heaters_off,
         parked_mm=float(-extruded_mm[last + 1 :].sum()),
     )
@@ -83,27 +85,30 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
 
 def _read_last_comment(path: Toolpath, name: str) -> str:
     """Read the last comment of a name; empty if there is none."""
-    return next((n.text[len(name) :] for n in reversed(path.comments) if n.text.startswith(name)), "")
+    return next(
+        (comment.text[len(name) :] for comment in reversed(path.comments) if comment.text.startswith(name)),
+        "",
+    )
 
 
-def _check_heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
+def _check_heat(path: Toolpath, extrudes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
     """Check whether filament is extruded by a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
-    first_move, cold = 0, False
+    first_move, is_cold = 0, False
     for command in path.commands:
         if command.code not in ("M104", "M109", "M140", "M190"):
             continue
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
-            cold |= bool(pushes[first_move : command.move].any())
+            is_cold |= bool(extrudes[first_move : command.move].any())
         first_move = command.move
         set_c = command.words.get("S", 0.0)
         target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
         if command.code == "M109":
             reached_c = set_c
     if min(reached_c, target_c["M104"]) < min_extrusion_c:
-        cold |= bool(pushes[first_move:].any())
-    return cold, not any(target_c.values())
+        is_cold |= bool(extrudes[first_move:].any())
+    return is_cold, not any(target_c.values())
 
 
 Bed = tuple[tuple[float, float, float, float, float], ...]
@@ -122,7 +127,7 @@ def check_facts(
     *,
     height_mm: float,
     cut_mm: float,
-    top_checked: bool,
+    is_top_checked: bool,
     layer_height_mm: float,
     min_extrusion_c: float,
 ) -> None:
@@ -154,9 +159,9 @@ def check_facts(
             f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and its "
             f"header says {facts.layer_count}; repair the mesh, or turn a part with a tip on the bed",
         )
-    over_mm = layer_height_mm / 2 + 0.005
+    tolerance_mm = layer_height_mm / 2 + 0.005
     missing_mm = height_mm - cut_mm - facts.max_mm[2]
-    if missing_mm < -over_mm or cut_mm > TOP_MM or (missing_mm > TOP_MM and not top_checked):
+    if missing_mm < -tolerance_mm or cut_mm > TOP_MM or (missing_mm > TOP_MM and not is_top_checked):
         raise SliceRejected(
             Rule.HEIGHT,
             f"the print is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or "
@@ -213,7 +218,7 @@ def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
         )
 
 
-def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, over_mm: float) -> None:
+def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_excess_mm: float) -> None:
     """Raise SliceRejected unless a bed holds all that is extruded, brim and support included.
 
     Parameters
@@ -229,7 +234,7 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, over_
     for min_x, min_y, max_x, max_y, height in bed:
         inside = low[0] >= min_x - slack and low[1] >= min_y - slack
         inside &= high[0] <= max_x + slack and high[1] <= max_y + slack
-        if inside and facts.max_mm[2] <= height + over_mm:
+        if inside and facts.max_mm[2] <= height + max_excess_mm:
             return
     raise SliceRejected(
         Rule.OUTSIDE_BED,
@@ -253,11 +258,11 @@ def replace_header(gcode: bytes, log: str) -> bytes:
         CuraEngine's log; the G-code is not changed if the log has no header.
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
-    header, ended, _ = rest.partition(_HEADER_END)
-    placeholder, generated, body = gcode.partition(b";Generated with")
-    if not (separator and ended and generated) or not placeholder.startswith(b";FLAVOR:"):
+    header, header_end, _ = rest.partition(_HEADER_END)
+    placeholder, mark, body = gcode.partition(b";Generated with")
+    if not (separator and header_end and mark) or not placeholder.startswith(b";FLAVOR:"):
         return gcode
-    return header.strip().encode() + b"\n\n" + generated + body
+    return header.strip().encode() + b"\n\n" + mark + body
 
 
 _REMOVED = re.compile(r"Removing (\d+) layers because they are empty")

@@ -82,24 +82,24 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
         rows_before = ends[begin - 1] if begin else 0
         stop = max(begin + 1, int(np.searchsorted(ends, rows_before + _CHUNK)))
         triangles = crossed[begin:stop]
-        times = count[triangles]
-        triangle = np.repeat(triangles, times)
-        within = np.arange(len(triangle)) - np.repeat(np.cumsum(times) - times, times)
-        plane = first[triangle] + within
+        plane_counts = count[triangles]
+        triangle = np.repeat(triangles, plane_counts)
+        offset = np.arange(len(triangle)) - np.repeat(np.cumsum(plane_counts) - plane_counts, plane_counts)
+        plane = first[triangle] + offset
         yield plane, *_cut_triangles(corners[triangle], z_mm[plane])
         begin = stop
 
 
 def _cut_triangles(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
     """Cut each triangle (m, 3, 3) at its plane, with corners on both sides: start and end (m, 2) in mm."""
-    above = corners[..., 2] > z_mm[:, None]
-    alone_above = above.sum(axis=1) == 1
-    lone_corner = np.where(alone_above, above.argmax(axis=1), above.argmin(axis=1))
+    is_above = corners[..., 2] > z_mm[:, None]
+    is_lone_above = is_above.sum(axis=1) == 1
+    lone_corner = np.where(is_lone_above, is_above.argmax(axis=1), is_above.argmin(axis=1))
     rows = np.arange(len(corners))
     tip, following, previous = (corners[rows, (lone_corner + turn) % 3] for turn in range(3))
     left, right = _find_crossings(tip, following, z_mm), _find_crossings(tip, previous, z_mm)
-    up = alone_above[:, None]
-    return np.where(up, left, right), np.where(up, right, left)
+    is_upward = is_lone_above[:, None]
+    return np.where(is_upward, left, right), np.where(is_upward, right, left)
 
 
 def _find_crossings(a: Floats, b: Floats, z_mm: Floats) -> Floats:

@@ -31,12 +31,18 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     if first is None or not ends:
         return gcode
     moves = np.array([first, *(move for move, _ in ends)])
-    spent_s = np.concatenate(([0.0], np.cumsum(_compute_seconds(path))))
+    move_times_s = np.concatenate(([0.0], np.cumsum(_compute_seconds(path))))
     elapsed_s = np.array([0.0, *(seconds for _, seconds in ends)])
-    types = [n for n in path.comments if n.text.startswith("TYPE:") and moves[0] < n.move < moves[-1]]
-    at_s = np.interp(spent_s[[comment.move for comment in types]], spent_s[moves], elapsed_s)
+    types = [
+        comment
+        for comment in path.comments
+        if comment.text.startswith("TYPE:") and moves[0] < comment.move < moves[-1]
+    ]
+    mark_times_s = np.interp(
+        move_times_s[[comment.move for comment in types]], move_times_s[moves], elapsed_s
+    )
     pieces, offset = [], 0
-    for comment, seconds in zip(types, at_s, strict=True):
+    for comment, seconds in zip(types, mark_times_s, strict=True):
         pieces += [gcode[offset : comment.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
         offset = comment.offset
     return b"".join((*pieces, gcode[offset:]))

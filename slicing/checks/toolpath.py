@@ -75,7 +75,7 @@ class Toolpath:
         return self.after[:, 3] - self.before[:, 3]
 
     @property
-    def moved(self) -> npt.NDArray[np.bool_]:
+    def is_move(self) -> npt.NDArray[np.bool_]:
         """Mask (n,) of the moves that move the head."""
         return np.asarray((self.after[:, :3] != self.before[:, :3]).any(axis=1))
 
@@ -142,8 +142,10 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]
         except GcodeRefused as error:
             raise SliceRejected(Rule.FLAVOUR, str(error)) from error
         if code in ("G0", "G1"):
-            plain = "".join(f" {letter}{value:.9f}" for letter, value in words.items() if letter in "XYZEF")
-            blocks.append(b"G%b\n" % plain.encode())
+            words_text = "".join(
+                f" {letter}{value:.9f}" for letter, value in words.items() if letter in "XYZEF"
+            )
+            blocks.append(b"G%b\n" % words_text.encode())
             moves += 1
         elif code:
             commands.append(Command(moves, code, words))
@@ -156,8 +158,8 @@ def _read_columns(text: bytes, moves: int) -> dict[int, Floats]:
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _parse_numbers(text)
     row = np.cumsum(letters == ord("G")) - 1
-    with_letter = letters != ord("G")
-    letters, row = letters[with_letter], row[with_letter]
+    is_word = letters != ord("G")
+    letters, row = letters[is_word], row[is_word]
     columns: dict[int, Floats] = {}
     for letter in b"XYZEF":
         column = np.full(moves, np.nan)
@@ -181,22 +183,22 @@ def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> 
     before, after = np.empty((moves, 4)), np.empty((moves, 4))
     position = [0.0] * 4
     relative = relative_e = False
-    done = 0
+    row = 0
 
     def go_to(stop: int) -> None:
-        nonlocal done
-        if stop == done:
+        nonlocal row
+        if stop == row:
             return
         for axis, letter in enumerate(_AXES):
-            given = columns[letter][done:stop]
+            values = columns[letter][row:stop]
             if relative or (relative_e and axis == 3):
-                after[done:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(given))
+                after[row:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(values))
             else:
-                after[done:stop, axis] = _fill_gaps(given, position[axis])
-            before[done, axis] = position[axis]
-            before[done + 1 : stop, axis] = after[done : stop - 1, axis]
+                after[row:stop, axis] = _fill_gaps(values, position[axis])
+            before[row, axis] = position[axis]
+            before[row + 1 : stop, axis] = after[row : stop - 1, axis]
             position[axis] = float(after[stop - 1, axis])
-        done = stop
+        row = stop
 
     for command in commands:
         if command.code not in ("G90", "G91", "G92", "M82", "M83"):

@@ -16,7 +16,7 @@ from slicing.settings import EngineSettings
 
 TOLERANCE_MM = 0.15
 """Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
-_NEAR_MM = 1.0  # distance of a line from a place that it fills
+_NEAR_MM = 1.0  # largest distance of a line from an area that it fills
 _MAX_GAPS = 8  # in one ring
 _EXACT_OUTLINE_SETTINGS = {
     "adaptive_layer_height_enabled": "False",
@@ -106,31 +106,33 @@ class Walls:
     def from_toolpath(
         cls, path: Toolpath, layout: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
     ) -> Walls:
-        """Pick the walls out of a toolpath, with the parameters of `check_outline`."""
+        """Select the walls of a toolpath, with the parameters of `check_outline`."""
         extruded_mm = path.extruded_mm
         length_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
-        prints = (extruded_mm > 0) & (length_mm > 0) & (path.layer >= 0)
+        is_printing = (extruded_mm > 0) & (length_mm > 0) & (path.layer >= 0)
         height_mm = np.where(path.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
         half_mm = np.zeros(len(length_mm))
-        half_mm[prints] = (extruded_mm * filament_mm2)[prints] / (length_mm * height_mm)[prints] / 2
-        half_mm = np.minimum(half_mm, layout.width_mm)  # a wider line is a blob, which covers no more
-        at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
-        start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
-        layer = path.layer[at]
+        half_mm[is_printing] = (
+            (extruded_mm * filament_mm2)[is_printing] / (length_mm * height_mm)[is_printing] / 2
+        )
+        half_mm = np.minimum(half_mm, layout.width_mm)  # a wider line is a blob, which covers no more area
+        wall_moves = np.flatnonzero(is_printing & path.is_feature("WALL-OUTER"))
+        start, end = path.before[wall_moves, :2] - centre_mm, path.after[wall_moves, :2] - centre_mm
+        layer = path.layer[wall_moves]
         bridges, run, closed = _join_runs(start, end, layer)
-        order = np.argsort(np.concatenate((np.arange(len(at)), bridges)), kind="stable")
+        order = np.argsort(np.concatenate((np.arange(len(wall_moves)), bridges)), kind="stable")
 
         def splice(is_inner: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
             return np.asarray(np.concatenate((is_inner, between))[order])
 
         start, end = splice(start, end[bridges]), splice(end, np.roll(start, -1, axis=0)[bridges])
-        half = splice(half_mm[at], half_mm[at][bridges])
+        half = splice(half_mm[wall_moves], half_mm[wall_moves][bridges])
         layer, run = splice(layer, layer[bridges]), splice(run, run[bridges])
         closed = closed[run]
         is_inner = np.zeros(len(length_mm), bool)
         for name in ("WALL-INNER", "SKIN", "FILL"):
             is_inner |= path.is_feature(name)
-        is_inner &= prints
+        is_inner &= is_printing
         ends = (path.before[is_inner, :2] - centre_mm, path.after[is_inner, :2] - centre_mm)
         others = np.column_stack((*ends, path.layer[is_inner], half_mm[is_inner])).astype(np.float64)
         reach_mm = np.where(closed, layout.reach_mm(layer), half)
@@ -139,13 +141,13 @@ class Walls:
 
     def sum_rings(self, count: int) -> Rings:
         """Sum up the area within the outer edge of the outer wall, to first order, for `count` layers."""
-        ring = self.closed
+        is_ring = self.closed
         inside = measure_rings(
-            iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count
+            iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
         )
         # An engine may draw rings in the opposite direction, but then all rings of a layer.
         turn = np.where(inside.area_mm2 < 0, -1.0, 1.0)
-        band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(ring, 1.0, 2.0)
+        band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(is_ring, 1.0, 2.0)
         corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), count)
         area = turn * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
         moment = turn[:, None] * inside.moment_mm3
@@ -154,8 +156,8 @@ class Walls:
             moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
         return Rings(area, inside.length_mm, moment)
 
-    def lost_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
-        """Compute the area (count,) that the inner walls of each layer enclose less than they must.
+    def compute_missing_areas_mm2(self, layout: WallLayout, count: int) -> Floats:
+        """Compute the area (count,) that the inner walls of each layer enclose less than expected.
 
         A ring that is offset inwards by d loses at most d times its length in area. The result is 0 where an
         inner wall is not a whole ring.
@@ -166,27 +168,29 @@ class Walls:
             np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
         )
         inner = measure_rings(iter([(layer.astype(np.intp), start, end)]), count)
-        ring = self.closed
+        is_ring = self.closed
         outer = measure_rings(
-            iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count
+            iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
         )
-        must_mm2 = np.zeros(count)
+        expected_mm2 = np.zeros(count)
         for number in range(1, layout.inner_walls + 1):
-            further_mm = number * layout.step_mm
-            must_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - further_mm * outer.length_mm)
-        return np.where(open_lines, 0.0, must_mm2 - np.abs(inner.area_mm2))
+            distance_mm = number * layout.step_mm
+            expected_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - distance_mm * outer.length_mm)
+        return np.where(open_lines, 0.0, expected_mm2 - np.abs(inner.area_mm2))
 
     def _compute_corners_mm2(self) -> Floats:
         """Compute the area (n,) of the band outside of a ring at the corner after each move."""
         if not len(self.run):
             return np.empty(0)
-        following = np.arange(1, len(self.run) + 1)
+        next_index = np.arange(1, len(self.run) + 1)
         heads = np.flatnonzero(np.diff(self.run, prepend=-1))
-        following[np.append(heads[1:], len(self.run)) - 1] = heads
+        next_index[np.append(heads[1:], len(self.run)) - 1] = heads
         direction = self.end - self.start
-        after = direction[following]
-        cross = direction[:, 0] * after[:, 1] - direction[:, 1] * after[:, 0]
-        scale = np.hypot(*direction.T) * np.hypot(*after.T) + (direction * after).sum(axis=1)
+        next_direction = direction[next_index]
+        cross = direction[:, 0] * next_direction[:, 1] - direction[:, 1] * next_direction[:, 0]
+        scale = np.hypot(*direction.T) * np.hypot(*next_direction.T) + (direction * next_direction).sum(
+            axis=1
+        )
         half_turn = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)  # tangent of half the angle
         return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
 
@@ -254,18 +258,18 @@ def _join_runs(
     ends = np.append(begins[1:], len(start)) - 1
     is_near = np.hypot(*(start[begins] - end[ends]).T) < TOLERANCE_MM
     bridges: list[int] = []
-    at = 0
-    while at < len(begins):
-        stop = at + 1
-        if not is_near[at]:
-            for last in range(at + 1, min(at + _MAX_GAPS, len(begins))):
-                if is_near[last] or layer[begins[last]] != layer[begins[at]]:
+    number = 0
+    while number < len(begins):
+        stop = number + 1
+        if not is_near[number]:
+            for last in range(number + 1, min(number + _MAX_GAPS, len(begins))):
+                if is_near[last] or layer[begins[last]] != layer[begins[number]]:
                     break
-                if np.hypot(*(start[begins[at]] - end[ends[last]])) < TOLERANCE_MM:
-                    bridges += [int(move) for move in ends[at:last]]
+                if np.hypot(*(start[begins[number]] - end[ends[last]])) < TOLERANCE_MM:
+                    bridges += [int(move) for move in ends[number:last]]
                     stop = last + 1
                     break
-        at = stop
+        number = stop
     run_starts = first.copy()
     run_starts[np.array(bridges, np.intp) + 1] = False
     run = np.cumsum(run_starts) - 1

@@ -116,7 +116,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         reach_min_mm=_to_point(extent.reach_low),
         reach_max_mm=_to_point(extent.reach_high),
         filament_type=survey.machine.filament_type,
-        notices=_build_notices(survey.ulticode, interpreter.left_out) + warnings,
+        notices=_build_notices(survey.ulticode, interpreter.omitted) + warnings,
     )
 
 
@@ -162,24 +162,24 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
     # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
     mean_mm = min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
     layer_mm = max(extent.layer_mm, mean_mm)
-    usual_mm2 = nozzle_mm * layer_mm
-    ratio = section_mm2 / usual_mm2
+    nominal_mm2 = nozzle_mm * layer_mm
+    ratio = section_mm2 / nominal_mm2
     if not PLAUSIBLE_RATIO[0] < ratio < PLAUSIBLE_RATIO[1]:
         raise GcodeRefused(
             f"its lines have {section_mm2:.3f} mm2 on average, and layers of {layer_mm:.3g} mm with a "
-            f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to "
+            f"nozzle of {nozzle_mm:g} mm about {nominal_mm2:.3f}: set the filament's diameter to "
             f"{target.filament_mm:.4g} mm in your slicer, and let it count E in mm, not in mm3"
         )
     return ratio
 
 
-def _build_notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
+def _build_notices(is_ulticode: bool, properties: dict[str, str]) -> tuple[str, ...]:
     lines = ["Its start and end were replaced by the farm's."]
-    if ulticode:
+    if is_ulticode:
         lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
-    if left_out:
-        left_out_codes = ", ".join(f"{code} ({left_out[code]})" for code in sorted(left_out))
-        lines.append(f"Left out, because the printer has its own: {left_out_codes}.")
+    if properties:
+        omitted_codes = ", ".join(f"{code} ({properties[code]})" for code in sorted(properties))
+        lines.append(f"Left out, because the printer has its own: {omitted_codes}.")
     return tuple(lines)
 
 

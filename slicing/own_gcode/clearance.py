@@ -41,24 +41,24 @@ class Clearance:
         self._above_head: NDArray[np.float64] | None = None  # highest below a head at each place
         self._printed_since_mm = 0.0  # highest line since the two were computed
 
-    def add(self, old: Point, target: Point) -> None:
+    def add(self, start: Point, target: Point) -> None:
         """Record a printed line."""
-        self._lines.extend(old)
+        self._lines.extend(start)
         self._lines.extend(target)
-        self._printed_since_mm = max(self._printed_since_mm, old[2], target[2])
+        self._printed_since_mm = max(self._printed_since_mm, start[2], target[2])
         if len(self._lines) >= _BUFFERED:
             self._flush()
 
-    def find_obstacle_mm(self, old: Point, target: Point) -> float | None:
+    def find_obstacle_mm(self, start: Point, target: Point) -> float | None:
         """Find the height of the lines that the nozzle or the head would hit in a straight move, or None."""
-        lowest_mm = min(old[2], target[2])
+        lowest_mm = min(start[2], target[2])
         if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
             self._flush()
             self._above_nozzle = ndimage.maximum_filter(self._height_mm, 3)
             self._above_head = _find_highest_below_head(self._height_mm, self._head)
             self._printed_since_mm = 0.0
         assert self._above_head is not None
-        xy, z = _sample_lines(np.array([[*old, *target]]))
+        xy, z = _sample_lines(np.array([[*start, *target]]))
         y, x = _find_cells(xy)
         nozzle_mm, head_mm = self._above_nozzle[y, x], self._above_head[y, x]
         is_hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.above_nozzle + self._slack_mm)

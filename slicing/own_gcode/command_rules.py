@@ -16,7 +16,7 @@ PRINTED = frozenset(
         *("M82", "M83", "M104", "M109", "M140", "M190", "M106", "M107", "M220", "M221"),
     )
 )
-"""Commands that are run; the lines for the printer are written by `slicing.own_gcode.writer`."""
+"""Commands that are executed; the lines for the printer are written by `slicing.own_gcode.writer`."""
 
 _IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, which is the default
 

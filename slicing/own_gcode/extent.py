@@ -35,13 +35,13 @@ class Extent:
         self.filament_mm = 0.0
         self.path_mm = 0.0
         self.lines = 0
-        self._pushes = self._primes = (
+        self._returns = self._primes = (
             0  # all returns of retracted filament, and those that extrude more than was retracted
         )
         self._primed_mm = self._jumped_mm = 0.0
         self._moves: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
-        self._flat_z = self._step_mm = 0.0
+        self._layer_z = self._step_mm = 0.0
         self._path_on_step_mm: defaultdict[float, float] = defaultdict(float)
 
     def record_move(self, target: Corner, fed_mm: float) -> None:
@@ -51,7 +51,7 @@ class Extent:
 
     def record_prime(self, fed_mm: float) -> None:
         """Record that retracted filament, and `fed_mm` more, is extruded at standstill."""
-        self._pushes += 1
+        self._returns += 1
         if fed_mm > MAX_PRIMED_MM:
             self._jumped_mm += fed_mm
         elif fed_mm > _NEGLIGIBLE_MM:
@@ -64,18 +64,18 @@ class Extent:
 
         A slicer that primes after retractions does so at all or most of them, which is not counted.
         """
-        return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._pushes else 0.0)
+        return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._returns else 0.0)
 
-    def is_higher(self, old: Corner, target: Corner) -> bool:
+    def is_higher(self, start: Corner, target: Corner) -> bool:
         """Check whether a printed line lies higher than all before it, but is not the first."""
-        return self.path_mm > 0 and old[2] == target[2] > self._flat_z + 0.01
+        return self.path_mm > 0 and start[2] == target[2] > self._layer_z + 0.01
 
-    def record_line(self, old: Corner, target: Corner) -> None:
+    def record_line(self, start: Corner, target: Corner) -> None:
         """Record that the last move printed a line."""
-        z, path_mm = target[2], math.dist(old, target)
-        if old[2] == z != self._flat_z:
-            self._step_mm = round(z - self._flat_z, 3) if z > self._flat_z else self._step_mm
-            self._flat_z = z
+        z, path_mm = target[2], math.dist(start, target)
+        if start[2] == z != self._layer_z:
+            self._step_mm = round(z - self._layer_z, 3) if z > self._layer_z else self._step_mm
+            self._layer_z = z
         self._path_on_step_mm[self._step_mm] += path_mm
         self.path_mm += path_mm
         self.lines += 1
@@ -86,16 +86,16 @@ class Extent:
             if point[2] < CLIP_HEIGHT_MM:
                 _extend(self.low, self.high, point[:2])
         self._moves.clear()
-        _extend(self.low, self.high, old)
+        _extend(self.low, self.high, start)
         _extend(self.low, self.high, target)
 
     @property
     def layer_mm(self) -> float:
         """Median height of a layer in mm, by the length of path; 0 without layers."""
-        done_mm = 0.0
+        passed_mm = 0.0
         for step_mm, path_mm in sorted(self._path_on_step_mm.items()):
-            done_mm += path_mm
-            if done_mm >= self.path_mm / 2:
+            passed_mm += path_mm
+            if passed_mm >= self.path_mm / 2:
                 return step_mm
         return 0.0
 

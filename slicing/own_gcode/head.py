@@ -63,9 +63,9 @@ class Head:
         self._objections = objections
         self._gaps = gaps
         self._marks_layers = marks_layers
-        self._at_start = False
+        self._has_approached = False
         self._retracted_mm = 0.0
-        self._retracted_in = 0  # line
+        self._retraction_line = 0  # line
 
     def forget_position(self) -> None:
         """Set the position to unknown, as after homing."""
@@ -98,34 +98,34 @@ class Head:
         bool
             Whether it prints a line.
         """
-        old, self.position = self.position, target
+        start, self.position = self.position, target
         retracted_mm = self._retracted_mm
         self._retracted_mm = max(0.0, retracted_mm - extruded_mm)
         if not self._objections.printing:
             return False
         self._check_feed(extruded_mm, speed_mm_s * factor)
-        if not self._approach_start(old, target, extruded_mm, speed_mm_s):
+        if not self._approach_start(start, target, extruded_mm, speed_mm_s):
             return False
         x, y, z = target
         self._check_above_bed(z)
-        self._check_clear(old, target)
-        if self._retracted_mm > MAX_START_RETRACTION_MM and extruded_mm > 0 and old[:2] != target[:2]:
+        self._check_clear(start, target)
+        if self._retracted_mm > MAX_START_RETRACTION_MM and extruded_mm > 0 and start[:2] != target[:2]:
             self._objections.add(
                 f"would print, with the filament retracted by {self._retracted_mm:.1f} mm since line "
-                f"{self._retracted_in}: where E starts again from 0, the file needs G92 E0"
+                f"{self._retraction_line}: where E starts again from 0, the file needs G92 E0"
             )
         self._writer.add_move((x, y, z, extruded_mm, speed_mm_s * factor))
         fed_mm = extruded_mm - retracted_mm
-        self._check_jump(old, target, fed_mm)
+        self._check_jump(start, target, fed_mm)
         if extruded_mm > 0:
-            self._gaps.feed(math.dist(old, target), fed_mm, self._objections.line)
-        if extruded_mm > 0 and old == target:
+            self._gaps.feed(math.dist(start, target), fed_mm, self._objections.line)
+        if extruded_mm > 0 and start == target:
             self.extent.record_prime(fed_mm)
         self.extent.record_move(target, fed_mm)
-        prints = fed_mm > 0 and target != old
-        if prints:
-            self._print(old, target)
-        return prints
+        is_printing = fed_mm > 0 and target != start
+        if is_printing:
+            self._print(start, target)
+        return is_printing
 
     @property
     def _max_retracted_mm(self) -> float:
@@ -135,7 +135,7 @@ class Head:
         if extruded_mm > MAX_EXTRUDED_MM:
             self._objections.add(f"one move pushes {extruded_mm:.0f} mm of filament: is it counted in mm3?")
         if extruded_mm < 0:
-            self._retracted_in = self._objections.line
+            self._retraction_line = self._objections.line
         if self._retracted_mm > self._max_retracted_mm:  # an end script may unload it
             self._objections.add_end(
                 f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
@@ -143,27 +143,27 @@ class Head:
         if speed_mm_s < MIN_MM_S:
             self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which never ends")
 
-    def _check_jump(self, old: Point, target: Point, fed_mm: float) -> None:
+    def _check_jump(self, start: Point, target: Point, fed_mm: float) -> None:
         """Object to filament for missing lines; a start script may prime any amount."""
         if fed_mm > MAX_JUMP_MM and self.extent.path_mm:
-            jump_mm = fed_mm - self._gaps.max_flow * math.dist(old, target)
+            jump_mm = fed_mm - self._gaps.max_flow * math.dist(start, target)
             if jump_mm > MAX_JUMP_MM:
                 self._objections.add(
                     f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are "
                     "missing before it, or E starts again from 0 and the file needs G92 E0"
                 )
 
-    def _approach_start(self, old: Point, target: Point, extruded_mm: float, speed_mm_s: float) -> bool:
+    def _approach_start(self, start: Point, target: Point, extruded_mm: float, speed_mm_s: float) -> bool:
         """Move from above to the place of the first extrusion; return False before that."""
-        if self._at_start:
+        if self._has_approached:
             return True
-        x, y, z = old
+        x, y, z = start
         ready_mm = self._code.ready_mm
         if extruded_mm <= 0 or math.isnan(x + y + z):
-            moves = any(
-                a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True)
+            is_move = any(
+                a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(start, target, strict=True)
             )
-            if extruded_mm > 0 and moves:
+            if extruded_mm > 0 and is_move:
                 self._objections.add("extrudes before the file has set X, Y and Z")
             elif extruded_mm:
                 self._writer.add_move((*ready_mm, extruded_mm, speed_mm_s))
@@ -171,27 +171,27 @@ class Head:
         self._check_above_bed(z)
         self._writer.add_move((x, y, ready_mm[2], 0.0, TRAVEL_MM_S))
         self._writer.add_move((x, y, z, 0.0, LOWER_MM_S))
-        self._at_start = True
+        self._has_approached = True
         return True
 
     def _check_above_bed(self, z: float) -> None:
         if z < 0:
             self._objections.add(f"moves to Z {z:g}, into the bed")
 
-    def _check_clear(self, old: Point, target: Point) -> None:
+    def _check_clear(self, start: Point, target: Point) -> None:
         """Object to a move through printed lines."""
-        if min(old[2], target[2]) >= self.extent.high[2]:
+        if min(start[2], target[2]) >= self.extent.high[2]:
             return
-        obstacle_mm = self._clearance.find_obstacle_mm(old, target)
+        obstacle_mm = self._clearance.find_obstacle_mm(start, target)
         if obstacle_mm is not None:
             self._objections.add(
-                f"moves at Z {min(old[2], target[2]):g} into what is printed up to Z {obstacle_mm:.3g}, with "
-                "the nozzle or the head beside it"
+                f"moves at Z {min(start[2], target[2]):g} into what is printed up to Z {obstacle_mm:.3g}, "
+                "with the nozzle or the head beside it"
             )
 
-    def _print(self, old: Point, target: Point) -> None:
+    def _print(self, start: Point, target: Point) -> None:
         self._objections.check_printed_line()
-        z, highest = min(old[2], target[2]), self.extent.high[2]
+        z, highest = min(start[2], target[2]), self.extent.high[2]
         if z <= 0:
             self._objections.refuse(f"prints at Z {z:g}: it has to be above the bed")
         if highest - z > MAX_DROP_MM:
@@ -199,9 +199,9 @@ class Head:
                 f"prints at Z {z:g} beside what is {highest:g} mm high, which the head would hit in a pause: "
                 "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"
             )
-        if not self._marks_layers and self.extent.is_higher(old, target):
+        if not self._marks_layers and self.extent.is_higher(start, target):
             self._writer.begin_layer(target[2])
-        self.extent.record_line(old, target)
-        self._clearance.add(old, target)
+        self.extent.record_line(start, target)
+        self._clearance.add(start, target)
         self._objections.record_printed_line()
         self._writer.commit()

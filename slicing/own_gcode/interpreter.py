@@ -61,7 +61,7 @@ class Interpreter:
     ) -> None:
         self.nozzle_c = target.nozzle_c if survey.ulticode else 0.0
         self.bed_c = target.bed_c if survey.ulticode else 0.0
-        self.left_out: dict[str, str] = {}
+        self.omitted: dict[str, str] = {}
         self._objections = Objections()
         self.gaps = LayerGaps(MAX_SECTION * nozzle_mm**2 / target.filament_mm2)
         self.head = Head(
@@ -80,7 +80,7 @@ class Interpreter:
         self._relative = self._relative_e = False
         self._speed_mm_s = _FIRST_MM_S
         self._speed_factor = self._flow_factor = 1.0
-        self._retracted = False  # by G10
+        self._is_retracted = False  # by G10
         self._total_dwell_s = self._waiting_s = 0.0  # in total, and since the last printed line
         self._fan: bytes = _FAN_OFF
 
@@ -117,7 +117,7 @@ class Interpreter:
         if (reason := command_rules.find_refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in command_rules.NOT_TAKEN_OVER:
-            self.left_out[code] = command_rules.NOT_TAKEN_OVER[code]
+            self.omitted[code] = command_rules.NOT_TAKEN_OVER[code]
         elif code in command_rules.PRINTED:
             self._run_command(code, parse_words(rest, number))
         elif code == "G28" and not self._printing:
@@ -138,7 +138,7 @@ class Interpreter:
             raise GcodeRefused(
                 self._objections.first or "it prints nothing: no move after its start extrudes"
             )
-        self._objections.check_end(self._survey.closed)
+        self._objections.check_end(self._survey.is_closed)
 
     @property
     def _printing(self) -> bool:
@@ -201,9 +201,9 @@ class Interpreter:
         e = words.get("E")
         if e is None:
             return 0.0
-        pushed = e if self._relative or self._relative_e else e - self._e
-        self._e += pushed
-        return pushed * self._mm_per_e * self._flow_factor
+        difference = e if self._relative or self._relative_e else e - self._e
+        self._e += difference
+        return difference * self._mm_per_e * self._flow_factor
 
     def _move_on_arc(self, clockwise: bool, words: Words) -> None:
         self._set_speed(words)
@@ -212,7 +212,7 @@ class Interpreter:
         if "R" in words or not (i or j):
             self._objections.refuse("an arc needs I and J: switch arc fitting off in your slicer")
         end = self._find_target(words)
-        extruded_mm, done_share = self._find_extruded_mm(words), 0.0
+        extruded_mm, previous_share = self._find_extruded_mm(words), 0.0
         if math.isnan(x + y + end[0] + end[1]):
             self.head.position = end
             self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
@@ -221,8 +221,8 @@ class Interpreter:
         if arc.length_mm > MAX_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
             self._objections.refuse("no printer can make this arc: is the file damaged?")
         for (to_x, to_y), share in arc.points():
-            self._move_to([to_x, to_y, z + (end[2] - z) * share], extruded_mm * (share - done_share))
-            done_share = share
+            self._move_to([to_x, to_y, z + (end[2] - z) * share], extruded_mm * (share - previous_share))
+            previous_share = share
 
     def _wait(self, words: Words) -> None:
         seconds = words.get("S", words.get("P", 0.0) / 1000)
@@ -241,10 +241,10 @@ class Interpreter:
     def _retract(self, code: str, words: Words) -> None:
         if words.keys() - {"S"}:
             self._objections.add(f"{code} with {' '.join(words)} is not a retraction: take it out")
-        elif self._retracted != (code == "G10"):
-            self._retracted = not self._retracted
+        elif self._is_retracted != (code == "G10"):
+            self._is_retracted = not self._is_retracted
             length_mm = self._printer.retraction_mm
-            extruded_mm = -length_mm if self._retracted else length_mm
+            extruded_mm = -length_mm if self._is_retracted else length_mm
             self._move_to(self.head.position, extruded_mm, self._printer.retraction_mm_s)
 
     def _reset_e(self, words: Words) -> None:
@@ -257,9 +257,9 @@ class Interpreter:
         if not words.keys() & {"S", "R"}:
             self._objections.refuse(f"{code} gives no temperature: write it after S")
         target_c = float(round(words["S" if "S" in words else "R"]))
-        nozzle = code in ("M104", "M109")
+        is_nozzle = code in ("M104", "M109")
         limits = self._printer.limits
-        max_c = limits.max_nozzle_c if nozzle else limits.max_bed_c
+        max_c = limits.max_nozzle_c if is_nozzle else limits.max_bed_c
         if words.get("T") and target_c == 0 and self._printing:
             self._objections.add_end(f"{code} is for another extruder, and there is one")
         elif words.get("T"):
@@ -267,18 +267,18 @@ class Interpreter:
                 f"{code} is for another extruder, and there is one: slice for a single extruder"
             )
         elif not 0 <= target_c <= max_c:
-            heater = "nozzle" if nozzle else "bed"
+            heater = "nozzle" if is_nozzle else "bed"
             self._objections.refuse(
                 f"{code} sets {target_c:g} C, and the {heater} may have at most {max_c:g}"
             )
         elif not self._printing:
-            self.nozzle_c, self.bed_c = (target_c, self.bed_c) if nozzle else (self.nozzle_c, target_c)
-        elif nozzle and target_c < limits.min_extrusion_c:
+            self.nozzle_c, self.bed_c = (target_c, self.bed_c) if is_nozzle else (self.nozzle_c, target_c)
+        elif is_nozzle and target_c < limits.min_extrusion_c:
             self._objections.add_end(
                 f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on",
                 ends_print=target_c == 0,
             )
-        elif not nozzle and target_c == 0 and self.bed_c:
+        elif not is_nozzle and target_c == 0 and self.bed_c:
             self._objections.add_end(f"{code} switches the bed off and the print goes on", ends_print=True)
         else:
             self._writer.add_line(b"%b S%d" % (code.encode(), target_c))

@@ -27,15 +27,15 @@ class Objections:
         self.line = 0
         self.printing = False
         self.first: str | None = None
-        self._unexplained: str | None = None  # a reason before any end script
-        self._ended = False  # by an end script: nothing is printed after it
+        self._unconditional: str | None = None  # a reason before any end script
+        self._has_ended = False  # by an end script: nothing is printed after it
 
     def add(self, reason: str) -> None:
         """Refuse the file as soon as something is printed after this line; a start script is not printed."""
         if self.printing:
             self.first = self.first or self._add_line(reason)
-            if not self._ended:
-                self._unexplained = self._unexplained or self._add_line(reason)
+            if not self._has_ended:
+                self._unconditional = self._unconditional or self._add_line(reason)
 
     def add_end(self, reason: str, *, ends_print: bool = False) -> None:
         """Refuse the file if something is printed after this line; an end script may contain it.
@@ -49,7 +49,7 @@ class Objections:
         """
         if self.printing:
             self.first = self.first or self._add_line(reason)
-            self._ended = self._ended or ends_print
+            self._has_ended = self._has_ended or ends_print
 
     def reject(self, reason: str) -> None:
         """Refuse a command that changes all after it: also in a start script, but not in an end script."""
@@ -68,9 +68,9 @@ class Objections:
 
     def record_printed_line(self) -> None:
         """Record a printed line: the lines before it were not an end script."""
-        self._ended = False
+        self._has_ended = False
 
-    def check_end(self, closed: bool) -> None:
+    def check_end(self, is_closed: bool) -> None:
         """Check the end of a file that prints something.
 
         Parameters
@@ -83,9 +83,9 @@ class Objections:
         GcodeRefused
             If the last lines are neither a print nor an end script.
         """
-        if self._unexplained is not None:
-            raise GcodeRefused(self._unexplained)
-        if not (self._ended or closed):
+        if self._unconditional is not None:
+            raise GcodeRefused(self._unconditional)
+        if not (self._has_ended or is_closed):
             self.refuse(
                 "the file ends here, but not its print: nothing switches the nozzle off (M104 S0) after the "
                 "last line that is printed; export it once more, or copy it again"

@@ -57,7 +57,7 @@ class Survey:
     nozzle_mm: float | None
     first_line: int
     marks_layers: bool
-    closed: bool
+    is_closed: bool
     machine: Machine
     warning: str | None
     figures: StatedFigures
@@ -103,7 +103,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         nozzle_mm=_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         first_line=scan.layer_line or scan.ready_line + 1,
         marks_layers=bool(scan.layer_line),
-        closed=bool(scan.completeness.closed(scan.print_line)),
+        is_closed=bool(scan.completeness.is_closed(scan.print_line)),
         warning=scan.completeness.warning(),
         figures=scan.completeness.figures,
         machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.foreign_start),

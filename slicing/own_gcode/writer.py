@@ -35,8 +35,8 @@ class Writer:
         self._stopwatch = stopwatch
         self._tail: list[Step | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
-        self._written = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
-        self._marked_s = 0.0
+        self._last_words = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
+        self._last_mark_s = 0.0
 
     def add_move(self, step: Step) -> None:
         """Record a move."""
@@ -52,8 +52,8 @@ class Writer:
 
     def begin_layer(self, z_mm: float | None = None) -> None:
         """Begin a layer: now, or with the first move to this height since the last `commit`."""
-        at = (i for i, item in enumerate(self._tail) if isinstance(item, tuple) and item[2] == z_mm)
-        self._tail.insert(next(at, len(self._tail)), None)
+        indices = (i for i, item in enumerate(self._tail) if isinstance(item, tuple) and item[2] == z_mm)
+        self._tail.insert(next(indices, len(self._tail)), None)
 
     def commit(self) -> None:
         """Write all that was recorded since the last `commit`."""
@@ -84,11 +84,11 @@ class Writer:
 
     def _mark(self, seconds: float) -> None:
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
-        self._marked_s = seconds
+        self._last_mark_s = seconds
 
     def _write(self, step: Step) -> None:
         x, y, z, fed_mm, speed_mm_s = step
-        last_words = self._written
+        last_words = self._last_words
         self._fed_mm += fed_mm
         if self._fed_mm - self._base_mm > RESET_E_MM:
             self.text += b"G92 E0\n"
@@ -101,13 +101,15 @@ class Writer:
             f"{z:.3f}",
             f"{self._fed_mm - self._base_mm:.5f}",
         )
-        new = [
-            letter + word for letter, word, old in zip("FXYZE", words, last_words, strict=True) if word != old
+        changed_words = [
+            letter + word
+            for letter, word, last in zip("FXYZE", words, last_words, strict=True)
+            if word != last
         ]
-        if not new or (len(new) == 1 and words[0] != last_words[0]):
-            return  # nothing moves
-        self._written = list(words)
-        self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(new)}\n".encode()
+        if not changed_words or (len(changed_words) == 1 and words[0] != last_words[0]):
+            return  # no coordinate changes
+        self._last_words = list(words)
+        self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
         self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
-        if self._stopwatch.seconds() - self._marked_s > MARK_S:
+        if self._stopwatch.seconds() - self._last_mark_s > MARK_S:
             self._mark(self._stopwatch.seconds())

@@ -203,5 +203,5 @@ def _is_list(kind: SettingType, value: Any) -> bool:
         items = ast.literal_eval(value) if isinstance(value, str) else value
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         return False
-    numbers = kind is SettingType.INTS
-    return isinstance(items, list) and all(type(item) is int for item in items if numbers)
+    are_numbers = kind is SettingType.INTS
+    return isinstance(items, list) and all(type(item) is int for item in items if are_numbers)

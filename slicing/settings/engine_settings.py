@@ -8,7 +8,7 @@ from typing import Any
 
 from slicing.errors import BadSetting
 from slicing.printer import PrinterModel
-from slicing.settings.material import NO_SHRINKAGE, shrinkage_factors
+from slicing.settings.material import NO_SHRINKAGE, find_shrinkage_factors
 from slicing.settings.qualities import HiddenLayers
 from slicing.settings.resolver import Resolver, Scope
 
@@ -79,7 +79,7 @@ class EngineSettings:
     bed_c: float  # of the first layer
     density_g_cm3: float
     filament_diameter_mm: float
-    scale_xy: float  # a part is printed larger by these, because it shrinks
+    scale_xy: float  # factors by which a part is printed larger, because it shrinks
     scale_z: float
     hidden: HiddenLayers  # solid layers of hidden faces, of a part that has some
 
@@ -89,7 +89,7 @@ class EngineSettings:
         return math.pi * self.filament_diameter_mm**2 / 4
 
 
-def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
+def find_shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     """Find the factors (XY, Z) by which a part is printed larger, because it shrinks.
 
     Parameters
@@ -104,7 +104,7 @@ def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
         float(resolver.value(Scope.GLOBAL, key)) / 100 if key in keys else None for key in SHRINKAGE
     )
     scale = (xy or uniform or 1.0, z or uniform or 1.0)
-    return shrinkage_factors(kind) if scale == NO_SHRINKAGE else scale
+    return find_shrinkage_factors(kind) if scale == NO_SHRINKAGE else scale
 
 
 def build_engine_settings(
@@ -184,9 +184,9 @@ def _write_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     # The engine reads it in both scopes, and prints no support where it is false in either.
     extruder["support_enable"] = global_["support_enable"]
     # The mesh is scaled before it is placed, so that the checks compare the printed shape.
-    unscaled = dict.fromkeys(SHRINKAGE, "100.0")
-    global_ |= {key: unscaled[key] for key in unscaled.keys() & global_.keys()}
-    extruder |= {key: unscaled[key] for key in unscaled.keys() & extruder.keys()}
+    full_size = dict.fromkeys(SHRINKAGE, "100.0")
+    global_ |= {key: full_size[key] for key in full_size.keys() & global_.keys()}
+    extruder |= {key: full_size[key] for key in full_size.keys() & extruder.keys()}
     return global_, extruder
 
 

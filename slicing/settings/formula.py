@@ -167,7 +167,7 @@ class _Evaluator:
 
     def _evaluate_call(self, function: ast.expr, arguments: list[ast.expr]) -> Any:
         """Call a function that is allowed."""
-        called = self.value(function)
-        if not callable(called):
+        callee = self.value(function)
+        if not callable(callee):
             raise DefinitionError(f"{ast.unparse(function)} is not a function")
-        return called(*(self.value(argument) for argument in arguments))
+        return callee(*(self.value(argument) for argument in arguments))

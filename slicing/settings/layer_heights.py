@@ -17,7 +17,8 @@ CERTAIN_LAYERS = 6
 _MAX_CHANGE = 0.04  # of the layer height
 FIRST_LAYER_CHANGES = (0.0, _MAX_CHANGE, 0.25)
 """Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
-one. It evens out the bed anyway, and without it some heights cannot be reached in whole micrometres."""
+one. The first layer levels out the bed anyway, and without such changes some heights cannot be reached in
+whole micrometres."""
 _WEIGHT_0 = 0.1  # weight of the first layer's change: it is one layer of many
 _SLACK_UM = 1  # for rounding
 
@@ -30,7 +31,7 @@ class LayerHeights:
     other_mm: float
 
 
-def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
+def compute_printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     """Compute the top of the last layer that CuraEngine prints of a part with a flat top.
 
     Parameters
@@ -49,8 +50,8 @@ def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     height = 1000 * height_mm
     if height <= first / 2:
         return 0.0
-    above = max(0, _round_down((height - first) / other + 0.5))
-    return (first + above * other) / 1000
+    layers_above = max(0, _round_down((height - first) / other + 0.5))
+    return (first + layers_above * other) / 1000
 
 
 def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float) -> LayerHeights:
@@ -73,20 +74,20 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
     def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
         """Yield candidates: error (um), change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
-            above = max(0, _round_down((height - first) / layer))
-            for count in (above, above + 1):
-                exact = height - count * layer  # height of the first layer without an error
-                near = round(min(max(first, exact - tolerance), exact + tolerance))
-                first_um = min(max(near, low), high)
-                error_um = max(0.0, abs(first_um - exact) - tolerance - 0.5)
+            layers_above = max(0, _round_down((height - first) / layer))
+            for count in (layers_above, layers_above + 1):
+                exact_um = height - count * layer  # height of the first layer without an error
+                nearest = round(min(max(first, exact_um - tolerance), exact_um + tolerance))
+                first_um = min(max(nearest, low), high)
+                error_um = max(0.0, abs(first_um - exact_um) - tolerance - 0.5)
                 change = abs(layer - other) / other + _WEIGHT_0 * abs(first_um - first) / first
                 yield error_um, change, first_um, layer
 
     for spread in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:
         low = math.ceil(first * (1 - spread))
         high = max(low, min(_round_down(first * (1 + spread)), _round_um(max_first_mm)))
-        missed, _, first_um, layer = min(candidates(low, high))
-        if missed == 0:
+        best_error_um, _, first_um, layer = min(candidates(low, high))
+        if best_error_um == 0:
             break
     return LayerHeights(first_um / 1000, layer / 1000)
 

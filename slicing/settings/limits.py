@@ -84,7 +84,7 @@ _RESERVED_STARTS: Mapping[str, str] = {
 
 
 def find_reserved_reason(key: str) -> str | None:
-    """Give the reason why a person must not set a key; None if one may."""
+    """Return the reason why a person must not set a key; None if one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
     starts = (reason for start, reason in _RESERVED_STARTS.items() if key.startswith(start))
@@ -103,7 +103,7 @@ class Violation:
 
 
 def find_violations(
-    resolver: Resolver, printer: PrinterModel, chosen: Collection[str] = ()
+    resolver: Resolver, printer: PrinterModel, user_keys: Collection[str] = ()
 ) -> Iterator[Violation]:
     """Find values beyond their limits in both stacks.
 
@@ -117,9 +117,9 @@ def find_violations(
         Keys that a person has set: they are checked first, and even where Cura disables them.
     """
     for scope in Scope:
-        for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
+        for key in {**dict.fromkeys(user_keys), **dict.fromkeys(resolver.keys(scope))}:
             for violation in _check_value(resolver, printer, scope, key):
-                if key in chosen or violation.is_farm_limit or resolver.is_enabled(key):
+                if key in user_keys or violation.is_farm_limit or resolver.is_enabled(key):
                     yield violation
 
 

@@ -121,7 +121,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     density = root.findtext("m:properties/m:density", namespaces=SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
-    return Material(values, float(density), material_kind(root))
+    return Material(values, float(density), read_material_kind(root))
 
 
 def _read_points(graph: ET.Element) -> list[list[float]]:
@@ -130,7 +130,7 @@ def _read_points(graph: ET.Element) -> list[list[float]]:
     return [[float(point.get(name, 0)) for name in ("flow", "temperature")] for point in points]
 
 
-def material_kind(root: ET.Element) -> str:
+def read_material_kind(root: ET.Element) -> str:
     """Read the kind of a material, like PLA: all colours and brands of it share their qualities."""
     return root.findtext("m:metadata/m:name/m:material", default="", namespaces=SPACE)
 
@@ -144,6 +144,6 @@ def _list_printer_sections(settings: ET.Element, product: str, hotend: str) -> I
             yield from (h for h in machine.findall("m:hotend", SPACE) if h.get("id") == hotend)
 
 
-def shrinkage_factors(kind: str) -> tuple[float, float]:
+def find_shrinkage_factors(kind: str) -> tuple[float, float]:
     """Find the factors (XY, Z) by which parts of a kind of material are printed larger; 1 if unknown."""
     return _SHRINKAGE.get(kind, NO_SHRINKAGE)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from slicing.errors import BadSetting
 from slicing.settings.limits import find_reserved_reason
-from slicing.settings.material import CURA_SETTING, SPACE, material_kind
+from slicing.settings.material import CURA_SETTING, SPACE, read_material_kind
 
 SUFFIX = ".xml.fdm_material"
 MAX_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
@@ -102,7 +102,7 @@ def _parse(path: Path) -> ET.Element:
 
 
 def _check_properties(root: ET.Element) -> None:
-    if not _KIND.fullmatch(material_kind(root)):
+    if not _KIND.fullmatch(read_material_kind(root)):
         raise BadSetting("needs its kind, like PETG, in metadata/name/material")
     for name, (minimum, maximum) in (("density", _DENSITY_G_CM3), ("diameter", _DIAMETER_MM)):
         text = root.findtext(f"m:properties/m:{name}", default="", namespaces=SPACE)

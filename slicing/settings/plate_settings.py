@@ -10,7 +10,12 @@ from typing import Any
 from slicing.errors import BadSetting, DefinitionError
 from slicing.printer import PrinterModel
 from slicing.settings.definitions import parse_value
-from slicing.settings.engine_settings import SHRINKAGE, EngineSettings, build_engine_settings, shrinkage_scale
+from slicing.settings.engine_settings import (
+    SHRINKAGE,
+    EngineSettings,
+    build_engine_settings,
+    find_shrinkage_scale,
+)
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerHeights, fit_heights
 from slicing.settings.limits import LAYER_SHARE, Violation, find_reserved_reason, find_violations
@@ -20,7 +25,7 @@ from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
 
 # Values that a streamed file needs.
-_FIXED: Mapping[str, Any] = {
+_STREAMED_VALUES: Mapping[str, Any] = {
     "machine_firmware_retract": False,
     "machine_center_is_zero": False,
     "material_bed_temp_prepend": False,
@@ -91,18 +96,18 @@ def resolve_settings(
     ResourcesMissing, DefinitionError
         If Cura's files are not as expected.
     """
-    lookup = _RequestKey.from_request(request)
+    request_key = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)
-    any_part = _resolve(resources, lookup, ANY_PART, None)
+    any_part = _resolve(resources, request_key, ANY_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
         layer_heights = LayerHeights(any_part.layer_height_0_mm, any_part.layer_height_mm)
         max_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
         heights = fit_heights(part.height_mm, layer_heights, max_first_mm=max_first_mm)
     part = replace(part, height_mm=None)
-    settings = _resolve(resources, lookup, part, heights)
+    settings = _resolve(resources, request_key, part, heights)
     if settings.brim_width_mm > any_part.brim_width_mm:
-        return _resolve(resources, lookup, replace(part, brim_width_mm=None), heights)
+        return _resolve(resources, request_key, replace(part, brim_width_mm=None), heights)
     return settings
 
 
@@ -139,23 +144,25 @@ class _RequestKey:
 
 @lru_cache(maxsize=64)
 def _resolve(
-    resources: Resources, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
+    resources: Resources, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> EngineSettings:
-    stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
-    resolver = _build_resolver(stacks, lookup, part, heights)
-    user_keys = [key for key, _ in lookup.overrides]
+    stacks = find_stacks(
+        resources, request_key.printer.name, request_key.nozzle_mm, request_key.material, request_key.quality
+    )
+    resolver = _build_resolver(stacks, request_key, part, heights)
+    user_keys = [key for key, _ in request_key.overrides]
     try:
-        for violation in find_violations(resolver, lookup.printer, chosen=user_keys):
-            if violation.is_farm_limit or not _is_cura_value(violation, resources, lookup):
-                raise BadSetting(_describe_refusal(violation, lookup))
+        for violation in find_violations(resolver, request_key.printer, user_keys=user_keys):
+            if violation.is_farm_limit or not _is_cura_value(violation, resources, request_key):
+                raise BadSetting(_describe_refusal(violation, request_key))
     except DefinitionError as error:
         if not user_keys:
             raise
         raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
-    quality = FARM_QUALITIES.get(lookup.quality)
+    quality = FARM_QUALITIES.get(request_key.quality)
     compensates = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
-    scale = shrinkage_scale(resolver, stacks.material.kind if compensates else "")
-    settings = build_engine_settings(lookup.printer, resolver, stacks.material.density_g_cm3, scale)
+    scale = find_shrinkage_scale(resolver, stacks.material.kind if compensates else "")
+    settings = build_engine_settings(request_key.printer, resolver, stacks.material.density_g_cm3, scale)
     return settings if quality is None else _reduce_hidden_layers(settings, quality.hidden, part)
 
 
@@ -179,25 +186,27 @@ def _reduce_hidden_layers(
     return replace(settings, hidden=least, extruder={**settings.extruder, **layers})
 
 
-def _is_cura_value(violation: Violation, resources: Resources, lookup: _RequestKey) -> bool:
+def _is_cura_value(violation: Violation, resources: Resources, request_key: _RequestKey) -> bool:
     """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura prints those anyway."""
-    default_lookup = replace(lookup, overrides=())
-    stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
-    if lookup.material in resources.own_material_names() and violation.key in stacks.material.values:
+    default_key = replace(request_key, overrides=())
+    stacks = find_stacks(
+        resources, request_key.printer.name, request_key.nozzle_mm, request_key.material, request_key.quality
+    )
+    if request_key.material in resources.own_material_names() and violation.key in stacks.material.values:
         return False
     return bool(
-        _build_resolver(stacks, default_lookup, ANY_PART, None).value(violation.scope, violation.key)
+        _build_resolver(stacks, default_key, ANY_PART, None).value(violation.scope, violation.key)
         == violation.value
     )
 
 
-def _describe_refusal(violation: Violation, lookup: _RequestKey) -> str:
+def _describe_refusal(violation: Violation, request_key: _RequestKey) -> str:
     value = f"{violation.value:.6g}" if isinstance(violation.value, float) else violation.value
-    keys = [key for key, _ in lookup.overrides]
+    keys = [key for key, _ in request_key.overrides]
     cause = "" if violation.key in keys else f" follows from {', '.join(keys)} and"
     if keys:
         return f"{violation.key}={value}{cause} is out of range; {violation.allowed}"
-    source = f"{lookup.quality} with {lookup.material}"
+    source = f"{request_key.quality} with {request_key.material}"
     return (
         f"{violation.key}={value}, from {source}, is out of range; {violation.allowed}: take another "
         f"material or quality (only `farm slice` can set another value, with --set {violation.key}=VALUE)"
@@ -205,18 +214,22 @@ def _describe_refusal(violation: Violation, lookup: _RequestKey) -> str:
 
 
 def _build_resolver(
-    stacks: Stacks, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
+    stacks: Stacks, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
-    """Put a user's layer on the stacks: overrides, values for streaming, those of the part and the
+    """Add a user's layer to the stacks: overrides, values for streaming, those of the part and the
     quality."""
-    user: dict[str, Any] = dict(SUPPORTED) if lookup.supported else {}
-    quality = FARM_QUALITIES.get(lookup.quality)
+    user: dict[str, Any] = dict(SUPPORTED) if request_key.supported else {}
+    quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
         user |= quality.changes
-    user |= {**_build_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": lookup.printer.code.flavor}
+    user |= {
+        **_build_part_layer(part, heights),
+        **_STREAMED_VALUES,
+        "machine_gcode_flavor": request_key.printer.code.flavor,
+    }
     layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
-    for key, raw in lookup.overrides:
+    for key, raw in request_key.overrides:
         setting = resolver.setting(key)
         reason = find_reserved_reason(key)
         if reason is not None:

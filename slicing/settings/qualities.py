@@ -44,7 +44,7 @@ class Quality:
     exact_height: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by what their material shrinks
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
-    hidden: HiddenLayers | None = None  # None: as faces that are seen
+    hidden: HiddenLayers | None = None  # None: as visible faces
 
 
 # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
@@ -63,7 +63,7 @@ _PAPER = Quality(
 
 FARM_QUALITIES: Mapping[str, Quality] = {
     "paper": _PAPER,
-    # What hidden faces save, at the paper's settings.
+    # The paper's settings with fewer layers of hidden faces, to measure the saving.
     "paper-hidden": replace(_PAPER, hidden=HiddenLayers(1, 2)),
     # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
     "glue": Quality(

@@ -64,17 +64,19 @@ class Resolver:
         self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
         self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
         self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
-        self._from = 0  # the first place of the look-up
+        self._first_place = 0  # the first place of the look-up
         self._functions: dict[str, Callable[..., Any]] = {
-            "extruderValue": lambda _, key: self._own_value(Scope.EXTRUDER, key),
-            "extruderValues": lambda key: [self._own_value(Scope.EXTRUDER, key)],
+            "extruderValue": lambda _, key: self._compute_own_value(Scope.EXTRUDER, key),
+            "extruderValues": lambda key: [self._compute_own_value(Scope.EXTRUDER, key)],
             "resolveOrValue": lambda key: self.value(Scope.GLOBAL, key),
             "defaultExtruderPosition": lambda: "0",
             # Cura 5's:
             "anyExtruderWithMaterial": lambda _: "0",
             "anyExtruderNrWithOrDefault": lambda _: "0",
-            "valueFromContainer": lambda key, place: self._value_below(place, Scope.GLOBAL, key),
-            "extruderValueFromContainer": lambda _, key, place: self._value_below(place, Scope.EXTRUDER, key),
+            "valueFromContainer": lambda key, place: self._compute_value_below(place, Scope.GLOBAL, key),
+            "extruderValueFromContainer": lambda _, key, place: self._compute_value_below(
+                place, Scope.EXTRUDER, key
+            ),
         }
 
     def setting(self, key: str) -> Setting:
@@ -110,7 +112,11 @@ class Resolver:
             If a formula cannot be computed.
         """
         if scope is Scope.EXTRUDER:
-            return self._own_value(scope, key) if self.is_per_extruder(key) else self.value(Scope.GLOBAL, key)
+            return (
+                self._compute_own_value(scope, key)
+                if self.is_per_extruder(key)
+                else self.value(Scope.GLOBAL, key)
+            )
         setting = self._definitions[Scope.GLOBAL].get(key)
         if setting is None:
             raise KeyError(key)
@@ -122,8 +128,8 @@ class Resolver:
             finally:
                 self._resolving = outer
         if self._is_limited(setting) and self.is_per_extruder(key):
-            return self._own_value(Scope.EXTRUDER, key)
-        return self._own_value(Scope.GLOBAL, key)
+            return self._compute_own_value(Scope.EXTRUDER, key)
+        return self._compute_own_value(Scope.GLOBAL, key)
 
     def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
         """Compute the minimum and the maximum of a key by its definition; None for no limit."""
@@ -164,7 +170,7 @@ class Resolver:
     def _find_raw_value(self, scope: Scope, key: str) -> Any:
         """Find the first value or formula on the way down a stack."""
         for place, layer in self._layers[scope]:
-            if key in layer and place >= self._from:
+            if key in layer and place >= self._first_place:
                 return layer[key]
         setting = self._definitions[scope].get(key)
         if setting is not None:
@@ -173,30 +179,30 @@ class Resolver:
             return self._find_raw_value(Scope.GLOBAL, key)
         raise KeyError(key)
 
-    def _value_below(self, place: int, scope: Scope, key: str) -> Any:
+    def _compute_value_below(self, place: int, scope: Scope, key: str) -> Any:
         """Compute a value without the profiles above a place."""
-        outer, self._from = self._from, place
+        outer, self._first_place = self._first_place, place
         try:
             return self.value(scope, key)
         finally:
-            self._from = outer
+            self._first_place = outer
 
-    def _own_value(self, scope: Scope, key: str) -> Any:
+    def _compute_own_value(self, scope: Scope, key: str) -> Any:
         """Compute a stack's own value, its formula in that stack."""
         raw = self._find_raw_value(scope, key)
         if not isinstance(raw, Formula):
             return raw
-        step = (scope, key, self._resolving, self._from)
-        if step in self._memo:
-            return self._memo[step]
-        if step in self._active:
+        lookup = (scope, key, self._resolving, self._first_place)
+        if lookup in self._memo:
+            return self._memo[lookup]
+        if lookup in self._active:
             raise DefinitionError(f"Cura's setting {key} depends on itself")
-        self._active.add(step)
+        self._active.add(lookup)
         try:
-            self._memo[step] = self._evaluate(scope, key, raw)
+            self._memo[lookup] = self._evaluate(scope, key, raw)
         finally:
-            self._active.discard(step)
-        return self._memo[step]
+            self._active.discard(lookup)
+        return self._memo[lookup]
 
     def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:
         try:

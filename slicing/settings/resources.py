@@ -16,7 +16,7 @@ from typing import Any
 
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, suggest_names
 from slicing.settings.definitions import Setting, merge_definitions
-from slicing.settings.material import material_kind
+from slicing.settings.material import read_material_kind
 from slicing.settings.own_materials import SUFFIX, list_own_materials, read_own_material
 
 OWN_MATERIALS = "FARM_MATERIALS"
@@ -127,7 +127,7 @@ class Resources:
     def material_kind(self, name: str) -> str | None:
         """Read the kind of a material, like PLA; None if there is no such material."""
         try:
-            return material_kind(self.material(name))
+            return read_material_kind(self.material(name))
         except BadSetting:
             return None
 
@@ -223,15 +223,15 @@ def _list_own_materials(root: Path, folder: Path | None) -> Mapping[str, Path]:
 
 @lru_cache(maxsize=1024)
 def _read_material(root: Path, folder: Path | None, name: str) -> ET.Element:
-    own_names, curas = _list_own_materials(root, folder), _list_cura_materials(root)
+    own_names, cura_paths = _list_own_materials(root, folder), _list_cura_materials(root)
     if name in own_names:
         return read_own_material(own_names[name])
-    names = {*own_names, *curas}
+    names = {*own_names, *cura_paths}
     if name not in names:
         generic = f"generic_{name.lower()}"  # PLA is a kind, and Cura has a generic material of each
         hint = suggest_names(generic if generic in names else name, names)
         raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:
-        return ET.fromstring(curas[name].read_text(encoding="utf-8"))
+        return ET.fromstring(cura_paths[name].read_text(encoding="utf-8"))
     except (OSError, ET.ParseError) as error:
-        raise ResourcesMissing(f"{curas[name]}: {error}") from error
+        raise ResourcesMissing(f"{cura_paths[name]}: {error}") from error

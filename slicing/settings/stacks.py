@@ -52,7 +52,7 @@ def find_stacks(
     machine = resources.machine(printer_model)
     hotend, variant = _find_variant(machine, nozzle_mm, resources)
     material_profile = _read_material(machine, hotend, material, resources)
-    shared, quality_profile = _find_qualities(
+    global_profiles, quality_profile = _find_qualities(
         machine, hotend, material, material_profile.kind, quality, resources
     )
 
@@ -69,7 +69,7 @@ def find_stacks(
     return Stacks(
         machine,
         material_profile,
-        {Scope.GLOBAL: {Place.QUALITY: layer(shared.values)}, Scope.EXTRUDER: extruder},
+        {Scope.GLOBAL: {Place.QUALITY: layer(global_profiles.values)}, Scope.EXTRUDER: extruder},
     )
 
 
@@ -138,29 +138,33 @@ def _find_qualities(
 ) -> tuple[Profile, Profile]:
     """Find the global profile and the extruder's; a brand's material may use those of its kind."""
     profiles = resources.profiles("quality", machine.quality_definition)
-    shared = {p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"}
-    candidates = shared
+    global_profiles = {
+        p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"
+    }
+    candidates = global_profiles
     if machine.has_materials:
-        fitting = [p for p in profiles if p.metadata.get("variant") == hotend]
-        matching = [p for p in fitting if p.metadata.get("material") == material]
+        nozzle_profiles = [p for p in profiles if p.metadata.get("variant") == hotend]
+        matching = [p for p in nozzle_profiles if p.metadata.get("material") == material]
         kinds = (
             [kind, RELATED_NAMES.get(kind, kind)] if material in resources.own_material_names() else [kind]
         )
         for material_kind in kinds:
             matching = matching or [
-                p for p in fitting if _is_kind(p.metadata.get("material"), material_kind, resources)
+                p for p in nozzle_profiles if _is_kind(p.metadata.get("material"), material_kind, resources)
             ]
         candidates = {p.metadata["quality_type"]: p for p in matching}
-    available = sorted(candidates.keys() & shared.keys())
+    available = sorted(candidates.keys() & global_profiles.keys())
     bases = FARM_QUALITIES[quality].bases if quality in FARM_QUALITIES else (quality,)
     base = next((base for base in bases if base in available), None)
     if base is None:
-        available += [name for name, one in FARM_QUALITIES.items() if {*one.bases} & {*available}]
+        available += [
+            name for name, farm_quality in FARM_QUALITIES.items() if {*farm_quality.bases} & {*available}
+        ]
         context = f"{material} and a nozzle of {hotend} on the {machine.name}"
         offer = f"there is {', '.join(available)}" if available else "take another material or nozzle"
         advice = suggest_names(quality, available) or f"; {offer}"
         raise BadSetting(f"quality {quality}: there is none for {context}{advice}")
-    return shared[base], candidates[base]
+    return global_profiles[base], candidates[base]
 
 
 def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:

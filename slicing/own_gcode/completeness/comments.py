@@ -47,14 +47,14 @@ class Completeness:
 
     def __init__(self) -> None:
         self._closing: re.Pattern[bytes] | None = None
-        self._mark = b""  # the slicer's name
+        self._slicer_name = b""  # the slicer's name
         self._closed_at = 0
-        self._count = self._count_at = 0  # layers that the file names, and where
+        self._count = self._count_at = 0  # layers that the file states, and the line of that comment
         self._layers = 0  # marks
         self._numbers: set[int] = set()
-        self._numbered = False
-        self._short: str | None = None
-        self._open: dict[bytes, int] = {}  # blocks that have begun -> line
+        self._is_numbered = False
+        self._missing_layers: str | None = None
+        self._open_blocks: dict[bytes, int] = {}  # blocks that have begun -> line
         self._settings: list[bytes] = []
         self._figures = FiguresReader()
 
@@ -67,14 +67,14 @@ class Completeness:
         if (count := _COUNT.match(comment)) is not None:
             self._begin_count(int(count[1]), number)
         elif (layer := read_layer_number(comment)) is not None:
-            self._numbered = True
+            self._is_numbered = True
             self._numbers.add(layer)
         elif (block := _BLOCK.match(comment)) is not None:
             name = block[1] or block[3]
             if (block[2] or block[4]) in (b"START", b"begin"):
-                self._open[name] = number
+                self._open_blocks[name] = number
             else:
-                self._open.pop(name, None)
+                self._open_blocks.pop(name, None)
         elif (settings := _SETTINGS.match(comment)) is not None:
             self._settings.append(settings[1])
         else:
@@ -93,12 +93,12 @@ class Completeness:
         """Count the mark of a layer's beginning."""
         self._layers += 1
 
-    def closed(self, last_print: int) -> bool | None:
+    def is_closed(self, last_print: int) -> bool | None:
         """Check whether the closing mark comes after line `last_print`; None if the slicer has none."""
         return None if self._closing is None else self._closed_at > last_print
 
     def find_reason(self, last: bytes, number: int, last_print: int) -> str | None:
-        """Give the reason why a file cannot be complete; None if it looks complete.
+        """Return the reason why a file cannot be complete; None if it looks complete.
 
         Parameters
         ----------
@@ -111,17 +111,18 @@ class Completeness:
         """
         if not last.endswith(b"\n"):
             return "the last line has no newline"
-        if self.closed(last_print) is False:
-            slicer = self._mark.decode("ascii", "replace")
+        if self.is_closed(last_print) is False:
+            slicer = self._slicer_name.decode("ascii", "replace")
             return f"{slicer!r} closes its files with a comment, and there is none"
         if (
-            missing_layers := self._short or self._describe_missing_layers(self._limit_empty_layers())
+            missing_layers := self._missing_layers
+            or self._describe_missing_layers(self._limit_empty_layers())
         ) is not None:
             return missing_layers
-        if (lost_time := self._figures.describe_missing_time()) is not None:
-            return lost_time
-        if self._open:
-            name, begin_line = next(iter(self._open.items()))
+        if (missing_time := self._figures.describe_missing_time()) is not None:
+            return missing_time
+        if self._open_blocks:
+            name, begin_line = next(iter(self._open_blocks.items()))
             return f"{name.decode()} begins in line {begin_line} and does not end"
         if self._settings and not _is_json(b"".join(self._settings)):
             return "Cura's settings at its end are cut"
@@ -130,13 +131,15 @@ class Completeness:
     def _identify(self, comment: bytes) -> None:
         for generator, mark in _CLOSING:
             if (name := generator.match(comment)) is not None:
-                self._closing, self._mark = mark, name[0].strip()
+                self._closing, self._slicer_name = mark, name[0].strip()
                 return
 
     def _begin_count(self, count: int, number: int) -> None:
         """Begin a count of layers: each object's, where they are printed one at a time."""
-        if self._count and self._numbered:
-            self._short = self._short or self._describe_missing_layers(self._limit_empty_layers())
+        if self._count and self._is_numbered:
+            self._missing_layers = self._missing_layers or self._describe_missing_layers(
+                self._limit_empty_layers()
+            )
             self._numbers.clear()
         self._count, self._count_at = count, number
 
@@ -146,7 +149,7 @@ class Completeness:
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 
     def _limit_empty_layers(self) -> int:
-        if not self._numbered or self._closing is None:
+        if not self._is_numbered or self._closing is None:
             return 0
         return self._count if self.figures.filament is not None else max(1, int(EMPTY_SHARE * self._count))
 
@@ -158,7 +161,7 @@ class Completeness:
     @property
     def _count_layers(self) -> int:
         """Number of layers found: distinct layer numbers, without the negative ones of a raft."""
-        return sum(number >= 0 for number in self._numbers) if self._numbered else self._layers
+        return sum(number >= 0 for number in self._numbers) if self._is_numbered else self._layers
 
 
 def _is_json(escaped: bytes) -> bool:

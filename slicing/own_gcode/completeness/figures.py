@@ -48,7 +48,7 @@ class StatedFilament:
     line: int
 
     def describe_missing(self, filament_mm: float, filament_mm2: float, lines: int) -> str | None:
-        """Give the reason why a file has too little filament; None if it has enough.
+        """Return the reason why a file has too little filament; None if it has enough.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class StatedFigures:
     high_mm: float | None = None
 
     def describe_missing_height(self, low_mm: float, high_mm: float) -> str | None:
-        """Give the reason why the lowest or the highest layer is missing; None if neither is.
+        """Return the reason why the lowest or the highest layer is missing; None if neither is.
 
         Parameters
         ----------
@@ -108,38 +108,38 @@ class FiguresReader:
     def __init__(self) -> None:
         self._filament: StatedFilament | None = None
         self._numbers: dict[bytes, float] = {}
-        self._exact = False  # the slicer is one whose figures are exact
-        self._placeholders = self._flow_changed = False
+        self._is_exact = False  # the slicer is one whose figures are exact
+        self._has_placeholders = self._is_flow_changed = False
 
     def read(self, comment: bytes, number: int) -> None:
         """Read one comment, without its semicolon, of line `number`."""
         if comment == _PLACEHOLDER:
-            self._placeholders = True
+            self._has_placeholders = True
         elif (match := _NUMBER.match(comment)) is not None:
             self._numbers[match[1]] = float(match[2])
-        elif (stated := _FILAMENT.match(comment)) is not None:
-            self._filament = _read_filament(stated, number)
+        elif (match := _FILAMENT.match(comment)) is not None:
+            self._filament = _read_filament(match, number)
         elif _EXACT.match(comment) is not None:
-            self._exact = True
+            self._is_exact = True
 
     def change_flow(self) -> None:
         """Record that the file changes the flow: it feeds more or less than its E says."""
-        self._flow_changed = True
+        self._is_flow_changed = True
 
     @property
     def figures(self) -> StatedFigures:
         """Figures that can be compared with the file."""
-        if self._placeholders or not self._exact:
+        if self._has_placeholders or not self._is_exact:
             return StatedFigures()
         numbers = self._numbers
-        filament = None if self._flow_changed else self._filament
+        filament = None if self._is_flow_changed else self._filament
         return StatedFigures(filament, numbers.get(b"MINZ"), numbers.get(b"MAXZ"))
 
     def describe_missing_time(self) -> str | None:
-        """Give the reason why the last layers are missing; None if the last one ends at the stated time."""
+        """Return the reason why the last layers are missing; None if the last one ends at the stated time."""
         time_s = self._numbers.get(b"TIME", 0.0)
         elapsed_s = self._numbers.get(b"TIME_ELAPSED", inf)
-        if self._placeholders or not self._exact or elapsed_s >= time_s - _TIME_SLACK_S:
+        if self._has_placeholders or not self._is_exact or elapsed_s >= time_s - _TIME_SLACK_S:
             return None
         return f"its slicer says that it takes {time_s:g} s, and its last layer ends after {elapsed_s:g} s"
 

@@ -70,20 +70,20 @@ class LayerGaps:
 
     def __init__(self, max_flow: float) -> None:
         self.max_flow = max_flow
-        self._flow_before = 0.0  # greatest of the layer before the last one
-        self._last: _Layer | None = None
+        self._earlier_flow = 0.0  # greatest of the layer before the last one
+        self._previous_layer: _Layer | None = None
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
-        self._gap = ""  # where it is, until a line is printed after it
-        self._primed_mm = 0.0  # most filament fed at one place, at no gap
-        self._primes: list[tuple[_Feed, str]] = []  # such feeds after a gap, and where that is
-        self._lost: str | None = None
+        self._gap_text = ""  # where it is, until a line is printed after it
+        self._primed_mm = 0.0  # most filament fed at one place, except at gaps
+        self._primes: list[tuple[_Feed, str]] = []  # feeds at one place after a gap, with the text of the gap
+        self._loss: str | None = None
 
     def begin_layer(self, number: int) -> None:
         """Begin the layer of this number."""
-        before = -1 if self._layer is None else self._layer.number
+        previous_number = -1 if self._layer is None else self._layer.number
         self._close_layer()
-        if number > before + 1:
-            self._gap = f" after ;LAYER:{before}, in ;LAYER:{number},"
+        if number > previous_number + 1:
+            self._gap_text = f" after ;LAYER:{previous_number}, in ;LAYER:{number},"
         self._layer = _Layer(number)
 
     def feed(self, length_mm: float, fed_mm: float, line: int) -> None:
@@ -100,19 +100,19 @@ class LayerGaps:
         """
         if self._layer is None:
             return
-        if self._gap:
+        if self._gap_text:
             feed = _Feed(line, length_mm, fed_mm)
             if length_mm:
-                self._layer.after_gap, self._gap = (feed, self._gap), ""
+                self._layer.after_gap, self._gap_text = (feed, self._gap_text), ""
             else:  # G11 feeds before the line, and does not move E
-                self._primes.append((feed, self._gap))
+                self._primes.append((feed, self._gap_text))
         elif length_mm > _SHORT_MM:
             self._layer.add(length_mm, fed_mm, line)
         elif not length_mm:
             self._primed_mm = max(self._primed_mm, fed_mm)
 
     def describe_loss(self) -> str | None:
-        """Give the reason why lines were lost; None if no move shows it."""
+        """Return the reason why lines are missing; None if no move shows it."""
         if self._layer is not None:
             self._close_layer()
             self._layer = _Layer(self._layer.number + 1)
@@ -120,11 +120,11 @@ class LayerGaps:
             self._layer = None
         for feed, gap in self._primes:
             self._check(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap)
-        return self._lost
+        return self._loss
 
     def _close_layer(self) -> None:
         """Compare the layer's first line after a gap, and the thickest line of the layer before it."""
-        layer, last = self._layer, self._last
+        layer, last = self._layer, self._previous_layer
         if layer is None:
             return
         last_flow = 0.0 if last is None else last.flow
@@ -133,14 +133,14 @@ class LayerGaps:
             flow = max(layer.flow, last_flow) or self.max_flow
             self._check(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
         if last is not None and last.thickest is not None:
-            flow = max(last.second_flow, self._flow_before, layer.flow) or self.max_flow
+            flow = max(last.second_flow, self._earlier_flow, layer.flow) or self.max_flow
             min_mm = _MIN_EXCESS_BEFORE_GAP_MM if layer.number > last.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
             self._check(last.thickest, last.thickest.compute_excess_mm(flow), min_mm, "")
-        self._flow_before, self._last = last_flow, layer
+        self._earlier_flow, self._previous_layer = last_flow, layer
 
     def _check(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:
-        if excess_mm > min_mm and self._lost is None:
+        if excess_mm > min_mm and self._loss is None:
             move = f"the first move that feeds{gap}" if gap else "the move"
-            self._lost = (
+            self._loss = (
                 f"line {feed.line}: {move} feeds {excess_mm:.4f} mm of filament more than its line takes"
             )

@@ -48,13 +48,13 @@ G28
 BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
-def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
+def checked(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
     facts = gather_facts(read_toolpath(gcode), 170.0)
     check_facts(
         facts,
         height_mm=height_mm,
         cut_mm=cut_mm,
-        top_checked=top_checked,
+        is_top_checked=is_top_checked,
         layer_height_mm=0.27,
         min_extrusion_c=170.0,
     )
@@ -108,7 +108,7 @@ def test_file_without_extrusion_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("height_mm", "cut_mm", "top_checked", "good"),
+    ("height_mm", "cut_mm", "is_top_checked", "good"),
     [
         (0.3, 0.0, True, True),
         (0.2, 0.0, True, False),
@@ -120,12 +120,12 @@ def test_file_without_extrusion_is_refused():
         (2.5, 2.0, True, False),
     ],
 )
-def test_wrong_height_is_refused(height_mm, cut_mm, top_checked, good):
+def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, good):
     if good:
-        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
+        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
         return
     with pytest.raises(SliceRejected) as refused:
-        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
+        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
     assert refused.value.rule is Rule.HEIGHT
 
 

@@ -12,8 +12,8 @@ from slicing.settings.layer_heights import (
     CERTAIN_LAYERS,
     EXACT_MM,
     LayerHeights,
+    compute_printed_height_mm,
     fit_heights,
-    printed_height_mm,
 )
 from slicing_printers import UM2_PLUS
 
@@ -44,7 +44,10 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
     nozzle_mm, heights = case
     lowest_mm = CERTAIN_LAYERS * heights.other_mm
     height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
-    assert abs(printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
+    assert (
+        abs(compute_printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm)
+        <= EXACT_MM
+    )
 
 
 @given(st.floats(1.0, HIGHEST_MM), cases)
@@ -54,7 +57,7 @@ def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_m
     result = fitted(height_mm, nozzle_mm, heights)
     alone = fit_heights(height_mm, heights, max_first_mm=0.0)
     assert alone.first_mm == heights.first_mm
-    if abs(printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
+    if abs(compute_printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
         assert result == alone
     elif abs(result.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
         first = round(1000 * heights.first_mm)
@@ -92,10 +95,10 @@ def list_reached(heights, low, high):
 @given(st.floats(0.01, HIGHEST_MM), cases)
 def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
-    plain = abs(printed_height_mm(height_mm, heights) - height_mm)
-    assert abs(printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= max(
-        plain, EXACT_MM
-    )
+    plain = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
+    assert abs(
+        compute_printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm
+    ) <= max(plain, EXACT_MM)
 
 
 def test_fitting_height_is_unchanged():
@@ -124,4 +127,4 @@ def test_layers_of_the_engine_equal_the_predicted_ones(request_for, settings_of,
     heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
     box = trimesh.creation.box((8, 8, height_mm))
     printed = slice_plate(request_for(box, settings=settings)).height_mm
-    assert printed == pytest.approx(printed_height_mm(height_mm, heights), abs=1e-6)
+    assert printed == pytest.approx(compute_printed_height_mm(height_mm, heights), abs=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from slicing.errors import BadSetting
 from slicing.settings import FARM_QUALITIES, SettingsRequest, resolve_settings
 from slicing.settings.limits import find_violations
-from slicing.settings.material import shrinkage_factors
+from slicing.settings.material import find_shrinkage_factors
 from slicing.settings.resolver import Resolver
 from slicing.settings.stacks import find_stacks
 from slicing_printers import PRINTERS, UM2_PLUS
@@ -111,7 +111,7 @@ def test_unheated_bed_gets_no_target(resources):
 @pytest.mark.parametrize(
     ("quality", "material", "overrides", "scale"),
     [
-        ("glue", "generic_abs", {}, shrinkage_factors("ABS")),
+        ("glue", "generic_abs", {}, find_shrinkage_factors("ABS")),
         ("glue", "generic_pla", {}, (1.002, 1.001)),
         ("paper", "generic_abs", {}, (1.0, 1.0)),
         ("fast", "generic_abs", {}, (1.0, 1.0)),
