@@ -1,42 +1,57 @@
 """Costs of a large fleet in the daemon: CPU of an event, bytes of a commit, `farm status`, all printing.
 
-``python -m bench.fleet_scale [--printers N] [--idle N] [--plates N] [--turns N] [--seconds S] [--json]``.
+``python -m bench.fleet_scale [--hosts N] [--printers N] [--idle N] [--plates N] [--turns N] [--seconds S]
+[--json]``.
 The daemon is a process of its own on a state folder with that many waiting plates; its agents only speak the
 protocol, all in this process. First every printer gets a plate, then all print for `--seconds`, then
 `--turns` prints end one after the other: each bed is cleared, and gets its next plate.
 
-All times are CPU time, which other load hardly changes. An event is anything that commits: a report of an
+With `--hosts` the printers are spread over hosts, each with the real service of `farm host`, and the daemon
+connects to each as over ssh. After the prints, one host is lost, then half of them; then, where this computer
+allows network namespaces (root), packets are lost and delayed (`bench.fleet_faults`).
+
+Costs are CPU time, which other load hardly changes. An event is anything that commits: a report of an
 agent, a command of a person, a timer; reading and answering of the socket is not in it, but in `cpu_share`,
 the daemon's share of a core while all print. `start_commit_bytes` is the largest commit of an event that
-starts a print.
+starts a print, `report_s` the wall time between two reports of a printer, and an event's delay that from an
+agent's report to `/events`.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
-import signal
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from bench.measured_daemon import MEASURES, fill_books
+from bench.daemon_process import Daemon, EventFollower, NoticeReceiver
+from bench.fleet_faults import (
+    HALF,
+    ONE,
+    PrintingFleet,
+    group_hosts,
+    measure_event_delays,
+    measure_loss,
+    measure_poor_network,
+)
+from bench.host_services import FARM, HostGroups, find_network_obstacle, make_places
+from bench.measured_daemon import fill_books
 from bench.protocol_agents import MODEL, PORT, ProtocolAgents
 from drivers.clock import Clock
-from farm import api
-from farm.cli.client import Client
-from farm.errors import FarmError
 from farm.paths import StateFolder, write_anchor
 
 PATIENCE_S = 600.0
 STATUS_TIMES = 5
+PLATES_OF_A_PRINTER = 10
+_HOST_COMMAND = "farm host"
 GOALS = {
     "event_median_ms": 5.0,
     "event_p99_ms": 20.0,
@@ -44,45 +59,39 @@ GOALS = {
     "status_cpu_ms": 200.0,
     "cpu_share": 0.2,
 }
+HOST_GOALS = GOALS | {"status_cpu_ms": 300.0, "cpu_share": 0.5, "memory_mb": 400.0, "connect_s": 60.0}
 
 
-class Daemon:
-    """Daemon on a state folder, with its CPU time."""
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Size of a measurement; see the options of `main`."""
 
-    def __init__(self, folder: Path, profile: Path | None) -> None:
-        words = [sys.executable, "-m", "bench.measured_daemon", str(folder)]
-        words += [] if profile is None else [str(profile.absolute())]
-        with (folder / "daemon.log").open("wb") as log:
-            self._process = subprocess.Popen(words, stdout=log, stderr=log)
-        self._folder = folder
-        self.client = Client(folder / "farm.sock")
+    printers: int
+    hosts: int
+    idle: int
+    plates: int
+    turns: int
+    seconds: float
+    gcode_kb: int
+    profile: Path | None
 
-    def cpu_s(self) -> float:
-        """Return the CPU seconds of all its threads."""
-        return time.clock_gettime((~self._process.pid << 3) | 2)
+    @property
+    def printer_names(self) -> list[str]:
+        """The printers that print."""
+        return [f"um2-{number:03d}" for number in range(1, self.printers + 1)]
 
-    def answers(self) -> bool:
-        """Check whether it answers."""
-        try:
-            self.client.status()
-        except FarmError:
-            if self._process.poll() is not None:
-                raise RuntimeError((self._folder / "daemon.log").read_text()[-2000:]) from None
-            return False
-        return True
+    @property
+    def idle_names(self) -> list[str]:
+        """The printers that no plate fits."""
+        return [f"abs-{number:03d}" for number in range(1, self.idle + 1)]
 
-    def end(self) -> dict[str, list[float]]:
-        """End it without ending prints; return its own measurements."""
-        self._process.send_signal(signal.SIGTERM)
-        self._process.wait(60.0)
-        measures: dict[str, list[float]] = json.loads((self._folder / MEASURES).read_text())
-        return measures
+    @property
+    def host_names(self) -> list[str]:
+        return [f"pc-{number:02d}" for number in range(1, self.hosts + 1)]
 
-    def kill(self) -> None:
-        """Kill it in any state."""
-        if self._process.poll() is None:
-            self._process.kill()
-            self._process.wait()
+    def host_of(self, number: int) -> str:
+        """Return the host of a printer; empty if there are none."""
+        return self.host_names[number * self.hosts // (self.printers + self.idle)] if self.hosts else ""
 
 
 def percentile(values: Sequence[float], share: float) -> float:
@@ -90,64 +99,113 @@ def percentile(values: Sequence[float], share: float) -> float:
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
-def measure(
-    printers: int, idle: int, plates: int, rounds: int, seconds: float, profile: Path | None
-) -> dict[str, float]:
-    """Run the whole measurement in a temporary folder."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
-        idle_names = [f"abs-{number:03d}" for number in range(1, idle + 1)]
-        rows = [{"name": name, "model": MODEL, "port": PORT} for name in [*names, *idle_names]]
-        for row in rows[printers:]:
+def prepare(setting: Setting, folder: Path, notify: str) -> dict[str, Path]:
+    """Write fleet, books and the G-code of the plates. Returns the folder of each agent."""
+    state, rows, folders = StateFolder(folder), [], {}
+    for number, name in enumerate([*setting.printer_names, *setting.idle_names]):
+        host, row = setting.host_of(number), {"name": name, "model": MODEL, "port": PORT}
+        if number >= setting.printers:
             row["material"] = "generic_abs"
-        (folder / "fleet.yaml").write_text(yaml.safe_dump({"printers": rows}))
-        state = StateFolder(folder)
-        write_anchor(state.clock, 1.0, time.time())
-        fill_books(state.books, names, plates)
-        agents = ProtocolAgents(state, [*names, *idle_names], Clock())
-        daemon = Daemon(folder, profile)
-        try:
-            return _run(daemon, agents, len(names), rounds, seconds)
-        finally:
-            daemon.kill()
-            agents.close()
+        if host:
+            row |= {"host": host, "host_command": _HOST_COMMAND}
+        rows.append(row)
+        folders[name] = make_places(folder / "hosts", host).agent(name) if host else state.agent(name)
+    fleet = {"fleet": {"name": FARM, "notify": [notify]}, "printers": rows}
+    (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))
+    write_anchor(state.clock, 1.0, time.time())
+    fill_books(state.books, setting.printer_names, setting.plates)
+    state.files.mkdir()
+    (state.files / "g.gcode").write_bytes(b"G1 X10\n" * (setting.gcode_kb * 1024 // 7))
+    return folders
+
+
+def measure(setting: Setting) -> dict[str, Any]:
+    """Run the whole measurement in a temporary folder."""
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        notices = stack.enter_context(contextlib.closing(NoticeReceiver()))
+        folders = prepare(setting, folder, notices.url)
+        agents = stack.enter_context(contextlib.closing(ProtocolAgents(folders, Clock())))
+        names = group_hosts(setting.host_names)
+        (folder / "hosts").mkdir(exist_ok=True)
+        groups = HostGroups(folder / "hosts", names, bool(names) and find_network_obstacle() is None)
+        stack.callback(groups.close)
+        daemon = Daemon(folder, setting.profile, groups.ssh if names else None)
+        stack.callback(daemon.kill)
+        return _run(daemon, agents, groups, notices, setting)
 
 
 def _run(
-    daemon: Daemon, agents: ProtocolAgents, printers: int, turns: int, seconds: float
-) -> dict[str, float]:
-    def everybody_prints() -> bool:
-        agents.begin()
-        return len(agents.printing) == printers
+    daemon: Daemon, agents: ProtocolAgents, groups: HostGroups, notices: NoticeReceiver, setting: Setting
+) -> dict[str, Any]:
+    names = group_hosts(setting.host_names)
+    figures = _start(daemon, agents, setting)
+    follower = EventFollower(daemon.socket)
+    fleet = PrintingFleet(daemon, agents, groups, names, follower, notices)
+    figures |= _measure_prints(fleet, setting)
+    figures["memory_mb"] = daemon.memory_mb()
+    figures |= _measure_faults(fleet, setting)
+    period_s = figures.pop("period_s")
+    return _summarise(daemon.end(), daemon, setting, period_s) | figures
 
-    began_cpu_s, began_s = daemon.cpu_s(), time.monotonic()
-    _wait(agents, everybody_prints, "all printers to print")
+
+def _start(daemon: Daemon, agents: ProtocolAgents, setting: Setting) -> dict[str, Any]:
+    """Wait until all print."""
+    began_cpu_s = daemon.cpu_s()
+    _wait_for_prints(agents, setting.printers)
+    begin_s, begin_cpu_s = time.monotonic() - daemon.started_s, daemon.cpu_s() - began_cpu_s
     _wait(agents, daemon.answers, "the daemon to answer")
-    begin_cpu_s, begin_s = daemon.cpu_s() - began_cpu_s, time.monotonic() - began_s
     agents.serve(3.0)
+    return {"begin_s": begin_s, "begin_cpu_s": begin_cpu_s}
 
+
+def _measure_prints(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
+    """Measure the load of all prints, of `farm status`, and the delays of events."""
+    daemon, agents = fleet.daemon, fleet.agents
     before_s, begun_s = daemon.cpu_s(), time.monotonic()
-    agents.serve(seconds)
-    share = (daemon.cpu_s() - before_s) / (time.monotonic() - begun_s)
-
+    agents.serve(setting.seconds)
+    ended_s = time.monotonic()
+    share = (daemon.cpu_s() - before_s) / (ended_s - begun_s)
     status_cpu_s, status_s = [], []
     for _ in range(STATUS_TIMES):
-        before_s, begun_s = daemon.cpu_s(), time.monotonic()
+        before_s, asked_s = daemon.cpu_s(), time.monotonic()
         daemon.client.status()
-        status_s.append(time.monotonic() - begun_s)
+        status_s.append(time.monotonic() - asked_s)
         status_cpu_s.append(daemon.cpu_s() - before_s)
         agents.serve(2.0)
-
-    for name in agents.printing[:turns]:
-        agents.end(name)
-        _wait(agents, partial(agents.is_forgotten, name), f"{name} to end")
-        daemon.client.cleared(name, api.ClearedRequest())
-        _wait(agents, everybody_prints, f"{name} to print again")
-    measures = daemon.end()
+    delays_s = measure_event_delays(fleet, setting.turns)
+    _wait_for_prints(agents, setting.printers)
     return {
-        "begin_s": begin_s,
-        "begin_cpu_s": begin_cpu_s,
+        "period_s": (begun_s, ended_s),
+        "cpu_share": share,
+        "status_cpu_ms": 1000 * max(status_cpu_s),
+        "status_ms": 1000 * max(status_s),
+        "event_delay_median_s": statistics.median(delays_s),
+        "event_delay_max_s": max(delays_s),
+    }
+
+
+def _measure_faults(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
+    """Measure what happens when hosts are lost, and on a poor network."""
+    if not fleet.names:
+        return {}
+    figures: dict[str, Any] = {
+        "one_host_lost": measure_loss(fleet, [ONE]),
+        "half_lost": measure_loss(fleet, [name for name in (ONE, HALF) if name in fleet.names]),
+    }
+    if fleet.groups.has_network:
+        figures["poor_network"] = measure_poor_network(fleet, setting.seconds, min(setting.turns, 10))
+    return figures
+
+
+def _summarise(
+    measures: dict[str, list[float]], daemon: Daemon, setting: Setting, period_s: tuple[float, float]
+) -> dict[str, Any]:
+    """Summarise what the daemon has measured itself."""
+    reports = sum(period_s[0] <= at_s < period_s[1] for at_s in measures["snapshot_at_s"])
+    return {
+        "connect_s": max(measures["connected_at_s"]) - daemon.started_s,
+        "report_s": (setting.printers + setting.idle) * (period_s[1] - period_s[0]) / max(1, reports),
         "events": len(measures["event_s"]),
         "event_median_ms": 1000 * statistics.median(measures["event_s"]),
         "event_p99_ms": 1000 * percentile(measures["event_s"], 0.99),
@@ -157,10 +215,17 @@ def _run(
         "commit_median_bytes": statistics.median(measures["commit_bytes"]),
         "commit_max_bytes": max(measures["commit_bytes"]),
         "start_commit_bytes": max(measures["start_bytes"]),
-        "status_cpu_ms": 1000 * max(status_cpu_s),
-        "status_ms": 1000 * max(status_s),
-        "cpu_share": share,
     }
+
+
+def _wait_for_prints(agents: ProtocolAgents, printers: int) -> None:
+    """Serve the agents until all printers print."""
+
+    def everybody_prints() -> bool:
+        agents.begin()
+        return len(agents.printing) == printers
+
+    _wait(agents, everybody_prints, "all printers to print")
 
 
 def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name: str) -> None:
@@ -168,26 +233,48 @@ def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name:
         raise RuntimeError(f"waited {PATIENCE_S:.0f} s for {condition_name}")
 
 
-def main() -> None:
+def list_missed(figures: dict[str, Any], goals: dict[str, float]) -> list[str]:
+    """List the figures that miss their goals; those of losses are 1 each."""
+    missed = [name for name, limit in goals.items() if figures[name] > limit]
+    for name in ("one_host_lost", "half_lost"):
+        loss = figures.get(name, {"tasks": 1, "notices": 1, "prints_ended": 0})
+        missed += [name] if (loss["tasks"], loss["notices"], loss["prints_ended"]) != (1, 1, 0) else []
+    return missed
+
+
+def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--printers", type=int, default=200)
+    parser.add_argument(
+        "--hosts", type=int, default=0, help="hosts with their services; 0: agents of this host"
+    )
     parser.add_argument("--idle", type=int, default=0, help="printers more, which no plate can take")
-    parser.add_argument("--plates", type=int, default=2000)
+    parser.add_argument("--plates", type=int, help=f"{PLATES_OF_A_PRINTER} for each printer by default")
     parser.add_argument("--turns", type=int, default=40, help="prints that end")
     parser.add_argument("--seconds", type=float, default=20.0, help="for which all print")
+    parser.add_argument("--gcode-kb", type=int, default=64, help="size of each plate's G-code")
     parser.add_argument("--profile", type=Path, help="writes the daemon's profile (cProfile) to this file")
     parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    figures = measure(
-        options.printers, options.idle, options.plates, options.turns, options.seconds, options.profile
-    )
-    missed = [name for name, limit in GOALS.items() if figures[name] > limit]
-    if options.json:
-        head = {"schema": 1, "printers": options.printers, "idle": options.idle, "plates": options.plates}
-        print(json.dumps({**head, **figures, "missed": missed}))
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = vars(read_options())
+    as_json, plates = options.pop("json"), options.pop("plates")
+    plates = PLATES_OF_A_PRINTER * options["printers"] if plates is None else plates
+    setting = Setting(plates=plates, **options)
+    figures = measure(setting)
+    goals = HOST_GOALS if setting.hosts else GOALS
+    missed = list_missed(figures, goals)
+    if as_json:
+        head = {name: getattr(setting, name) for name in ("printers", "hosts", "idle", "plates", "gcode_kb")}
+        print(json.dumps({"schema": 1, **head, **figures, "missed": missed}))
         return
     for name, value in figures.items():
-        goal = f"  (at most {GOALS[name]:g}{': missed' if name in missed else ''})" if name in GOALS else ""
+        if isinstance(value, dict):
+            print(f"{name:20} " + ", ".join(f"{key} {number:.3g}" for key, number in value.items()))
+            continue
+        goal = f"  (at most {goals[name]:g}{': missed' if name in missed else ''})" if name in goals else ""
         print(f"{name:20} {value:12.3f}{goal}")
 
 

@@ -16,7 +16,7 @@ from drivers.printers import PROFILES
 from farm.control import Controller
 from farm.daemon import Daemon, run
 from farm.fleet_file import load_fleet
-from farm.model import Job, JobOptions, Part, PartGeometry, Plate
+from farm.model import AgentSnapshot, Job, JobOptions, Part, PartGeometry, Plate
 from farm.paths import Places, StateFolder
 from farm.state import Books
 from farm.state import events as ev
@@ -31,17 +31,17 @@ PLATES_OF_A_JOB = 20
 def fill_books(path: Path, printers: list[str], plates: int) -> None:
     """Write books of planned jobs with this number of plates: some for tall printers, some with a limit."""
     rng, store, books = random.Random(1), Store(path), Books()
-    for job in range(1, -(-plates // PLATES_OF_A_JOB) + 1):
-        count = min(PLATES_OF_A_JOB, plates - (job - 1) * PLATES_OF_A_JOB)
-        options = JobOptions(printers=4 if job % 10 == 0 else None)
+    for number in range(1, -(-plates // PLATES_OF_A_JOB) + 1):
+        count = min(PLATES_OF_A_JOB, plates - (number - 1) * PLATES_OF_A_JOB)
+        options = JobOptions(printers=4 if number % 10 == 0 else None)
         job = Job(
-            id=job, request_id=f"request-{job}", name="bunny.stl", model_file="m.npz", options=options,
-            submitted_s=float(job),
+            id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=options,
+            submitted_s=float(number),
         )  # fmt: skip
         for event in (
-            ev.JobSubmitted(at_s=float(job), job=job),
-            ev.PlanningStarted(at_s=float(job), job=job),
-            make_planned_event(job, count, printers, rng),
+            ev.JobSubmitted(at_s=float(number), job=job),
+            ev.PlanningStarted(at_s=float(number), job=number),
+            make_planned_event(number, count, printers, rng),
         ):
             new_books, _ = apply(event, books)
             store.commit(event, books, new_books)
@@ -74,7 +74,9 @@ def make_planned_event(number: int, count: int, printers: list[str], rng: random
 class Measures:
     """CPU seconds of events, reports and timers; bytes of commits.
 
-    `start_bytes` is the size of the largest commit of each event that starts a print.
+    `start_bytes` is the size of the largest commit of each event that starts a print; `snapshot_at_s` has the
+    time of each snapshot, and `connected_at_s` that of each printer's first report, on the clock that all
+    processes share (`time.monotonic`).
     """
 
     def __init__(self) -> None:
@@ -83,6 +85,9 @@ class Measures:
         self.timer_s: list[float] = []
         self.commit_bytes: list[int] = []
         self.start_bytes: list[int] = []
+        self.snapshot_at_s: list[float] = []
+        self.connected_at_s: list[float] = []
+        self._connected: set[str] = set()
         self._depth, self._overhead_s, self._starts = 0, 0.0, False
 
     def measure_time(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
@@ -101,6 +106,18 @@ class Measures:
                     if self._starts:
                         self.start_bytes.append(max(self.commit_bytes[commits:]))
                     self._starts = False
+
+        return call
+
+    def record_times(self, method: Callable[..., Any]) -> Callable[..., Any]:
+        """Record the time of each snapshot."""
+
+        def call(controller: Controller, snapshot: AgentSnapshot) -> Any:
+            self.snapshot_at_s.append(time.monotonic())
+            if snapshot.agent_pid is not None and snapshot.printer not in self._connected:
+                self._connected.add(snapshot.printer)
+                self.connected_at_s.append(self.snapshot_at_s[-1])
+            return method(controller, snapshot)
 
         return call
 
@@ -126,7 +143,8 @@ def main() -> None:
     Store.commit = measures.count_bytes(Store.commit)  # type: ignore[method-assign]
     for name in ("handle", "on_refusal", "on_plan"):
         setattr(Controller, name, measures.measure_time(getattr(Controller, name), []))
-    Controller.on_snapshot = measures.measure_time(Controller.on_snapshot, measures.report_s)  # type: ignore[method-assign]
+    on_snapshot = measures.measure_time(Controller.on_snapshot, measures.report_s)
+    Controller.on_snapshot = measures.record_times(on_snapshot)  # type: ignore[method-assign]
     Daemon._schedule = measures.measure_time(Daemon._schedule, measures.timer_s)  # type: ignore[method-assign]
     places = Places(StateFolder(folder), folder / "farm.sock", folder / "fleet.yaml")
     fleet = load_fleet(places.fleet, frozenset(PROFILES))

@@ -1,7 +1,8 @@
 """Agents without printers that only implement the protocol, many in one process.
 
 Each holds the lock of its folder and listens on its own socket, so that a daemon treats it as a running agent
-of this host. Prints begin and end on request (`ProtocolAgents.end`).
+of this host; so does the service of a host in whose folders they are. Prints begin and end on request
+(`ProtocolAgents.end`).
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import os
 import selectors
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from drivers import messages as m
 from drivers.agent.server import Server
 from drivers.clock import Clock
 from drivers.locks import AGENT_LOCK, hold
-from farm.paths import StateFolder
 
 MODEL = "ultimaker2_plus"
 PORT = f"sim://{MODEL}"
@@ -71,15 +71,23 @@ class _Agent:
 
 
 class ProtocolAgents:
-    """Fleet of protocol-only agents, on one selector."""
+    """Fleet of protocol-only agents, on one selector.
 
-    def __init__(self, state: StateFolder, names: list[str], clock: Clock) -> None:
+    Parameters
+    ----------
+    folders
+        Folder of each agent, by printer.
+    clock
+        The farm's clock.
+    """
+
+    def __init__(self, folders: Mapping[str, Path], clock: Clock) -> None:
         self._selector = selectors.DefaultSelector()
-        self._agents = {name: _Agent(name, clock) for name in names}
+        self._agents = {name: _Agent(name, clock) for name in folders}
         self._clock = clock
         self._locks = []
         for agent in self._agents.values():
-            folder: Path = state.agent(agent.name)
+            folder = folders[agent.name]
             folder.mkdir(parents=True)
             self._locks.append(hold(folder / AGENT_LOCK))
             agent.server = Server(folder, self._selector, agent.answer, agent.snapshot)
