@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from datetime import datetime
+from datetime import datetime, tzinfo
 
 from farm import api
-from farm.model import PlanProgress, PlanStep
+from farm.model import Hold, PlanProgress, PlanStep, TextTime
 from farm.text import format_count, format_duration, format_moment
 
 
@@ -90,6 +90,12 @@ def format_time(iso: str | None, now: str) -> str:
     return "-" if iso is None else format_moment(parse_time(iso), parse_time(now))
 
 
+def name_time(at_s: float, now_s: float, zone: tzinfo) -> TextTime:
+    """Return a time, in seconds since the epoch, with its words in a sentence that is read now."""
+    at, now = (datetime.fromtimestamp(moment_s, zone) for moment_s in (at_s, now_s))
+    return TextTime(text=format_moment(at, now), at=at.isoformat("T", "seconds"))
+
+
 def format_runs(runs: Sequence[api.RunView], now: str) -> str:
     """Format the intervals in which a job was printed."""
     return ", ".join(
@@ -117,11 +123,11 @@ def count_names(names: Iterable[str]) -> str:
     return ", ".join(name + (f" ({count})" if count > 1 else "") for name, count in counts.items())
 
 
-def group_holds(jobs: Iterable[api.JobView]) -> dict[str, list[str]]:
-    """Group the waiting plates of jobs by the reason, a sentence; each reason in the order of its first."""
-    groups: dict[str, list[str]] = {}
+def group_holds(jobs: Iterable[api.JobView]) -> list[tuple[Hold, list[str]]]:
+    """Group the waiting plates of jobs by the sentence of their hold; each in the order of its first."""
+    groups: dict[str, tuple[Hold, list[str]]] = {}
     for job in jobs:
         for plate in job.plates:
             if plate.hold is not None:
-                groups.setdefault(plate.hold.text, []).append(plate.id)
-    return groups
+                groups.setdefault(plate.hold.text, (plate.hold, []))[1].append(plate.id)
+    return list(groups.values())

@@ -62,6 +62,7 @@ from farm.model import (
     JobState,
     PlanProgress,
     PrintState,
+    TextTime,
     Verdict,
 )
 
@@ -232,6 +233,7 @@ class Todo(View):
     brief: str = ""  # the text in a few words
     jobs: list[int] = Field(default_factory=list)  # that it is about
     good: dict[str, str] = Field(default_factory=dict)  # by printer: a failed part that may be good
+    times: list[TextTime] = Field(default_factory=list)  # that the text names
 
 
 class NightView(View):

@@ -6,7 +6,7 @@ seconds, lengths millimetres, temperatures degrees Celsius.
 
 from farm.model.agent import AgentPrint, AgentSnapshot, Link
 from farm.model.entity import FORMER_NAMES, Entity
-from farm.model.hold import Hold, HoldCode, ShortReel
+from farm.model.hold import Hold, HoldCode, ShortReel, TextTime
 from farm.model.job import (
     Gluing,
     Job,
@@ -62,6 +62,7 @@ __all__ = [
     "ShortReel",
     "Still",
     "Temperatures",
+    "TextTime",
     "Verdict",
     "compute_assembly_ratio",
 ]

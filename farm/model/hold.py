@@ -49,12 +49,20 @@ class ShortReel(Entity):
     text: str
 
 
+class TextTime(Entity):
+    """Time that a sentence names: its words there, in the farm's time zone, and the time as ISO 8601."""
+
+    text: str
+    at: str
+
+
 class Hold(Entity):
     """Reason to wait: a code, and a sentence whose wording may change while the reason stays."""
 
     code: HoldCode
     text: str
     reel: ShortReel | None = None
+    times: tuple[TextTime, ...] = ()
 
     def has_same_reason(self, other: Hold | None) -> bool:
         """Return whether another hold differs at most in its sentence (a time, a printer)."""

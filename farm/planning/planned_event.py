@@ -70,7 +70,7 @@ def _describe_lateness(
     for state, deadline_s, reached_s in deadlines:
         if deadline_s is not None and reached_s > deadline_s:
             deadline, earliest = (rules.format_moment(at_s, now_s) for at_s in (deadline_s, reached_s))
-            yield f"It was to be {state} by {deadline}; the earliest possible is {earliest}."
+            yield (f"It was to be {state} by {deadline}; the earliest possible is {earliest} ({rules.zone}).")
 
 
 def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:

@@ -207,13 +207,12 @@ class HoldReasons:
             return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {required}")
         needs = plate.requirements.describe(lacking) if lacking else ""
         hold = self._find_shared_hold(plate, names)
-        return Hold(code=hold.code, text=f"needs {needs}: {hold.text}", reel=hold.reel) if needs else hold
+        return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
 
     def _find_shared_hold(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
         rules, now_s = self._situation.rules, self._situation.now_s
         if plate.not_before_s is not None and plate.not_before_s > now_s:
-            text = f"its job starts {rules.format_moment(plate.not_before_s, now_s)}"
-            return Hold(code=HoldCode.START_TIME, text=text)  # no printer would start it now
+            return rules.hold_until_start(plate.not_before_s, now_s)  # no printer would start it now
         reel_hold: Hold | None = None
         for name in self._list_idle(names):
             hold = self._find_printer_hold(plate, name)
@@ -223,7 +222,7 @@ class HoldReasons:
         busy = self._find_busy_hold(names)
         if busy is not None:
             return (
-                Hold(code=busy.code, text=f"{busy.text}; {reel_hold.text}", reel=reel_hold.reel)
+                busy.model_copy(update={"text": f"{busy.text}; {reel_hold.text}", "reel": reel_hold.reel})
                 if reel_hold
                 else busy
             )
@@ -272,14 +271,14 @@ class HoldReasons:
             for n in busy
             if (end := self._situation.fleet[n].free_s) is not None and end > self._situation.now_s
         ]
-        end_text = (
-            f" until {self._situation.rules.format_moment(min(ends), self._situation.now_s)}" if ends else ""
-        )
+        rules, now_s = self._situation.rules, self._situation.now_s
+        times = (rules.name_time(min(ends), now_s),) if ends else ()
+        end_text = f" until {times[0].text}" if times else ""
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{end_text}"
         uncleared = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
         if uncleared:
             text += f"; `farm cleared {uncleared[0]}` would let it start now, if that bed is clear"
-        return Hold(code=HoldCode.PRINTER_BUSY, text=text)
+        return Hold(code=HoldCode.PRINTER_BUSY, text=text, times=times)
 
 
 def _make_all_taken_hold() -> Hold:

@@ -9,10 +9,11 @@ from datetime import datetime, tzinfo
 from zoneinfo import ZoneInfo
 
 from farm.config import FleetSection
-from farm.model import Hold, HoldCode, ShortReel
+from farm.model import Hold, HoldCode, ShortReel, TextTime
 from farm.scheduling.hours import Hours
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
-from farm.text import format_duration, format_moment
+from farm.text import format_duration
+from farm.wording import name_time
 
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
@@ -101,8 +102,11 @@ class StartRules:
 
     def format_moment(self, at_s: float, now_s: float) -> str:
         """Format a time for users, like `Fri 22:00`; with its date if it is more than six days from now."""
-        at, now = (datetime.fromtimestamp(moment_s, self.zone) for moment_s in (at_s, now_s))
-        return format_moment(at, now)
+        return self.name_time(at_s, now_s).text
+
+    def name_time(self, at_s: float, now_s: float) -> TextTime:
+        """Return a time with its words in a sentence, as `format_moment` writes them."""
+        return name_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
         """Find the earliest time from `from_s` on at which hours let a plate start on a printer.
@@ -112,7 +116,7 @@ class StartRules:
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             at_s = plate.not_before_s
-            reason = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.format_moment(at_s, from_s)}")
+            reason = self.hold_until_start(at_s, from_s)
         while at_s < from_s + _FARTHEST_S:
             for start in (
                 self._skip_quiet_hours(plate, at_s, from_s),
@@ -128,6 +132,11 @@ class StartRules:
             at_s = start.at_s
         text = f"it takes {format_duration(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
+
+    def hold_until_start(self, at_s: float, now_s: float) -> Hold:
+        """Return the hold of a plate whose job starts later."""
+        start = self.name_time(at_s, now_s)
+        return Hold(code=HoldCode.START_TIME, text=f"its job starts {start.text}", times=(start,))
 
     def start_window(self, unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
@@ -146,12 +155,12 @@ class StartRules:
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
-        duration = format_duration(plate.expected_s)
-        text = f"it takes {duration}, quiet hours are from {self.format_moment(quiet[0], now_s)}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        end_text = self.format_moment(quiet[1], now_s)
-        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {end_text}"))
+        begin, end = times = tuple(self.name_time(at_s, now_s) for at_s in quiet)
+        duration = format_duration(plate.expected_s)
+        text = f"it takes {duration}, quiet hours are from {begin.text} to {end.text}"
+        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=text, times=times))
 
     def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
@@ -170,8 +179,9 @@ class StartRules:
         if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        text = f"{rule}: from {self.format_moment(next_span[0], now_s)}"
-        return Start(next_span[0], Hold(code=HoldCode.UNATTENDED, text=text))
+        begin = self.name_time(next_span[0], now_s)
+        hold = Hold(code=HoldCode.UNATTENDED, text=f"{rule}: from {begin.text}", times=(begin,))
+        return Start(next_span[0], hold)
 
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return the seconds from its start in which a print needs a person; None if it needs none."""
@@ -227,7 +237,7 @@ class StartRules:
         if ends_by_s is None or now_s < ends_by_s:
             return None
         next_span = self.attended.following(now_s)
-        hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)}"
+        hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
         return f"{printer.name} prints only in attended hours ({printer.why_attended}){hint}"
 
     def evening_s(self, now_s: float) -> float | None:

@@ -20,11 +20,13 @@ from farm.model import (
     PlanStep,
     Print,
     PrintState,
+    TextTime,
 )
 from farm.state import Books, find_possibly_complete_print, find_stopped_print, name_part
-from farm.text import format_count, format_mass, format_moment, format_recent
+from farm.text import format_count, format_mass, format_recent
 from farm.views.context import ViewContext
 from farm.views.host_losses import describe_lost_hosts, list_lost_printers
+from farm.wording import name_time
 
 _ORDER = {
     "alarm": 0,
@@ -131,18 +133,19 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         yield api.Todo(code="replace", printers=[name], text=problem, brief=problem)
     elif reason:
         ask = _ask_whole(context, name)
-        since_text = ""
+        since_text, times = "", list[TextTime]()
         if attention is not None and entry.attention_since_s is not None:
             at, now = (
                 datetime.fromtimestamp(moment_s, context.fleet.zone)
                 for moment_s in (entry.attention_since_s, context.now_s)
             )
-            since_text = f" ({format_recent(at, now)})"
+            since = TextTime(text=format_recent(at, now), at=at.isoformat("T", "seconds"))
+            since_text, times = f" ({since.text})", [since]
         text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
         whole = _find_whole_part(context, name)
         brief = f"{name}: {reason}{since_text}{ask}"
         good = {} if whole is None else {name: whole}
-        yield api.Todo(code="look", printers=[name], text=text, brief=brief, good=good)
+        yield api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
     elif attempt is not None:
         left_s, zone = context.remaining_s(attempt), context.fleet.zone
         yield from list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
@@ -227,27 +230,22 @@ def list_deadlines(
     """
     if reported is None or attempt.state is PrintState.ENDING:
         return []
-
-    def describe_moment(at_s: float) -> str:
-        return format_moment(datetime.fromtimestamp(at_s, zone), datetime.fromtimestamp(now_s, zone))
-
     name, deadlines = attempt.printer, []
     hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
     waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
     if waits and reported.pause_ends_s is not None:
-        deadline = describe_moment(min(reported.pause_ends_s, hours_s))
-        text = f"resume {name} by {deadline}, or its print will be ended: `farm resume {name}`"
-        deadlines.append(api.Todo(code="resume", printers=[name], text=text))
+        deadline = name_time(min(reported.pause_ends_s, hours_s), now_s, zone)
+        text = f"resume {name} by {deadline.text}, or its print will be ended: `farm resume {name}`"
+        deadlines.append(api.Todo(code="resume", printers=[name], text=text, times=[deadline]))
     end_s = now_s + remaining_s
     if end_s > hours_s:
-        action = (
-            f"{name} needs until {describe_moment(end_s)}, but its print ends at {describe_moment(hours_s)}"
-        )
+        end, hours_end = times = [name_time(at_s, now_s, zone) for at_s in (end_s, hours_s)]
+        action = f"{name} needs until {end.text}, but its print ends at {hours_end.text}"
         text = (
             f"{action}, when the attended hours end: if somebody stays, extend `attended` in "
             "fleet.yaml and restart the daemon"
         )
-        deadlines.append(api.Todo(code="hours", printers=[name], text=text, brief=action))
+        deadlines.append(api.Todo(code="hours", printers=[name], text=text, brief=action, times=times))
     return deadlines
 
 

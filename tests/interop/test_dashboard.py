@@ -1,12 +1,13 @@
 """The dashboard in Chromium: accessibility, policy, live changes, lost connections, and no scripts."""
 
 import asyncio
+import re
 
 import pytest
 
 from accessibility import AXE, find_faults, read
 from chromium import CHROMIUM, Chromium
-from farm.model import Role
+from farm.model import Hold, HoldCode, Role, TextTime
 from farm.state import events as ev
 from network_farm import HOST, NetworkFarm
 from planned_job import plan_job
@@ -72,6 +73,39 @@ def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):
         await browser.wait_for(f"{TASK}.innerText.includes('its board was reset')")
         assert await browser.evaluate("document.activeElement.textContent") == "Home"
         assert await browser.evaluate("window.sameDocument") is True
+
+    browse(tmp_path, act)
+
+
+MARKED = "[...document.querySelectorAll('time, [data-time]')].map((one) => one.textContent).join('; ')"
+
+
+def read_times(text):
+    """Return the minutes of the day of all times in a text."""
+    return [60 * int(hours) + int(minutes) for hours, minutes in re.findall(r"(\d\d):(\d\d)", text)]
+
+
+def test_times_in_sentences_and_charts_are_in_the_reader_s_zone(tmp_path):
+    async def act(farm, browser, base):
+        start = TextTime(text="Tue 22:15", at="2023-11-14T22:15:00+00:00")
+        hold = Hold(code=HoldCode.START_TIME, text="its job starts Tue 22:15", times=(start,))
+        farm.controller.plate_holds = lambda: {"1/01": hold}
+        pages = {}
+        for zone in ("UTC", "Asia/Tokyo"):
+            await browser.call("Emulation.setTimezoneOverride", timezoneId=zone)
+            await browser.open(f"{base}/jobs/1")
+            pages[zone] = await browser.read_text()
+            pages[f"times {zone}"] = read_times(await browser.evaluate(MARKED))
+        assert "Times are in UTC, the farm's time zone." in pages["UTC"]
+        assert "Times are in your time zone, Asia/Tokyo. The farm is in UTC." in pages["Asia/Tokyo"]
+        assert "its job starts Tue 22:15" in pages["UTC"]
+        assert re.search(r"its job starts .*07:15", pages["Asia/Tokyo"])
+        local = [(time + 9 * 60) % (24 * 60) for time in pages["times UTC"]]
+        assert len(local) > 5
+        assert pages["times Asia/Tokyo"] == local
+        await browser.open(f"{base}/timeline")
+        assert "All times on this page are in UTC" in await browser.read_text()
+        assert "your time zone" not in await browser.read_text()
 
     browse(tmp_path, act)
 

@@ -219,7 +219,7 @@ def _list_holds(view: api.JobView) -> list[RenderableType]:
     lines = []
     if view.hold is not None:
         lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING))
-    for text, plates in group_holds([view]).items():
+    for hold, plates in group_holds([view]):
         waits = f"plate {plates[0]} waits" if len(plates) == 1 else f"plates {shorten_names(plates)} wait"
-        lines.append(Text(f"{waits}: {text}", style=WARNING))
+        lines.append(Text(f"{waits}: {hold.text}", style=WARNING))
     return list(lines)

@@ -198,8 +198,8 @@ def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]
 def _list_wait_lines(jobs: Iterable[api.JobView], width: int | None) -> list[Text]:
     """List why plates wait, each sentence once with all plates that wait for it."""
     lines: list[Text] = []
-    for text, plates in group_holds(jobs).items():
-        lines += _fold_texts("" if lines else "WAIT", [f"{shorten_names(plates)}: {text}"], "", width)
+    for hold, plates in group_holds(jobs):
+        lines += _fold_texts("" if lines else "WAIT", [f"{shorten_names(plates)}: {hold.text}"], "", width)
     return lines
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from farm import api
-from farm.model import PrintState, Verdict
+from farm.model import PrintState, TextTime, Verdict
 from farm.text import format_moment
 from farm.views.charts.axis import Mark, TimeAxis
 
@@ -44,6 +44,8 @@ class Bar:
         A key of `COLOURS`.
     text
         Tooltip.
+    time
+        Time that the tooltip names; None if it names none.
     """
 
     printer: str
@@ -52,6 +54,7 @@ class Bar:
     kind: str
     label: str
     text: str
+    time: TextTime | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +135,10 @@ def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar
         start, end = (datetime.fromisoformat(at) for at in (slot.starts, slot.ends))
         if end > now:
             parts = " ".join(slot.parts)
-            text = f"{parts} on {slot.printer}: {EXPECTED} to end {format_moment(end, now)}"
+            time = TextTime(text=format_moment(end, now), at=slot.ends)
+            text = f"{parts} on {slot.printer}: {EXPECTED} to end {time.text}"
             label = slot.parts[0].rpartition("/")[2].removeprefix("p") if start >= now else ""
-            bars.append(Bar(slot.printer, max(start, now), end, EXPECTED, label, text))
+            bars.append(Bar(slot.printer, max(start, now), end, EXPECTED, label, text, time))
     return bars
 
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from farm import api
-from farm.model import HoldCode, JobState, Link, PrintState
+from farm.model import HoldCode, JobState, Link, PrintState, TextTime
 from farm.text import format_count, format_mass
 from farm.web.notes import Note, Reader
 from farm.web.pages.rendering import render_page
+from farm.web.pages.sentences import Sentence
 from farm.wording import format_planning, group_holds, shorten_names
 
 _URGENT = ("alarm", "outage")
@@ -61,6 +62,8 @@ class Task:
         Those that it is about.
     beds
         Beds that it ends with clearing.
+    times
+        Times that the text names.
     """
 
     key: str
@@ -69,6 +72,7 @@ class Task:
     printers: Sequence[str] = ()
     jobs: Sequence[api.JobView] = ()
     beds: Sequence[Bed] = ()
+    times: Sequence[TextTime] = ()
 
     @property
     def is_urgent(self) -> bool:
@@ -92,7 +96,7 @@ class JobRow:
 
     job: api.JobView
     progress: str
-    waits: Sequence[str]
+    waits: Sequence[Sentence]
 
 
 def render_home(status: api.Status, reader: Reader, note: Note | None = None) -> str:
@@ -111,7 +115,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
     ended = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
     return render_page(
         "home.html",
-        status.fleet.name,
+        status.fleet,
         "/",
         reader,
         note,
@@ -188,7 +192,8 @@ def _describe_task(
         case "connect":
             text = f"Connect {text}"
     jobs_of_task = [jobs[number] for number in todo.jobs if number in jobs]
-    return Task(key, todo.code, text[:1].upper() + text[1:] if not names else text, names, jobs_of_task, beds)
+    text = text[:1].upper() + text[1:] if not names else text
+    return Task(key, todo.code, text, names, jobs_of_task, beds, todo.times)
 
 
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
@@ -233,15 +238,16 @@ def describe_job_row(job: api.JobView) -> JobRow:
     return JobRow(job, progress, list(_list_waits(job)))
 
 
-def _list_waits(job: api.JobView) -> Iterator[str]:
+def _list_waits(job: api.JobView) -> Iterator[Sentence]:
     """List the reasons for which a job and its plates wait, each once."""
     if job.error and job.state != JobState.CANCELLED:
-        yield job.reason or job.error
+        yield Sentence(job.reason or job.error)
     if job.hold is not None:
-        yield "waits for approval" if job.hold.code is HoldCode.APPROVAL else job.hold.text
-    for text, plates in group_holds([job]).items():
-        if job.hold is None or text != job.hold.text:
-            yield f"{shorten_names(plates)}: {text}"
+        is_held = job.hold.code is HoldCode.APPROVAL
+        yield Sentence("waits for approval") if is_held else Sentence(job.hold.text, job.hold.times)
+    for hold, plates in group_holds([job]):
+        if job.hold is None or hold.text != job.hold.text:
+            yield Sentence(f"{shorten_names(plates)}: {hold.text}", hold.times)
 
 
 def describe_night(night: api.NightView | None) -> str | None:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from datetime import datetime
 from functools import cache, partial
+from typing import Protocol
 
 from jinja2 import Environment, Template
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from farm.model import Role
 from farm.templates import load_environment
-from farm.text import format_duration, format_mass, format_moment
+from farm.text import format_duration, format_mass
 from farm.web.notes import Note, Reader
+from farm.web.pages.sentences import (
+    format_commands,
+    format_sentence,
+    format_time_attributes,
+    format_time_element,
+)
 from farm.web.pages.static_files import find_address, load_static_files
 from farm.wording import describe_material, format_deviation, format_share
 
@@ -48,11 +53,20 @@ _GLYPHS = {
     "absent": "✕",
 }
 _OTHER_GLYPH = "•"
-_LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
+
+
+class Farm(Protocol):
+    """Fleet whose pages are shown: its section of `fleet.yaml`, or the view of it."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def timezone(self) -> str: ...
 
 
 def render_page(
-    template: str, farm: str, path: str, reader: Reader, note: Note | None = None, **values: object
+    template: str, farm: Farm, path: str, reader: Reader, note: Note | None = None, **values: object
 ) -> str:
     """Render a page with its navigation.
 
@@ -61,7 +75,7 @@ def render_page(
     template
         File in `templates`, which extends `page.html`.
     farm
-        The fleet's name.
+        The fleet.
     path
         Path of the page, marked in the navigation.
     reader
@@ -118,37 +132,12 @@ def load_templates() -> Environment:
         "share": partial(_format_known, format_share),
         "deviation": partial(_format_known, format_deviation),
         "commands": format_commands,
+        "sentence": format_sentence,
+        "time_attributes": format_time_attributes,
         "words": describe_value,
         "state": format_state,
     }
     return load_environment("farm.web.pages", filters, asset=find_address)
-
-
-def format_time_element(at: str | None, now: str) -> Markup:
-    """Format a time in the fleet's zone; a script shows it in the reader's zone.
-
-    Parameters
-    ----------
-    at, now
-        The time, and that of the view, as ISO 8601.
-    """
-    if at is None:
-        return Markup("")
-    text = format_moment(datetime.fromisoformat(at), datetime.fromisoformat(now))
-    return Markup('<time datetime="{}">{}</time>').format(at, text)
-
-
-def format_commands(text: str) -> Markup:
-    """Format a sentence whose commands stand in backticks.
-
-    The command that it ends with is left out: on pages a button does it.
-    """
-    text = _LAST_COMMAND.sub("", text)
-    pieces = text.split("`")
-    if len(pieces) % 2 == 0:  # a backtick of its own, as in the name of a model
-        return escape(text)
-    code = Markup("<code>{}</code>")
-    return Markup("").join(code.format(text) if at % 2 else text for at, text in enumerate(pieces))
 
 
 def format_state(state: str) -> Markup:

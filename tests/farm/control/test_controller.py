@@ -239,6 +239,7 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     view, (item,) = snapshot(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
+    assert [time.text for time in item.times] == ["01 Jan 1970 02:00"]
     farm.printers.pause("a", False, "ann")
     assert told_last() == paused.model_copy(update={"wanted": False})
     view, rest = snapshot(PrintState.PRINTING)

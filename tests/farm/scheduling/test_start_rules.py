@@ -14,6 +14,7 @@ from farm.scheduling import assignment
 from farm.scheduling.holds import join_names
 from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import ENDED_BEFORE_S, compute_needed_grams, find_filament_shortage
+from farm.text import format_moment
 from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
 
 HOUR = 3600.0
@@ -97,6 +98,18 @@ def test_forbidden_starts_are_refused(waiting, fleet, start_rules, now_s, spares
 
 
 @given(plates, fleets, rule_sets, moments)
+def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting, fleet, start_rules, now_s):
+    _, holds = assign(waiting, fleet, start_rules, now_s)
+    now = datetime.fromtimestamp(now_s, UTC)
+    for hold in holds.values():
+        assert sorted(re.findall(r"\w{3} (?:\d\d \w{3} )?\d\d:\d\d", hold.text)) == sorted(
+            time.text for time in hold.times
+        )
+        for time in hold.times:
+            assert format_moment(datetime.fromisoformat(time.at), now) == time.text
+
+
+@given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
 def test_start_is_allowed_until_the_latest_start(waiting, fleet, start_rules, now_s):
     for plate_view, printer_view in ((w, p) for w in waiting for p in fleet):
@@ -121,7 +134,7 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     start_rules, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
     assert start_rules.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
     assert start_rules.unattended_reason(alone, at("2026-11-20 17:44")) is None
-    message = "a prints only in attended hours (so): from Mon 08:00"
+    message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
     assert start_rules.unattended_reason(alone, at("2026-11-20 17:45")) == message
     assert start_rules.unattended_reason(alone, at("2026-11-21 03:00")) == message
     assert start_rules.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")

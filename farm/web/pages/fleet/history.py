@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from farm.views.dashboard import HistoryFilter, HistoryView
 from farm.web.notes import Note, Reader
 from farm.web.pages.page_route import EMPTY_IS_NONE
-from farm.web.pages.rendering import render_page
+from farm.web.pages.rendering import Farm, render_page
 
 PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
 """Periods to choose from: days, and words."""
@@ -28,7 +28,7 @@ class HistoryQuery(BaseModel):
         return HistoryFilter(days=self.days, printer=self.printer, job=self.job)
 
 
-def render_history(view: HistoryView, farm: str, reader: Reader, note: Note | None = None) -> str:
+def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | None = None) -> str:
     """Render the page.
 
     Parameters
@@ -36,7 +36,7 @@ def render_history(view: HistoryView, farm: str, reader: Reader, note: Note | No
     view
         Ended prints, with figures.
     farm
-        Name of the fleet.
+        The fleet.
     reader
         Person who reads it.
     note

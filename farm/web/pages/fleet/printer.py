@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, tzinfo
+from datetime import datetime
+from zoneinfo import ZoneInfo
 
 from drivers.messages import WireLine
 from drivers.printers import PROFILES
 from farm.views.dashboard import PrinterPage
 from farm.web.notes import Note, Reader
-from farm.web.pages.rendering import render_page
+from farm.web.pages.rendering import Farm, render_page
 
 UPKEEP = {
     "MaintenanceStarted": "taken out of use",
@@ -23,15 +24,15 @@ UPKEEP = {
 """Words for the kinds of events on the upkeep of a printer."""
 
 
-def render_printer(page: PrinterPage, farm: str, zone: str, reader: Reader, note: Note | None = None) -> str:
+def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | None = None) -> str:
     """Render the page of a printer.
 
     Parameters
     ----------
     page
         The printer.
-    farm, zone
-        Name and time zone of the fleet.
+    farm
+        The fleet.
     reader
         Person who reads it; it has the forms that their role allows.
     note
@@ -39,7 +40,7 @@ def render_printer(page: PrinterPage, farm: str, zone: str, reader: Reader, note
     """
     path = f"/printers/{page.printer.name}"
     title = PROFILES[page.model].title if page.model in PROFILES else page.model
-    values = {"page": page, "title": title, "zone": zone, "upkeep_words": UPKEEP}
+    values = {"page": page, "title": title, "upkeep_words": UPKEEP}
     return render_page("printer.html", farm, path, reader, note, **values)
 
 
@@ -55,8 +56,7 @@ class ShownLine:
 def render_wire(
     name: str,
     lines: Sequence[WireLine],
-    farm: str,
-    zone: tzinfo,
+    farm: Farm,
     reader: Reader,
     problem: str | None = None,
 ) -> str:
@@ -68,13 +68,14 @@ def render_wire(
         The printer.
     lines
         Oldest first, with times on the farm's clock.
-    farm, zone
-        Name and time zone of the fleet.
+    farm
+        The fleet.
     reader
         Person who reads it.
     problem
         Why there are no lines.
     """
+    zone = ZoneInfo(farm.timezone)
     shown = [
         ShownLine(f"{datetime.fromtimestamp(line.at_s, zone):%H:%M:%S.%f}"[:-3], line.sent, line.text)
         for line in lines

@@ -37,7 +37,7 @@ def printer_pages(pages: PageContext) -> APIRouter:
             None if printer is None else printer.obstacle(),
             controller.list_reservations().get(name),
         )
-        return render_printer(page, fleet.name, fleet.timezone, reader, note)
+        return render_printer(page, fleet, reader, note)
 
     pages.live.add("/printers/{name}", lambda reader, name, _query: show(reader, name))
 
@@ -53,7 +53,7 @@ def printer_pages(pages: PageContext) -> APIRouter:
             lines = await services.read_lines(name)
         except Refused as error:
             problem = str(error)
-        return HTMLResponse(render_wire(name, lines, fleet.name, controller.fleet.zone, reader, problem))
+        return HTMLResponse(render_wire(name, lines, fleet, reader, problem))
 
     @router.get("/jobs/{number}/stills/{name}")
     async def show_still(number: int, name: str) -> Response:

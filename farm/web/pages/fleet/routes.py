@@ -45,12 +45,12 @@ def fleet_routes(pages: PageContext) -> APIRouter:
         except FarmError as error:
             problem = str(error)
             view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.back_s)
-        return render_timeline(view, query, fleet.name, reader, note, problem)
+        return render_timeline(view, query, fleet, reader, note, problem)
 
     async def render_history_page(reader: Reader, query: HistoryQuery, note: Note | None = None) -> str:
         context = controller.build_view_context(services.state)
         view = await asyncio.to_thread(describe_history, context, query.to_filter())
-        return render_history(view, fleet.name, reader, note)
+        return render_history(view, fleet, reader, note)
 
     async def show_live_timeline(reader: Reader, _variable: str, query: str) -> str:
         return await render_timeline_page(reader, read_query(TimelineQuery, query))

@@ -15,7 +15,7 @@ from farm.text import format_duration
 from farm.views.dashboard import Change, TimelineView
 from farm.web.notes import Note, Reader
 from farm.web.pages.page_route import EMPTY_IS_NONE
-from farm.web.pages.rendering import render_page
+from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
 """Lengths of the shown past: hours, and words."""
@@ -51,7 +51,7 @@ class TimelineQuery(BaseModel):
 def render_timeline(
     view: TimelineView,
     query: TimelineQuery,
-    farm: str,
+    farm: Farm,
     reader: Reader,
     note: Note | None = None,
     problem: str | None = None,
@@ -65,7 +65,7 @@ def render_timeline(
     query
         What the reader asked for.
     farm
-        Name of the fleet.
+        The fleet.
     reader
         Person who reads it.
     note

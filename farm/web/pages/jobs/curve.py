@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime
 
-from farm.text import format_count, format_duration, format_moment
+from farm.model import TextTime
+from farm.text import format_count, format_duration
 from farm.views.report.decomposition import CurvePoint
+from farm.wording import name_time
 
 _WIDTH, _HEIGHT, _LEFT, _RIGHT, _TOP, _BOTTOM = 640, 220, 60, 16, 12, 28  # px
 _MAX_LABELS = 12
@@ -27,6 +29,8 @@ class Choice:
         The number below the axis; empty where there is no room.
     is_chosen
         Whether the plan has this number.
+    end
+        When it would end.
     """
 
     printers: int
@@ -35,6 +39,7 @@ class Choice:
     y: float
     label: str
     is_chosen: bool
+    end: TextTime
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +80,15 @@ def draw_curve(points: Sequence[CurvePoint], chosen: int, starts: datetime, now:
 
     def place(number: int) -> Choice:
         time_s = by_number[number]
-        end = format_moment(starts + timedelta(seconds=time_s), now)
+        end = name_time(starts.timestamp() + time_s, now.timestamp(), now.tzinfo or UTC)
         return Choice(
             printers=number,
-            text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end}",
+            text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",
             x=_LEFT + (_WIDTH - _LEFT - _RIGHT) * (number - first) / (last - first),
             y=_TOP + (_HEIGHT - _TOP - _BOTTOM) * (1 - time_s / longest_s),
             label=str(number) if (number - first) % every == 0 else "",
             is_chosen=number == chosen,
+            end=end,
         )
 
     choices = tuple(place(number) for number in numbers)

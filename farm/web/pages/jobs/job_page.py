@@ -9,7 +9,7 @@ from datetime import datetime
 from markupsafe import Markup
 
 from farm import api
-from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate
+from farm.model import HoldCode, Job, JobState, PlanProgress, PlanStep, Plate, TextTime
 from farm.text import format_count, format_duration, format_mass
 from farm.views.charts import Gantt, lay_out_gantt, list_bars, list_expected_bars
 from farm.views.report import list_figures
@@ -18,8 +18,9 @@ from farm.web.notes import Note, Reader
 from farm.web.pages.jobs.actions import list_job_actions, may_report_assembly
 from farm.web.pages.jobs.curve import Curve, draw_curve
 from farm.web.pages.jobs.parts import list_part_rows
-from farm.web.pages.rendering import format_time_element, render_page
-from farm.wording import format_planning, group_holds, shorten_names
+from farm.web.pages.rendering import Farm, render_page
+from farm.web.pages.sentences import Sentence, format_sentence, format_time_element
+from farm.wording import format_planning, format_time, group_holds, shorten_names
 
 _FILES = {
     "assembly.png": "picture of the parts",
@@ -65,7 +66,7 @@ class JobData:
     gcode: Sequence[tuple[str, str]] = ()
 
 
-def render_job_page(data: JobData, farm: str, reader: Reader, note: Note | None = None) -> str:
+def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None = None) -> str:
     """Render the page.
 
     Parameters
@@ -110,7 +111,8 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
     if job.progress is not None and job.state != JobState.PRINTING:
         return f"{format_planning(job.progress).capitalize()}."
     if job.state == JobState.QUEUED:
-        return f"It waits to be planned: {job.hold.text}." if job.hold else "It waits to be planned."
+        hold = "" if job.hold is None else Markup(": {}").format(format_sentence(job.hold))
+        return Markup("It waits to be planned{}.").format(hold)
     if job.state == JobState.PLANNING:
         return "It is being planned."
     if job.state == JobState.HELD:
@@ -146,13 +148,15 @@ def _format_end(end: str, now: str) -> Markup:
 
 
 def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
-    """Yield the known figures of a job; the time of its submission as an element."""
+    """Yield the known figures of a job, with their times as elements."""
+    moments = [at for run in job.runs for at in (run.started, run.ended)] + [job.pruned]
+    times = [TextTime(text=format_time(at, job.now), at=at) for at in moments if at is not None]
     for name, text in list_figures(job):
         if name == "submitted":
             by = f" by {job.submitted_by}" if job.submitted_by else ""
             yield name, Markup("{}{}").format(format_time_element(job.submitted, job.now), by)
         elif text != "-":
-            yield name, text
+            yield name, format_sentence(Sentence(text, times))
 
 
 def estimate_share(progress: PlanProgress) -> float | None:
@@ -162,16 +166,17 @@ def estimate_share(progress: PlanProgress) -> float | None:
     return progress.share if progress.step is PlanStep.DECOMPOSING else None
 
 
-def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[str]:
+def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[Sentence]:
     """List in sentences why a job or its plates wait; equal ones once. That of the summary is left out."""
     reasons = []
     if timeline is not None and timeline.left:
-        reasons.append(f"no printer can print {shorten_names(timeline.left)}")
+        reasons.append(Sentence(f"no printer can print {shorten_names(timeline.left)}"))
     if job.hold is not None and job.state != JobState.QUEUED and job.hold.code is not HoldCode.APPROVAL:
-        reasons.append(job.hold.text)
-    for text, plates in group_holds([job]).items():
-        if text not in reasons:
-            reasons.append(f"{shorten_names(plates)}: {text}")
+        reasons.append(Sentence(job.hold.text, job.hold.times))
+    known = {reason.text for reason in reasons}
+    for hold, plates in group_holds([job]):
+        if hold.text not in known:
+            reasons.append(Sentence(f"{shorten_names(plates)}: {hold.text}", hold.times))
     return reasons
 
 

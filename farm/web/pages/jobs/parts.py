@@ -10,6 +10,7 @@ from farm import api
 from farm.model import PrintState, Role
 from farm.text import format_duration
 from farm.web.pages.jobs.actions import Action, find_parts_on_beds, list_part_actions
+from farm.web.pages.sentences import Sentence
 from farm.wording import format_deviation, format_filament
 
 
@@ -49,7 +50,7 @@ class PartRow:
     now: str
     reached: str
     filament: str
-    why: str
+    why: Sentence
     actions: tuple[Action, ...]
 
 
@@ -139,10 +140,10 @@ def _describe_reached(last: api.PrintView | None, expected_s: float) -> str:
     return format_duration(took_s) + deviation
 
 
-def _explain(plate: api.PlateStatus, last: api.PrintView | None) -> str:
+def _explain(plate: api.PlateStatus, last: api.PrintView | None) -> Sentence:
     reasons = [*plate.warnings]
     if last is not None and not plate.printing:
         reasons += [text for text in (last.reason or last.why or last.fault,) if text]
-    if plate.hold is not None:
-        reasons.append(plate.hold.text)
-    return "; ".join(reasons)
+    if plate.hold is None:
+        return Sentence("; ".join(reasons))
+    return Sentence("; ".join((*reasons, plate.hold.text)), plate.hold.times)

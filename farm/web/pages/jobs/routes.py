@@ -45,7 +45,7 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     """Return the routes. Pages that show dry runs keep them alive."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
-    farm = controller.fleet.fleet.name
+    farm = controller.fleet.fleet
 
     async def read_stored_report(number: int) -> Report:
         stored = name_stored_files(controller.books, number).get(_REPORT)

@@ -35,9 +35,7 @@ def submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
 
     def render(reader: Reader, note: Note | None, values: dict[str, str] | None = None) -> str:
         choices = list_choices(services.controller.fleet)
-        return render_submit_page(
-            choices, uuid.uuid4().hex, fleet.fleet.name, reader, note, values or DEFAULTS
-        )
+        return render_submit_page(choices, uuid.uuid4().hex, fleet.fleet, reader, note, values or DEFAULTS)
 
     async def show(reader: Reader, note: Note | None) -> str:
         return render(reader, note)

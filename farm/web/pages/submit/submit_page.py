@@ -12,7 +12,7 @@ from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
 from farm.text import format_count
 from farm.web.notes import Note, Reader
-from farm.web.pages.rendering import render_page
+from farm.web.pages.rendering import Farm, render_page
 from farm.web.pages.submit.options import DEFAULTS, QUALITIES, UNITS
 
 SUBMIT_PATH = "/submit"
@@ -68,7 +68,7 @@ def _describe_bed(section: PrinterSection) -> tuple[str, float, float, float]:
 def render_submit_page(
     choices: SubmitChoices,
     request_id: str,
-    farm: str,
+    farm: Farm,
     reader: Reader,
     note: Note | None = None,
     values: Mapping[str, str] = DEFAULTS,

@@ -1,8 +1,8 @@
 """Every page with every state, hold and fault, and with hostile names: rendered without a browser."""
 
 from dataclasses import replace
-from datetime import UTC
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -234,6 +234,7 @@ def test_hostile_words_change_no_element_of_any_page(farm, text, name):
 
 def render_others(farm, text, name):
     """Return pages that no address shows by itself: of log-in, messages, refused forms, changes tried out."""
+    fleet = SimpleNamespace(name=name, timezone="UTC")
     reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
     choices = list_choices(farm.controller.fleet)
     choices = replace(choices, materials=[text], colours=[name], beds_mm=[(text, 1.0, 2.0, 3.0)])
@@ -250,9 +251,9 @@ def render_others(farm, text, name):
     return [
         render_login(name, text, Role.LOOK),
         render_message(name, text, has_login_hint=True),
-        render_wire(name, lines, name, UTC, reader),
-        render_wire(name, [], name, UTC, reader, problem=text),
-        render_submit_page(choices, text, name, reader, note, fields),
+        render_wire(name, lines, fleet, reader),
+        render_wire(name, [], fleet, reader, problem=text),
+        render_submit_page(choices, text, fleet, reader, note, fields),
         *(answer.text for answer in asked),
     ]
 

@@ -2,12 +2,13 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from example_night import night_books, status_of, view_context_of
 from farm import api
-from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Role
+from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Role, TextTime
 from farm.state import events as ev
 from farm.views import describe_job
 from farm.views.report.decomposition import Report, parse_report
@@ -21,8 +22,11 @@ from farm.web.pages.jobs.job_page import (
     summarise_job,
 )
 from farm.web.pages.jobs.parts import list_part_rows
+from farm.web.pages.sentences import Sentence
 from make_books import apply_events
 
+TIMES = (TextTime(text="Fri 22:00", at="2026-11-20T22:00:00+01:00"),)
+FARM = SimpleNamespace(name="farm", timezone="UTC")
 REPORT = b"""{"schema": 9, "unknown": 1,
 "joints": [{"a": "p01", "b": "p02", "area_mm2": 450.0, "glued": true}],
 "assembly": {"levels": 1, "locked": [["p04", "p05"]], "steps": [{"number": 1, "moved": ["p02"],
@@ -42,7 +46,7 @@ def rows_of(data, role=Role.OPERATE):
 
 
 def render(data, role=Role.OPERATE):
-    return render_job_page(data, "farm", Reader("ann", role))
+    return render_job_page(data, FARM, Reader("ann", role))
 
 
 def paths_of(page):
@@ -60,7 +64,7 @@ def test_rows_show_each_part_s_state_and_what_was_expected_and_reached():
     }
     first, failed, last = rows["p01"], rows["p04"], rows["p05"]
     assert (first.expected, first.now, first.reached) == ("100 s", "", "102 s (+2 %)")
-    assert (first.remark, failed.why) == ("on the bed of um2-01", "it does not get warm")
+    assert (first.remark, failed.why.text) == ("on the bed of um2-01", "it does not get warm")
     assert (last.progress, last.now, last.reached) == (1.0, "7h00", "")
 
 
@@ -204,10 +208,10 @@ def test_first_sentence_says_how_far_it_is(changes, text):
 
 def test_plates_that_wait_for_the_same_reason_are_named_together():
     data = data_of(night_books())
-    hold = Hold(code=HoldCode.PRINTER_BUSY, text="its printers are busy")
+    hold = Hold(code=HoldCode.PRINTER_BUSY, text="its printers are busy", times=TIMES)
     plates = [plate.model_copy(update={"hold": hold}) for plate in data.job.plates[:3]] + data.job.plates[3:]
     job = data.job.model_copy(update={"plates": plates})
-    assert list_reasons(job) == ["1/01..03: its printers are busy"]
+    assert list_reasons(job) == [Sentence("1/01..03: its printers are busy", TIMES)]
     assert "its printers are busy" in render(replace(data, job=job))
 
 
@@ -226,7 +230,9 @@ def test_plates_that_no_printer_can_take_are_named():
         price=None,
         currency=None,
     )
-    assert list_reasons(job, timeline) == ["no printer can print 1/01..02"]  # the approval is in the summary
+    assert list_reasons(job, timeline) == [
+        Sentence("no printer can print 1/01..02")
+    ]  # the approval is in the summary
     assert list_reasons(job) == []
 
 

@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,6 +15,7 @@ from network_farm import NetworkFarm
 from recording_controller import fleet
 from same_process import AcceptAll
 
+FARM = SimpleNamespace(name="farm", timezone="UTC")
 REQUEST = "0123456789abcdef" * 2
 
 
@@ -71,7 +73,7 @@ def test_wrong_field_is_named(fields, text):
 
 
 def test_page_offers_what_the_fleet_has():
-    page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     assert f'action="/submit?request={REQUEST}"' in page
     assert "On this many of 2 printers" in page
     assert "Ultimaker 2+" in page
@@ -79,7 +81,7 @@ def test_page_offers_what_the_fleet_has():
 
 
 def test_every_field_has_a_label():
-    page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     form = page[page.index('<form id="submit"') :]
     labels = re.findall(r"<label[^>]*>(.*?)</label>", form, re.DOTALL)
     named = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
@@ -160,7 +162,7 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
 @pytest.mark.parametrize("reads_step", [True, False])
 def test_step_is_offered_where_it_can_be_read(monkeypatch, reads_step):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if reads_step else None)
-    page = render_submit_page(list_choices(fleet()), REQUEST, "farm", Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     accepted = re.search(r'accept="([^"]*)"', page)[1].split(",")
     assert (".step" in accepted, "STEP" in page) == (reads_step, reads_step)
     assert {".stl", ".gcode"} <= set(accepted)

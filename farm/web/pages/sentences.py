@@ -1,0 +1,102 @@
+"""Times, and sentences with times and commands in them, as HTML. Pure.
+
+Times are in the farm's zone; a script of the pages shows them in the reader's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+from markupsafe import Markup, escape
+
+from farm.model import TextTime
+from farm.text import format_moment
+
+_LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
+
+
+class WithTimes(Protocol):
+    """Object with a sentence, such as a hold or a task, and the times that it names."""
+
+    @property
+    def text(self) -> str: ...
+
+    @property
+    def times(self) -> Sequence[TextTime]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Sentence:
+    """Sentence with the times that it names."""
+
+    text: str
+    times: Sequence[TextTime] = ()
+
+
+def format_sentence(sentence: WithTimes) -> Markup:
+    """Format a sentence: commands in backticks as code, times as elements.
+
+    The command that it ends with is left out: on pages a button does it.
+    """
+    text = _LAST_COMMAND.sub("", sentence.text)
+    pieces = text.split("`")
+    if len(pieces) % 2 == 0:  # a backtick of its own, as in the name of a model
+        return _format_times(text, sentence.times)
+    code = Markup("<code>{}</code>")
+    return Markup("").join(
+        code.format(piece) if at % 2 else _format_times(piece, sentence.times)
+        for at, piece in enumerate(pieces)
+    )
+
+
+def format_commands(text: str) -> Markup:
+    """Format a sentence that names no times, as `format_sentence` does."""
+    return format_sentence(Sentence(text))
+
+
+def _format_times(text: str, times: Sequence[TextTime]) -> Markup:
+    """Format a text with the times that it names as elements."""
+    moments = {time.text: time.at for time in times}
+    if not moments:
+        return escape(text)
+    pattern = "|".join(map(re.escape, sorted(moments, key=len, reverse=True)))
+    pieces = re.split(f"({pattern})", text)
+    return Markup("").join(
+        _make_element(moments[one], one) if one in moments else escape(one) for one in pieces
+    )
+
+
+def format_time_element(at: str | None, now: str) -> Markup:
+    """Format a time as an element.
+
+    Parameters
+    ----------
+    at, now
+        The time, and that of the view, as ISO 8601.
+    """
+    if at is None:
+        return Markup("")
+    return _make_element(at, format_moment(datetime.fromisoformat(at), datetime.fromisoformat(now)))
+
+
+def _make_element(at: str, text: str) -> Markup:
+    return Markup('<time datetime="{}">{}</time>').format(at, text)
+
+
+class NamedTime(Protocol):
+    """Time as ISO 8601, and as it stands in a text: a `TextTime`, or the mark of a chart."""
+
+    @property
+    def at(self) -> str: ...
+
+    @property
+    def text(self) -> str: ...
+
+
+def format_time_attributes(time: NamedTime) -> Markup:
+    """Return the attributes of an element that holds text alone, such as SVG's, and names a time in it."""
+    return Markup('data-time="{}" data-text="{}"').format(time.at, time.text)
