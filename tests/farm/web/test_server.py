@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from bench.web_load import list_beginnings
+from bench.web_load import list_incomplete_requests
 from real_farm import RealFarm, free_port, wait_for
 
 pytestmark = pytest.mark.system
@@ -156,7 +156,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_pat
     farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
     farm.up()
     key = farm.ok("key", "add", "ann", "--role", "print").strip()
-    beginnings = list_beginnings(key)
+    beginnings = list_incomplete_requests(key)
     with ExitStack() as hanging:
         for number in range(150):
             client = hanging.enter_context(socket.create_connection(("127.0.0.1", port), 30))
