@@ -12,8 +12,8 @@ this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
 with tasks that only sleep through the real scheduler, a job for each four workers; see
 `bench.cluster_replay`. `late_ms` is the median of what a task takes beyond its sleep, `efficiency` the work
 over workers times duration, `critical_s` the longest job on workers without number, its tasks named in
-`critical_path`, and `drawn_first_s` the same if the parts were drawn before they are sliced; all but
-`late_ms` in unscaled seconds.
+`critical_path`; all but `late_ms` in unscaled seconds. The jobs run a second time with all drawings of a job
+by one worker: `one_draws_s`, and `ratio`, the first duration as a share of it.
 `--page docs/explanation/cluster.md` puts the figures there as a table.
 """
 
@@ -40,6 +40,8 @@ REPLAY_COLUMNS = {
     "efficiency": "{efficiency:.0%}",
     "CPU a task": "{cpu_ms_per_task:.0f} ms",
     "a task takes longer by": "{late_ms:.0f} ms",
+    "if one worker draws": "{one_draws_s:.0f} s",
+    "ratio": "{ratio:.2f}",
 }
 FAULT_COLUMNS = {
     "fault": "{fault}",
@@ -104,7 +106,7 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
     for parts in map(int, args.parts.split(",")):
         for workers in map(int, (args.workers or "1,2").split(",")):
             row = measure_job(parts, workers, folder)
-            recorded[str(parts)] = list_stages(row.pop("tasks"))
+            recorded.setdefault(str(parts), list_stages(row.pop("tasks")))  # one worker draws nothing in vain
             rows.append(row)
     if args.record is not None:
         args.record.write_text(json.dumps(recorded, indent=1) + "\n")

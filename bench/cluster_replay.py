@@ -12,6 +12,7 @@ import logging
 import statistics
 import time
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -73,29 +74,39 @@ sleep = Deferred("time:sleep", _list_no_files)
 
 
 Stages = list[dict[str, list[float]]]
+PICTURES, PAGE = ("draw_overview", "draw_some_steps"), "draw_job"
+DRAWINGS = (*PICTURES, PAGE)
+get_seconds = itemgetter(1)
 
 
-def find_critical_path(stages: Stages, drawn_first: bool = False) -> list[tuple[str, float]]:
+def find_critical_path(stages: Stages, one_draws: bool = False) -> list[tuple[str, float]]:
     """Find the longest chain of a job's tasks on workers without number, with the seconds of each.
 
     Parameters
     ----------
     stages
         See `bench.cluster_jobs.list_stages`.
-    drawn_first
-        If parts were drawn before they are sliced, in the task that cuts them.
+    one_draws
+        If one worker made all drawings of a job.
     """
     path: list[tuple[str, float]] = []
     drawn: list[tuple[str, float]] = []
     for stage in stages:
         begin = list(path)
-        if drawn_first:
-            path += [("draw_job", seconds) for seconds in stage.get("draw_job", [])]
-        path += [(what, max(times)) for what, times in stage.items() if what != "draw_job"]
-        for seconds in [] if drawn_first else stage.get("draw_job", []):  # behind the first slice
+        path += [(what, max(times)) for what, times in stage.items() if what not in DRAWINGS]
+        drawing = [max(batch, key=get_seconds) for batch in list_drawings(stage, one_draws)]
+        if drawing:  # behind the first slice
             first = ("slice_part", min(stage["slice_part"]))
-            drawn = max(drawn, [*begin, first, ("draw_job", seconds)], key=sum_path)
+            drawn = max(drawn, [*begin, first, *drawing], key=sum_path)
     return max(path, drawn, key=sum_path)
+
+
+def list_drawings(stage: dict[str, list[float]], one_draws: bool) -> list[list[tuple[str, float]]]:
+    """List the drawings of a stage: those of each list side by side, one list after the other."""
+    pictures = [(what, seconds) for what in PICTURES for seconds in stage.get(what, [])]
+    pages = [(PAGE, seconds) for seconds in stage.get(PAGE, [])]
+    batches = [batch for batch in (pictures, pages) if batch]
+    return [[(PAGE, sum_path([*pictures, *pages]))]] if one_draws and batches else batches
 
 
 def sum_path(path: list[tuple[str, float]]) -> float:
@@ -103,24 +114,28 @@ def sum_path(path: list[tuple[str, float]]) -> float:
     return sum(seconds for _, seconds in path)
 
 
-async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float) -> None:
+async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, one_draws: bool) -> None:
     """Run a job's tasks as a plan does: stage by stage, drawings beside what follows."""
 
     def start(seconds: float) -> asyncio.Future[None]:
         return asyncio.ensure_future(pool.run(sleep, seconds * scale, limit=LIMIT, group=number))
 
+    async def draw(stage: dict[str, list[float]]) -> None:
+        for batch in list_drawings(stage, one_draws):
+            await asyncio.gather(*(start(seconds) for _, seconds in batch))
+
     drawings = []
     for stage in stages:
-        times = [seconds for what, each in stage.items() if what != "draw_job" for seconds in each]
+        times = [seconds for what, each in stage.items() if what not in DRAWINGS for seconds in each]
         running = [start(seconds) for seconds in sorted(times, reverse=True)]
         await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
-        drawings += [start(seconds) for seconds in stage.get("draw_job", [])]
+        drawings.append(asyncio.ensure_future(draw(stage)))
         await asyncio.gather(*running)
     await asyncio.gather(*drawings)
 
 
 async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -> dict[str, Any]:
-    """Run the jobs on sleeping workers. Returns the figures of the run."""
+    """Run the jobs on sleeping workers, and again with all drawings of a job by one. Returns the figures."""
     late_s: list[float] = []
     logging.getLogger("distributed").setLevel(logging.WARNING)
     with dask.config.set(OWN_WORK_OFF):
@@ -135,18 +150,29 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
             pool.start()
             while len(pool.state.workers) < workers:
                 await asyncio.sleep(0.1)
-            begin_s, begin_cpu_s = time.monotonic(), time.process_time()
-            await asyncio.gather(*(run_job(pool, number, job, scale) for number, job in enumerate(jobs)))
-            duration_s, cpu_s = time.monotonic() - begin_s, time.process_time() - begin_cpu_s
+            duration_s, cpu_s = await _run_jobs(pool, jobs, scale, one_draws=False)
+            late_ms = 1000.0 * statistics.median(late_s)
+            one_draws_s, _ = await _run_jobs(pool, jobs, scale, one_draws=True)
             pool.close()
             await pool.wait_closed()
             await asyncio.gather(*(worker.close() for worker in serving))
     return {
         "workers": workers,
-        "duration_s": duration_s / scale,
-        "late_ms": 1000.0 * statistics.median(late_s),
-        **sum_up(workers, jobs, duration_s / scale, cpu_s),
+        "duration_s": duration_s,
+        "one_draws_s": one_draws_s,
+        "ratio": duration_s / one_draws_s,
+        "late_ms": late_ms,
+        **sum_up(workers, jobs, duration_s, cpu_s),
     }
+
+
+async def _run_jobs(
+    pool: ClusterPool, jobs: list[Stages], scale: float, one_draws: bool
+) -> tuple[float, float]:
+    """Run jobs at the same time. Returns the unscaled seconds that they took, and the processor's."""
+    begin_s, begin_cpu_s = time.monotonic(), time.process_time()
+    await asyncio.gather(*(run_job(pool, number, job, scale, one_draws) for number, job in enumerate(jobs)))
+    return (time.monotonic() - begin_s) / scale, time.process_time() - begin_cpu_s
 
 
 def sum_up(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float) -> dict[str, Any]:
@@ -168,5 +194,5 @@ def sum_up(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float) ->
         "efficiency": sum(times) / (workers * duration_s),
         "cpu_ms_per_task": 1000.0 * cpu_s / len(times),
         "critical_path": ", ".join(f"{what} {seconds:.1f} s" for what, seconds in longest),
-        "drawn_first_s": max(sum_path(find_critical_path(job, drawn_first=True)) for job in jobs),
+        "one_draws_critical_s": max(sum_path(find_critical_path(job, one_draws=True)) for job in jobs),
     }

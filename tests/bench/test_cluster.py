@@ -10,7 +10,12 @@ STAGES = [
     {"decompose_job": [30.0]},
     {"slice_part": [2.0, 5.0, 1.0], "draw_job": [10.0]},
     {"relevel_parts": [15.0]},
-    {"slice_part": [3.0, 4.0], "draw_job": [12.0]},
+    {
+        "slice_part": [3.0, 4.0],
+        "draw_overview": [3.0],
+        "draw_some_steps": [5.0, 6.0],
+        "draw_job": [2.0],
+    },
 ]
 
 
@@ -35,38 +40,33 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
 
 def test_the_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
     path = find_critical_path(STAGES)
-    assert [what for what, _ in path] == [
-        "decompose_job",
-        "slice_part",
-        "relevel_parts",
-        "slice_part",
-        "draw_job",
+    assert path == [
+        ("decompose_job", 30.0),
+        ("slice_part", 5.0),
+        ("relevel_parts", 15.0),
+        ("slice_part", 3.0),
+        ("draw_some_steps", 6.0),
+        ("draw_job", 2.0),
     ]
-    assert sum_path(path) == pytest.approx(30.0 + 5.0 + 15.0 + 3.0 + 12.0)
-    quick = [
-        {what: [0.1] if what == "draw_job" else times for what, times in stage.items()} for stage in STAGES
-    ]
+    quick = [{what: times for what, times in stage.items() if "draw" not in what} for stage in STAGES]
     assert sum_path(find_critical_path(quick)) == pytest.approx(30.0 + 5.0 + 15.0 + 4.0)
 
 
-def test_parts_drawn_before_they_are_sliced_lengthen_the_path():
-    assert sum_path(find_critical_path(STAGES, drawn_first=True)) == pytest.approx(54.0 + 22.0)
+def test_drawings_by_one_worker_lengthen_the_path():
+    path = find_critical_path(STAGES, one_draws=True)
+    assert path[-1] == ("draw_job", 3.0 + 5.0 + 6.0 + 2.0)
+    assert sum_path(path) == sum_path(find_critical_path(STAGES)) + 8.0
 
 
 def test_the_table_of_a_page_is_replaced():
     page = "# Page\n<!-- bench/cluster.py replay -->\nold\n<!-- end of replay -->\nrest\n"
-    figures = {
-        "duration_s": 12.34,
-        "bound_s": 11.0,
-        "efficiency": 0.5,
-        "cpu_ms_per_task": 17.6,
-        "late_ms": 9.9,
-    }
+    figures = {"duration_s": 12.34, "bound_s": 11.0, "efficiency": 0.5, "cpu_ms_per_task": 17.6}
+    figures |= {"late_ms": 9.9, "one_draws_s": 15.5, "ratio": 0.8}
     runs = [{"workers": n, "jobs": 2, "tasks": 30, **figures} for n in (4, 16)]
     once = replace_table(page, "replay", REPLAY_COLUMNS, runs)
     assert once.startswith("# Page\n<!-- bench/cluster.py replay -->\n| workers | jobs |")
     assert once.endswith("|\n<!-- end of replay -->\nrest\n")
-    assert "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms | 10 ms |\n" in once and "old" not in once
+    assert "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms | 10 ms | 16 s | 0.80 |\n" in once and "old" not in once
     assert replace_table(once, "replay", REPLAY_COLUMNS, runs) == once
 
 
