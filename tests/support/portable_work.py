@@ -24,6 +24,10 @@ def _fail(source, folder):
     raise FarmError("this model is hollow")
 
 
+def _allocate(source, folder, gigabytes):
+    return len(bytes(int(gigabytes * 2**30)))
+
+
 def _hold(source, folder, note):
     """Report the process in a file of the test, and hold on until it is ended."""
     folder.mkdir(exist_ok=True)
@@ -41,6 +45,7 @@ def _hold_once(source, folder, note):
     return calls
 
 
+allocate = Deferred("portable_work:_allocate", list_files)
 copy = Deferred("portable_work:_copy", list_files)
 fail = Deferred("portable_work:_fail", list_files)
 hold = Deferred("portable_work:_hold", list_files)

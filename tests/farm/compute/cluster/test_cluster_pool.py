@@ -7,13 +7,13 @@ import pytest
 
 import portable_work as work
 from dask_cluster import HERE, Recorder, cluster
-from farm.compute import Workers
+from farm.compute import Limit, Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place
 from farm.compute.cluster.remote_task import AttemptLost, RemoteAnswer, RemoteTask, write_files
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.compute.limits import CHECKING
-from farm.errors import FarmError
+from farm.errors import ErrorCode, FarmError
 
 
 def run(use, *args, **options):
@@ -73,14 +73,28 @@ def test_a_task_for_workers_that_left_goes_to_others(tmp_path, source):
     assert answer["copy"].read_bytes() == source.read_bytes()
 
 
+def run_in_processes(tmp_path, use, **options):
+    """Run `use(pool, processes)` with a worker that works in processes."""
+
+    async def main():
+        processes = Workers(tmp_path / "processes", 1, **options)
+        try:
+            async with cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, _):
+                await use(pool, processes)
+        finally:
+            processes.close()
+
+    asyncio.run(main())
+
+
 def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
     note, out = tmp_path / "pids", tmp_path / "out"
 
-    async def use(pool, scheduler):
+    async def use(pool, processes):
         task = asyncio.ensure_future(pool.run(work.hold, source, out, str(note)))
         while not (out / "progress.json").exists():  # a live file, which the worker sends
             await asyncio.sleep(0.02)
-        assert [running.host for running in pool.state.tasks] == ["w1"]
+        assert [running.host for running in pool.state.tasks] == ["w1"] and not pool.has_idle
         (pid,) = map(int, note.read_text().split())
         assert pid in processes.pids
         task.cancel()
@@ -88,19 +102,26 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
             await asyncio.sleep(0.02)
         with pytest.raises(asyncio.CancelledError):
             await task
-        assert pool.state.tasks == ()
+        assert pool.state.tasks == () and pool.has_idle
 
-    async def main():
-        nonlocal processes
-        processes = Workers(tmp_path / "processes", 1)
-        try:
-            async with cluster(tmp_path / "cluster", ["w1"], pools={"w1": processes}) as (pool, scheduler):
-                await use(pool, scheduler)
-        finally:
-            processes.close()
+    run_in_processes(tmp_path, use)
 
-    processes = None
-    asyncio.run(main())
+
+def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
+    """Of time and of memory, with the message of a limit here; the worker goes on."""
+    note, out = tmp_path / "pids", tmp_path / "out"
+
+    async def use(pool, processes):
+        with pytest.raises(FarmError, match="holding did not end within") as late:
+            await pool.run(work.hold, source, out, str(note), limit=Limit("holding", 1.0))
+        with pytest.raises(FarmError, match=r"not enough memory for allocating .* 0\.5 GB") as large:
+            await pool.run(work.allocate, source, out, 2.0, limit=Limit("allocating", 60.0))
+        assert late.value.code is large.value.code is ErrorCode.LIMIT
+        assert (await pool.run(work.copy, source, out))["copy"].exists()
+        (pid,) = map(int, note.read_text().split())
+        assert pid not in processes.pids and pool.own.calls == []
+
+    run_in_processes(tmp_path, use, memory_gb=0.5)
 
 
 class LostLink:
