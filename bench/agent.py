@@ -163,7 +163,7 @@ async def print_one(
     process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
     clear_sent = start_sent = False
-    start: tuple[float, float] | None = None
+    first: tuple[float, float] | None = None
     memory_mb, share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
@@ -189,9 +189,9 @@ async def print_one(
                 if snapshot.print.phase is m.PrintPhase.PRINTING:
                     cpu_s, mb = measure_cost(process.pid)
                     memory_mb = max(memory_mb, mb)
-                    start = start or (time.monotonic(), cpu_s)
-                    if time.monotonic() > start[0]:
-                        share = (cpu_s - start[1]) / (time.monotonic() - start[0])
+                    first = first or (time.monotonic(), cpu_s)
+                    if time.monotonic() > first[0]:
+                        share = (cpu_s - first[1]) / (time.monotonic() - first[0])
                     if max_lines is not None and snapshot.print.line > max_lines:
                         break
                 elif snapshot.print.phase.ended:

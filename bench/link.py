@@ -138,7 +138,7 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         try:
             for _ in range(COMPARISON_ROUNDS):  # in turn, so that other load affects both
                 url = f"sim://{MODEL}?wire=1"
-                began_s, ended_s, _ = asyncio.run(print_one(printer, Clock(), whole, url, keep=True))
+                began_s, ended_s, _ = asyncio.run(print_one(printer, Clock(), whole, url, keep_emulator=True))
                 agent_rates.append(lines / (ended_s - began_s))
                 control(printer / "emulator", "clear_bed")
                 run = [str(python), PEER, printer / "emulator" / "tty", path, head]

@@ -78,7 +78,7 @@ SHAPES: Mapping[str, Callable[[], Solid]] = {
     "grille": grille,
     "fins 1.5 mm": fins(1.5),
     "fins 2.5 mm": fins(2.5),
-    "bored_block": bored_block,
+    "bored": bored_block,
     "posts": posts,
     "table": table,
     "legs": legs,

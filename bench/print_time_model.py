@@ -34,8 +34,8 @@ from bench.print_time_parts import (
     list_unseen,
     make_recipe,
     make_table,
-    read,
-    write,
+    read_rows,
+    write_rows,
 )
 from decompose.print_time import ADDITIVE, FACTORS, SUPPORT, CostModel, time_terms
 
@@ -155,7 +155,7 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
         "parts": len({(row.model, row.part) for row in rows}),
         "factors": table.fit(all_rows),
         "factors_in_code": dict(FACTORS),
-        "cross_validate": figures(table.cross_validate(all_rows), groups),
+        "held_out": figures(table.cross_validate(all_rows), groups),
         "held_out_tables": figures(table.cross_validate(all_rows, tables=True), groups),
         "fitted_on_two_settings": figures(table.cross_validate(in_full_settings), groups),
         "as_in_code": figures(table.errors(dict(FACTORS), tables=False), groups),
@@ -176,17 +176,17 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="one object on stdout")
     args = parser.parse_args()
     if args.dataset and args.dataset.exists():
-        rows = read(args.dataset)
+        rows = read_rows(args.dataset)
     else:
         models = list_models(args.models) if args.unseen is None else list_unseen(args.unseen)
         rows = make_table(models, args.parts, args.workers, args.cache)
         if args.dataset:
-            write(args.dataset, rows)
+            write_rows(args.dataset, rows)
     figures = compute_report(rows)
     if args.json:
         print(json.dumps(figures, indent=1))
         return 0
-    for title in ("cross_validate", "held_out_tables", "fitted_on_two_settings", "as_in_code", "by_model"):
+    for title in ("held_out", "held_out_tables", "fitted_on_two_settings", "as_in_code", "by_model"):
         print(title.replace("_", " "))
         for name, s in figures[title].items():
             print(

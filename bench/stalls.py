@@ -114,7 +114,7 @@ _LINE_DAMAGES: dict[str, Damage] = {
     "byte lost": lose,
     "byte doubled": double,
     "bit flipped": flip,
-    "cut_end lost": cut_end,
+    "half lost": cut_end,
     "line lost": drop,
     "line doubled": repeat,
 }
@@ -256,22 +256,22 @@ class Tamperer:
     def _draw(self, number: int) -> None:
         self._next_number = number - number % EVERY_LINES + EVERY_LINES + self._rng.randrange(3)
 
-    def to_board(self, data: bytes) -> bytes:
+    def damage_line(self, data: bytes) -> bytes:
         match = self._number.match(data)
         if match is None or int(match[1]) < self._next_number:
             return data
         self._draw(int(match[1]))
-        self._answer_is_next = self._kind.damage_answer is not None
+        self._answer_is_next = self._kind.to_host is not None
         self.hit += not self._answer_is_next
-        return self._kind.damage_line(data, self._rng) if self._kind.damage_line else data
+        return self._kind.to_board(data, self._rng) if self._kind.to_board else data
 
-    def to_host(self, data: bytes) -> bytes:
-        if not self._answer_is_next or (self._kind.damage_line and b"Resend" not in data):
+    def damage_answer(self, data: bytes) -> bytes:
+        if not self._answer_is_next or (self._kind.to_board and b"Resend" not in data):
             return data
-        assert self._kind.damage_answer is not None
+        assert self._kind.to_host is not None
         self._answer_is_next = False
         self.hit += 1
-        return self._kind.damage_answer(data, self._rng)
+        return self._kind.to_host(data, self._rng)
 
 
 def run(kind: Kind, faults: int, seed: int) -> Outcome:
@@ -289,7 +289,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)
         refuse.last = firmware.last  # type: ignore[attr-defined]
-        to_host.put(tamperer.to_host(answer) if answer else answer, now_s)
+        to_host.put(tamperer.damage_answer(answer) if answer else answer, now_s)
         data = to_host.take(now_s)
         events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
@@ -297,7 +297,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
             is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        to_board.put(tamperer.to_board(link.take()), now_s)
+        to_board.put(tamperer.damage_line(link.take()), now_s)
         if tamperer.hit > hit and len(marks_s) <= faults:
             hit = tamperer.hit
             marks_s.append((now_s, firmware.printing_s))
