@@ -89,7 +89,7 @@ class Peer:
         answers = {b"M115": ultimaker2.IDENTITY, b"M114": PLACE, b"M27": b"Not SD printing\n"}
         self.port.write(answers.get(name, b"") + wording.OK)
 
-    def due(self) -> None:
+    def send_due(self) -> None:
         """Send what is due: the banner after a reset, else an ok."""
         has_booted, self.boot_end_s = self.boot_end_s, 0.0
         self.port.write(self._banner if has_booted else wording.OK)
@@ -116,7 +116,7 @@ class Peers(threading.Thread):
             ready = poll.poll(wait_s)
             now_s = time.monotonic()
             while deadlines and deadlines[0][0] <= now_s:
-                heapq.heappop(deadlines)[2].deadlines()
+                heapq.heappop(deadlines)[2].send_due()
             for fd, _ in ready:
                 if fd in by_watch:
                     peer = by_watch[fd]
