@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from itertools import pairwise
+from math import sqrt
 from pathlib import Path
 
 from farm.compute import DRAWING, PoolShare
@@ -11,7 +12,7 @@ from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
 
 MAX_SHARES = 4  # of the steps: each share finds the views of all steps before it again
-MIN_STEPS = 5  # of a share
+MIN_STEPS = 5  # of a share, on average
 
 
 class Drawings:
@@ -70,7 +71,10 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed:
 
 
 def split_steps(steps: int) -> list[tuple[int, int]]:
-    """Split the steps into ranges, each with its end; into none if one worker draws all of them."""
+    """Split the steps into ranges, each with its end; into none if one worker draws all of them.
+
+    Later ranges are shorter: their steps join more parts, and take more time.
+    """
     shares = min(MAX_SHARES, steps // MIN_STEPS)
-    bounds = [steps * share // shares for share in range(shares + 1)] if shares > 1 else []
-    return list(pairwise(bounds))
+    parts = [share / shares for share in range(shares + 1)] if shares > 1 else []
+    return list(pairwise(round(steps * (sqrt(1.0 + 8.0 * part) - 1.0) / 2.0) for part in parts))
