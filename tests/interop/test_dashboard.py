@@ -124,6 +124,17 @@ def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
     browse(tmp_path, act)
 
 
+def test_page_catches_up_after_the_computer_has_slept(tmp_path):
+    async def act(farm, browser, _):
+        await browser.wait_for(f"{STALE} !== null && {STALE}.hidden")
+        browser.sleep()
+        make_bed_unknown(farm, "its board was reset")
+        browser.sleep(False)
+        await browser.wait_for(f"{STALE}.hidden && {TASK}.innerText.includes('its board was reset')")
+
+    browse(tmp_path, act)
+
+
 def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
     async def act(farm, browser, base):
         await browser.call("Emulation.setScriptExecutionDisabled", value=True)

@@ -1,81 +1,104 @@
-"""A whole job in the browser, from the dropped model to the cleared bed, on a simulated printer."""
+"""A whole job in Playwright, from the dropped model to the cleared bed, on a simulated printer."""
 
-import asyncio
 import json
+import re
 
 import pytest
 import trimesh
+from playwright.sync_api import expect, sync_playwright
 
-from chromium import CHROMIUM, Chromium
+from chromium import CHROMIUM, OPTIONS, PATIENCE_S
 from real_farm import RealFarm, free_port, wait_for
 
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium"),
 ]
-STALE = "document.querySelector('.stale:not([hidden])')"
-
-
-def has(text, root):
-    """Return an expression that is true once an element has these words."""
-    return f"document.querySelector({root!r})?.innerText.includes({text!r})"
 
 
 @pytest.fixture
 def farm(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
     farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{free_port()}'}}\n")
+    farm.up()
     yield farm
     farm.end()
 
 
-def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, tmp_path):
+@pytest.fixture
+def browser():
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield browser
+        browser.close()
+
+
+def open_context(browser, base):
+    """Open a window with its own session, whose pages wait as long as the tests do."""
+    context = browser.new_context(base_url=base)
+    context.set_default_timeout(1000 * PATIENCE_S)
+    return context
+
+
+def drop_file(page, selector, path):
+    """Drag a file onto an element, and drop it."""
+    box = page.locator(selector).bounding_box()
+    at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
+    data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+    session = page.context.new_cdp_session(page)
+    for kind in ("dragEnter", "dragOver", "drop"):
+        session.send("Input.dispatchDragEvent", {"type": kind, "data": data, **at})
+
+
+def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, browser, tmp_path):
     model = tmp_path / "box.stl"
     trimesh.creation.box((20.0, 20.0, 3.0)).export(model)
-    farm.up()
     link = json.loads(farm.ok("web", "--json"))["url"]
+    base = link.partition("/login/")[0]
+    context, messages, hosts = open_context(browser, base), [], set()
+    context.on("console", lambda message: messages.append(message.text))
+    context.on("request", lambda request: hosts.add(request.url.partition("/static/")[0][: len(base)]))
+    desk = context.new_page()
+    desk.goto(link)
+    desk.locator("main button").click()
+    expect(desk).to_have_url(f"{base}/")
+    corridor = context.new_page()
+    corridor.goto("/")
 
-    async def use():
-        async with Chromium(tmp_path / "profile", "MAP * 127.0.0.1") as desk:
-            await desk.open(link)
-            await desk.press("main button")
-            home = await desk.evaluate("location.origin")
-            corridor = await desk.open_tab()
-            await corridor.open(home)
-            await submit(desk, home)
-            await print_job(desk, corridor)
-            await clear(desk, corridor)
-            await asyncio.to_thread(farm.ok, "down")
-            await desk.wait_for(STALE)
-            assert not [message for message in desk.messages if "Content Security Policy" in message]
+    plan(desk, model)
+    desk.get_by_role("button", name="Print it").click()
+    expect(desk.locator("#part-rows")).to_contain_text("printing")
+    expect(corridor.locator("#printer-um2-01")).to_contain_text("box")
+    context.set_offline(True)
+    for page in (desk, corridor):
+        expect(page.locator(".stale")).to_contain_text("No news from the farm since")
+    wait_for("the end", lambda: farm.job()["state"] == "printed")
+    context.set_offline(False)
+    expect(desk.locator("#part-rows")).to_contain_text("printed")
+    expect(corridor.locator(".stale")).to_be_hidden()
+    clear(corridor)
+    expect(desk.locator("#state")).to_contain_text("Every part is printed and good")
+    farm.ok("down")
+    expect(desk.locator(".stale")).to_be_visible()
+    assert not [message for message in messages if "Content Security Policy" in message]
+    assert hosts == {base}
 
-    async def submit(desk, home):
-        await desk.open(f"{home}/submit")
-        await desk.drop_file("[name=file]", model)
-        assert await desk.evaluate("document.querySelector('[name=file]').files[0].name") == "box.stl"
-        await desk.press("button[value=plan]")
-        assert await desk.evaluate("location.pathname") == "/jobs/1"
-        await desk.wait_for(has("Planned: 1 part on 1 printer", "#state"))
-        await desk.open(f"{home}/jobs/1")  # a page with other sections loads itself anew
-        await desk.wait_for(has("Nothing prints before it is approved", "#state"))
 
-    async def print_job(desk, corridor):
-        await desk.press("form[action='/jobs/1/release'] button")
-        await desk.wait_for(has("printing", "#part-rows"))
-        await corridor.wait_for(has("box", "#printer-um2-01"))
-        await corridor.cut_network()
-        await corridor.wait_for(STALE)
-        assert "No news from the farm since" in await corridor.evaluate(f"{STALE}.innerText")
-        desk.sleep()  # the computer of both windows
-        await asyncio.to_thread(wait_for, "the end", lambda: farm.job()["state"] == "printed")
-        desk.sleep(False)
-        await desk.wait_for(has("printed", "#part-rows"))
+def plan(page, model):
+    """Drop a model on the form, and wait for its plan."""
+    page.goto("/submit")
+    drop_file(page, "[name=file]", model)
+    assert page.locator("[name=file]").evaluate("field => field.files[0].name") == "box.stl"
+    page.get_by_role("button", name="Plan it, and show me").click()
+    expect(page).to_have_url(re.compile("/jobs/1$"))
+    expect(page.locator("#state")).to_contain_text("Planned: 1 part on 1 printer")
+    expect(page.locator("#state")).to_contain_text("Nothing prints before it is approved")
 
-    async def clear(desk, corridor):
-        await corridor.cut_network(False)
-        await corridor.wait_for(f"{STALE} === null && {has('Clear 1 bed', '#todo')}")
-        await corridor.press("#todo .beds button")
-        await corridor.wait_for(has("Nothing.", "#todo"))
-        await desk.wait_for(has("Every part is printed and good", "#state"))
 
-    asyncio.run(use())
+def clear(page):
+    """Take the part off, as the first task says."""
+    task = page.locator("#todo")
+    expect(task).to_contain_text("Clear 1 bed")
+    task.get_by_role("button", name="Taken off, part is good").click()
+    expect(task).to_contain_text("Nothing.")

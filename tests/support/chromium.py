@@ -10,6 +10,8 @@ import signal
 
 CHROMIUM = shutil.which("chromium")
 PATIENCE_S = 120.0
+OPTIONS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage")
+"""Options of each start; the third draws WebGL without a graphics card."""
 
 
 class Tab:
@@ -171,9 +173,8 @@ class Chromium(Tab):
     """
 
     def __init__(self, profile, hosts):
-        self._command = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
-        self._command += ["--enable-unsafe-swiftshader"]  # WebGL without a graphics card
-        self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}", "--disable-dev-shm-usage"]
+        self._command = [CHROMIUM, "--headless=new", "--no-first-run", *OPTIONS]
+        self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}"]
         self._command += [f"--host-resolver-rules={hosts}", "--window-size=1000,700"]
 
     @property
