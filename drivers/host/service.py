@@ -181,6 +181,7 @@ class HostService:
             self._set_agents(message.starts)
         elif message.do == "update":
             self._update.begin()
+            self._send_state()  # before the update has a result: until then the daemon takes none
         elif message.do == "halt":
             self._update.halt()
         self._changed.set()
@@ -199,9 +200,12 @@ class HostService:
                 async with asyncio.timeout(STATE_S):
                     await self._changed.wait()
             self._changed.clear()
-            if self._daemon is not None:
-                self._daemon.send_message(self._describe().encode())
+            self._send_state()
             await asyncio.sleep(_WATCH_S / 2)  # changes of many agents are one state
+
+    def _send_state(self) -> None:
+        if self._daemon is not None:
+            self._daemon.send_message(self._describe().encode())
 
     def _describe(self) -> HostState:
         return HostState(

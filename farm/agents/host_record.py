@@ -38,6 +38,8 @@ class HostRecord:
         Its last state; None before the first.
     reported
         Whether its loss has been reported.
+    update_unconfirmed
+        Whether its update was begun, and no state has confirmed that.
     """
 
     host: str
@@ -47,16 +49,21 @@ class HostRecord:
     reason: str = "it has not answered yet"
     state: HostState | None = None
     reported: bool = False
+    update_unconfirmed: bool = False
 
     def on_state(self, now_s: float, state: HostState) -> None:
         """Store a state that the host has sent."""
+        if state.update.phase not in (UpdatePhase.OUTDATED, UpdatePhase.FAILED):
+            self.update_unconfirmed = False
         self.state = state
+        if self.update_unconfirmed:  # the host has sent it before it was told
+            self.on_update_begun()
         if self.connected_s is None:
             self.connected_s, self.disconnected_s = now_s, None
 
     def on_lost(self, now_s: float, reason: str) -> None:
         """Store that the connection broke, or that an attempt failed."""
-        self.reason = reason
+        self.reason, self.update_unconfirmed = reason, False
         if self.disconnected_s is None:
             self.connected_s, self.disconnected_s = None, now_s
 
@@ -67,6 +74,7 @@ class HostRecord:
 
     def on_update_begun(self) -> None:
         """Store that the update of its agents has begun, before its next state says so."""
+        self.update_unconfirmed = True
         if self.state is not None:
             self.state = self.state.model_copy(update={"update": Update(phase=UpdatePhase.RUNNING)})
 

@@ -304,7 +304,7 @@ class Hosts:
                 log.info("%s", error)
                 continue
             connection.record.on_update_begun()
-            begun = (*begun, host)
+            begun = begun if host in begun else (*begun, host)
         for host in step.halt:
             with suppress(AgentError):
                 self._connections[host].send(HostMessage(do="halt"))

@@ -43,7 +43,8 @@ def plan_rollout(updates: Mapping[str, Update | None], begun: tuple[str, ...]) -
     Returns
     -------
     RolloutStep
-        Hosts that are not connected are updated when they are back.
+        Hosts that are not connected are updated when they are back. One whose service was restarted has
+        forgotten its update, and begins again.
     """
     phases = {host: None if update is None else update.phase for host, update in updates.items()}
     for host in begun:
@@ -58,7 +59,9 @@ def plan_rollout(updates: Mapping[str, Update | None], begun: tuple[str, ...]) -
     )
     if not begun and todo:
         return RolloutStep(begin=todo[:1])
-    if begun and phases.get(begun[0]) is UpdatePhase.CURRENT and todo:
-        return RolloutStep(begin=todo)
+    repeated = tuple(host for host in begun if phases.get(host) is UpdatePhase.OUTDATED)
+    following = todo if begun and phases.get(begun[0]) is UpdatePhase.CURRENT else ()
+    if repeated or following:
+        return RolloutStep(begin=(*repeated, *following))
     done = all(phase is UpdatePhase.CURRENT for phase in phases.values())
     return RolloutStep(ended=done)

@@ -35,13 +35,41 @@ def test_host_that_is_not_connected_is_waited_for():
     assert plan_rollout({"a": None, "b": CURRENT}, ("b",)) == RolloutStep()
 
 
+def test_host_whose_service_was_restarted_begins_again():
+    assert plan_rollout({"a": OUTDATED, "b": OUTDATED}, ("a",)) == RolloutStep(begin=("a",))
+    step = plan_rollout({"a": CURRENT, "b": OUTDATED, "c": RUNNING}, ("a", "b", "c"))
+    assert step == RolloutStep(begin=("b",))
+
+
+def test_state_from_before_the_update_is_no_result_of_it():
+    record = HostRecord("pc-b", ("a",), 100.0)
+    failed = HostState(pid=1, update=FAILED)
+    record.on_state(101.0, failed)
+    record.on_update_begun()
+    record.on_state(102.0, failed)  # on its way when the update began
+    assert record.update is not None and record.update.phase is UpdatePhase.RUNNING
+    record.on_state(103.0, HostState(pid=1, update=RUNNING))
+    record.on_state(104.0, failed)
+    assert record.update == FAILED
+
+
+def test_update_that_a_broken_connection_has_lost_begins_again():
+    record = HostRecord("pc-b", ("a",), 100.0)
+    record.on_state(101.0, HostState(pid=1, update=OUTDATED))
+    record.on_update_begun()
+    record.on_lost(102.0, "no route")
+    record.on_state(103.0, HostState(pid=1, update=OUTDATED))
+    assert record.update == OUTDATED
+
+
 @given(UPDATES, st.sets(st.sampled_from("abcde")))
 def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates, names):
     begun = tuple(sorted(names & updates.keys()))
     step = plan_rollout(updates, begun)
-    assert not set(step.begin) & set(begun) and all(updates[host] is not None for host in step.begin)
+    assert all(updates[host] is not None for host in step.begin)
+    assert all(updates[host] is OUTDATED for host in set(step.begin) & set(begun))
     if begun and updates[begun[0]] is not CURRENT:
-        assert not step.begin
+        assert set(step.begin) <= set(begun)
     if any(updates[host] is FAILED for host in begun):
         assert step.ended and step.fault and not step.begin
     if not begun:
@@ -57,7 +85,7 @@ def test_loss_is_told_once_after_ten_seconds_and_the_return_once():
     assert record.find_change(210.0, 1.0) is HostChange.LOST
     record.reported = True
     assert record.find_change(300.0, 1.0) is None
-    assert "a" in record.describe_outage() and record.describe_wait() == "a connection: no route"
+    assert record.describe_wait() == "a connection: no route"
     record.on_state(301.0, HostState(pid=2))
     assert record.find_change(301.0, 1.0) is HostChange.BACK
     assert record.describe_wait() is None
