@@ -24,6 +24,7 @@ _TUN = Path("/dev/net/tun")
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 _BROADCAST = 0x01  # first byte of a frame to many
 _FRAME_BYTES = 65536
+_NETWORK = "198.18"  # for tests of networks, by RFC 2544
 
 
 def find_obstacle() -> str | None:
@@ -95,9 +96,9 @@ class Network:
     """
 
     def __init__(self, names: Sequence[str], seed: int = 0) -> None:
-        self.names, number = ["farm", *names], os.getpid() % 256
+        self.names, number = ["farm", *names], _find_free_network()
         self._spaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
-        self._addresses = {name: f"198.18.{number}.{1 + at}" for at, name in enumerate(self.names)}
+        self._addresses = {name: f"{_NETWORK}.{number}.{1 + at}" for at, name in enumerate(self.names)}
         hosts = [[self._addresses[name], self._spaces.get(name)] for name in self.names]
         self._switch = subprocess.Popen(
             [sys.executable, __file__, json.dumps(hosts), str(seed)],
@@ -137,6 +138,13 @@ class Network:
             self._switch.stdin.flush()
         if not self._switch.stdout.readline():
             raise OSError(f"the switch between namespaces ended ({self._switch.wait()})")
+
+
+def _find_free_network() -> int:
+    """Find the third number of the addresses, which no other test on this computer uses."""
+    listing = subprocess.run(["ip", "-o", "-4", "addr"], capture_output=True, text=True, check=True).stdout
+    numbers = ((os.getpid() + step) % 256 for step in range(256))
+    return next(number for number in numbers if f" {_NETWORK}.{number}.1/" not in listing)
 
 
 def _open_port(number: int, address: str, space: str | None) -> int:
