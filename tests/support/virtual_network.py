@@ -96,7 +96,7 @@ class Network:
     """
 
     def __init__(self, names: Sequence[str], seed: int = 0) -> None:
-        self.names, number = ["farm", *names], _find_free_network()
+        self.names, number = ["farm", *names], find_free_network()
         self._spaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
         self._addresses = {name: f"{_NETWORK}.{number}.{1 + at}" for at, name in enumerate(self.names)}
         hosts = [[self._addresses[name], self._spaces.get(name)] for name in self.names]
@@ -140,7 +140,7 @@ class Network:
             raise OSError(f"the switch between namespaces ended ({self._switch.wait()})")
 
 
-def _find_free_network() -> int:
+def find_free_network() -> int:
     """Find the third number of the addresses, which no other test on this computer uses."""
     listing = subprocess.run(["ip", "-o", "-4", "addr"], capture_output=True, text=True, check=True).stdout
     numbers = ((os.getpid() + step) % 256 for step in range(256))

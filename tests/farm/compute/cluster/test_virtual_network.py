@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+import virtual_network
 from virtual_network import Network, Wires, find_obstacle
 
 OBSTACLE = find_obstacle()
@@ -27,6 +28,14 @@ def test_frames_go_to_where_their_destination_was_seen():
     wires.send(frame(A, B), 1, 0.0)
     wires.send(frame(ALL, B), 1, 0.0)
     assert arrived(wires) == [(0, frame(A, B)), (0, frame(ALL, B)), (2, frame(ALL, B))]
+
+
+def test_networks_at_the_same_time_have_different_addresses(monkeypatch):
+    lines = "1: farm1n0 inet 198.18.7.1/24 scope global\n2: farm2n0 inet 198.18.8.1/24 scope global\n"
+    listing = subprocess.CompletedProcess([], 0, lines)
+    monkeypatch.setattr(virtual_network.subprocess, "run", lambda *_, **__: listing)
+    monkeypatch.setattr(virtual_network.os, "getpid", lambda: 256 + 7)
+    assert virtual_network.find_free_network() == 9
 
 
 def test_delays_add_up_and_frames_keep_their_order():
