@@ -49,7 +49,6 @@ SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # of farm time: the operator's night begins
 LOOK_S = 0.3  # wall seconds between two looks of the operator
-PATIENCE_S = 900.0  # wall seconds
 ANSWER_S = 120.0  # wall seconds for a daemon that was just started, on a busy machine
 
 
@@ -74,6 +73,7 @@ class Night:
 
     def __init__(self, folder: Path, args: argparse.Namespace) -> None:
         self.args = args
+        self.command = [sys.executable, "-P", "-m", "farm.cli.main"]
         self.state = StateFolder(folder / "state")
         self.fleet_file = folder / "fleet.yaml"
         self.names = [f"um2-{i:02d}" for i in range(1, args.printers + 1)]
@@ -105,14 +105,17 @@ class Night:
             for begins, length_s in local_rows
         ]
         rows = "".join(
-            f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}?seed={i}'}}\n"
-            for i, name in enumerate(self.names)
+            f"  - {json.dumps(self._describe_printer(i, name))}\n" for i, name in enumerate(self.names)
         )
         self.fleet_file.write_text(
             f"fleet: {{name: night, time_scale: {self.args.scale}, attended: {json.dumps(windows)},"
             f" compute: {{workers: 1}}}}\n"
             f"printers:\n{rows}"
         )
+
+    def _describe_printer(self, seed: int, name: str) -> dict[str, str]:
+        """Return a printer's entry in `fleet.yaml`."""
+        return {"name": name, "model": MODEL, "port": f"sim://{MODEL}?seed={seed}"}
 
     def _book_job(self) -> float:
         """Put a planned job of many equal plates into the books; return the expected time of one."""
@@ -171,7 +174,7 @@ class Night:
     # -- the farm ---------------------------------------------------------------------------------------
 
     def farm(self, *words: str) -> None:
-        command = [sys.executable, "-P", "-m", "farm.cli.main", *words, "--state", str(self.state.root)]
+        command = [*self.command, *words, "--state", str(self.state.root)]
         if words[0] == "up":
             command += ["--fleet", str(self.fleet_file)]
         process = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -185,7 +188,7 @@ class Night:
             while True:
                 view = self._status()
                 job = view.jobs[0]
-                if job.state in ("done", "failed") or time.monotonic() - start_s > PATIENCE_S:
+                if job.state in ("done", "failed") or time.monotonic() - start_s > self.args.patience_s:
                     break
                 self._cause_failures(view, job)
                 self._operate(view, job)
@@ -277,7 +280,7 @@ class Night:
         """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
         print_ids = set()
         for name in self.names:
-            for line in (self.state.agent(name) / JOURNAL).read_text().splitlines():
+            for line in (self._agent_folder(name) / JOURNAL).read_text().splitlines():
                 print_record = json.loads(line).get("print")
                 if print_record is not None and print_record["phase"] == PrintState.DONE:
                     print_ids.add(print_record["print_id"])
@@ -285,23 +288,17 @@ class Night:
             books.prints[print_id].plate if print_id in books.prints else "unknown" for print_id in print_ids
         )
 
+    def _agent_folder(self, name: str) -> Path:
+        return self.state.agent(name)
+
     def _emulator(self, name: str) -> Path:
-        return self.state.agent(name) / "emulator"
+        return self._agent_folder(name) / "emulator"
 
     def _end(self) -> None:
-        command = [
-            sys.executable,
-            "-P",
-            "-m",
-            "farm.cli.main",
-            "down",
-            "--now",
-            "--state",
-            str(self.state.root),
-        ]
+        command = [*self.command, "down", "--now", "--state", str(self.state.root)]
         if subprocess.run(command, capture_output=True, check=False).returncode != 0:
             for name in self.names:
-                kill_agent(self.state.agent(name))
+                kill_agent(self._agent_folder(name))
         for name in self.names:
             if is_running(self._emulator(name)):
                 try:
@@ -310,10 +307,10 @@ class Night:
                     print(error, file=sys.stderr)
 
 
-def parse_options(words: list[str] | None = None) -> argparse.Namespace:
-    """Parse the options."""
+def make_parser(description: str | None) -> argparse.ArgumentParser:
+    """Make the parser of the options of a night."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--printers", type=int, default=20)
     parser.add_argument("--plates", type=int, default=60)
@@ -323,6 +320,7 @@ def parse_options(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
     parser.add_argument("--kills", type=int, default=2, help="of the daemon")
+    parser.add_argument("--patience-s", type=float, default=900.0, help="wall seconds for the whole night")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--keep",
@@ -331,7 +329,12 @@ def parse_options(words: list[str] | None = None) -> argparse.Namespace:
         help="a new folder: the farm's books, logs and journals stay there",
     )
     parser.add_argument("--json", action="store_true")
-    return parser.parse_args(words)
+    return parser
+
+
+def parse_options(words: list[str] | None = None) -> argparse.Namespace:
+    """Parse the options."""
+    return make_parser(__doc__).parse_args(words)
 
 
 def main() -> None:

@@ -1,0 +1,264 @@
+"""Night of a farm whose printers are on several hosts, which fail and are updated meanwhile; needs root.
+
+    PYTHONPATH=tests/support python -m bench.host_night --json
+    PYTHONPATH=tests/support python -m bench.host_night --hosts 4 --printers 40 --scale 60 --seed 3
+
+The night of `bench.night` with real services, agents and emulators in a network namespace for each host. At
+random moments a host's service is killed, its network is cut for a time, or the whole host goes off and
+comes back: its agents are killed too, so that its prints fail. While all printers print, the next version
+of farm, installed from its own wheel, is put in use, and the agents are updated to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from bench.night import Night, make_parser
+from drivers.emulator.launch import Command, control, is_running
+from farm import api
+from farm.errors import FarmError
+from farm.state.storage import Store
+from installed_version import Versions  # type: ignore[import-not-found]  # in tests/support
+from network_hosts import NetworkHosts  # type: ignore[import-not-found]
+from virtual_network import find_obstacle  # type: ignore[import-not-found]
+
+OLD, NEW = "1.0.0", "1.0.1"
+UPDATE_SHARE = 0.3  # of the first plates, when the new version is installed
+SHORTEST_S, LONGEST_S = 5.0, 60.0  # wall seconds for which a host is away; one away for 30 is lost
+ENDING_S = 90.0  # wall seconds until a service without a daemon ends: 60, and time to notice
+SAMPLE_S = 20.0  # between two samples of CPU time
+_TICK_S = 1 / os.sysconf("SC_CLK_TCK")
+
+
+class HostFault(StrEnum):
+    """Fault of a host."""
+
+    SERVICE = "service killed"
+    NETWORK = "network cut"
+    POWER = "host off"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedFault:
+    """Fault of a host at a moment of the night.
+
+    Attributes
+    ----------
+    at_s
+        Farm seconds after the first print began.
+    lasts_s
+        Wall seconds until a cut network or a host is back.
+    """
+
+    at_s: float
+    kind: HostFault
+    host: str
+    lasts_s: float
+
+
+def plan_faults(
+    count: int, hosts: list[str], spans_s: list[tuple[float, float]], rng: random.Random
+) -> list[PlannedFault]:
+    """Plan faults of hosts, all kinds as often, over spans of farm seconds; in the order of their times."""
+    kinds = [list(HostFault)[at % len(HostFault)] for at in range(count)]
+    faults = [
+        PlannedFault(
+            rng.uniform(*rng.choice(spans_s)), kind, rng.choice(hosts), rng.uniform(SHORTEST_S, LONGEST_S)
+        )
+        for kind in kinds
+    ]
+    return sorted(faults, key=lambda fault: fault.at_s)
+
+
+class CpuMeter:
+    """Share of a core that processes take, between samples some seconds apart."""
+
+    def __init__(self, list_processes: Callable[[], list[int]]) -> None:
+        self._list_processes = list_processes
+        self._sampled_s = -SAMPLE_S
+        self._used_s: dict[int, float] = {}
+        self.shares: list[float] = []
+
+    def sample(self) -> None:
+        """Take a sample if it is time; processes that have come or gone since the last one do not count."""
+        now_s = time.monotonic()
+        passed_s = now_s - self._sampled_s
+        if passed_s < SAMPLE_S:
+            return
+        used_s = {pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_cpu_s(pid)) is not None}
+        if self._used_s:
+            both = used_s.keys() & self._used_s.keys()
+            self.shares.append(sum(used_s[pid] - self._used_s[pid] for pid in both) / passed_s)
+        self._sampled_s, self._used_s = now_s, used_s
+
+
+def _read_cpu_s(pid: int) -> float | None:
+    with suppress(OSError):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) * _TICK_S
+    return None
+
+
+class HostNight(Night):
+    """Farm on several hosts for one night."""
+
+    def __init__(self, folder: Path, args: argparse.Namespace) -> None:
+        names = [f"pc-{number}" for number in range(1, args.hosts + 1)]
+        (folder / "versions").mkdir()
+        self.versions = Versions(folder / "versions")
+        for version in (OLD, NEW):
+            self.versions.install(version)
+        self.versions.use(OLD)
+        program = self.versions.link / "bin" / "farm"
+        self.hosts = NetworkHosts(folder / "hosts", names, "night", program)
+        os.environ["FARM_SSH"] = self.hosts.ssh
+        super().__init__(folder, args)
+        self.command = [str(program)]
+        spans_s = [(300.0, self.plate_s), (self.back_after_s, self.back_after_s + 2 * self.plate_s)]
+        self.faults = plan_faults(args.faults, names, spans_s, random.Random(args.seed))
+        self.faults_done: Counter[str] = Counter()
+        self._mends: dict[str, float] = {}  # when hosts that are away come back, on the monotonic clock
+        self._updated_at_s: float | None = None  # elapsed farm seconds
+        self._update_waits = False
+        self._daemon_pid = 0
+        self._meter = CpuMeter(lambda: [self._daemon_pid, *self.hosts.list_processes()])
+
+    def _find_host(self, name: str) -> str:
+        return f"pc-{self.names.index(name) % int(self.args.hosts) + 1}"
+
+    def _describe_printer(self, seed: int, name: str) -> dict[str, str]:
+        host = self._find_host(name)
+        entry = super()._describe_printer(seed, name)
+        return {**entry, "host": host, "host_command": self.hosts.command(host)}
+
+    def _agent_folder(self, name: str) -> Path:
+        folder: Path = self.hosts.places[self._find_host(name)].agent(name)
+        return folder
+
+    def _cause_failures(self, view: api.Status, job: api.JobView) -> None:
+        super()._cause_failures(view, job)
+        elapsed_s = job.elapsed_s or 0.0
+        if view.daemon.pid != self._daemon_pid:  # a new daemon goes on with no update
+            self._daemon_pid = view.daemon.pid
+            self._update_waits = self._updated_at_s is not None
+        if self._update_waits:
+            self._begin_update()
+        self._meter.sample()
+        self._mend_hosts()
+        if self._updated_at_s is None and elapsed_s > UPDATE_SHARE * self.plate_s:
+            self._updated_at_s = elapsed_s
+            self.versions.use(NEW)
+            os.kill(view.daemon.pid, signal.SIGKILL)
+            self.farm("up")
+        while self.faults and elapsed_s >= self.faults[0].at_s:
+            self._cause(self.faults.pop(0))
+
+    def _begin_update(self) -> None:
+        """Begin the update once all hosts are connected, with services of the new version."""
+        hosts = self.client.hosts().hosts
+        if all(host.connected and host.version == NEW for host in hosts):
+            self._update_waits = False
+            with suppress(FarmError):  # nothing is left to update
+                self.client.update_hosts()
+
+    def _cause(self, fault: PlannedFault) -> None:
+        self.faults_done[fault.kind] += 1
+        if fault.kind is not HostFault.SERVICE:
+            self.hosts.cut(fault.host)
+            back_s = time.monotonic() + fault.lasts_s
+            self._mends[fault.host] = max(back_s, self._mends.get(fault.host, 0.0))
+        if fault.kind is not HostFault.NETWORK:
+            self.hosts.kill_service(fault.host)
+        if fault.kind is HostFault.POWER:
+            printers = [name for name in self.names if self._find_host(name) == fault.host]
+            self.hosts.kill_agents(fault.host, printers)
+
+    def _mend_hosts(self, at_once: bool = False) -> None:
+        for host, back_s in list(self._mends.items()):
+            if at_once or time.monotonic() >= back_s:
+                self.hosts.mend(host)
+                del self._mends[host]
+
+    def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
+        with Store(self.state.books) as store:
+            events = Counter(kind for _, kind, _ in store.events())
+        agents = [agent for host in self.client.hosts().hosts for agent in host.agents]
+        shares = self._meter.shares or [0.0]
+        return {
+            **super()._figures(job, wall_s),
+            "hosts": self.args.hosts,
+            **{kind.replace(" ", "_"): self.faults_done[kind] for kind in HostFault},
+            "hosts_lost": events["HostLost"],
+            "hosts_back": events["HostConnected"],
+            "agents_updated": sum(self.versions.find(agent.installation) == NEW for agent in agents),
+            "agents": len(agents),
+            "updated_at_s": round(self._updated_at_s or 0.0),
+            "cpu_share": round(sum(shares) / len(shares), 2),
+            "cpu_share_max": round(max(shares), 2),
+        }
+
+    def _end(self) -> None:
+        self._mend_hosts(at_once=True)
+        super()._end()
+
+    def count_left(self) -> int:
+        """Count the processes that are left on the hosts when their services have had time to end."""
+        give_up_s = time.monotonic() + ENDING_S
+        while self.hosts.list_processes() and time.monotonic() < give_up_s:
+            time.sleep(1.0)
+        return len(self.hosts.list_processes())
+
+    def close(self) -> None:
+        """End what is left, and remove the hosts."""
+        for name in self.names:
+            if is_running(self._emulator(name)):
+                control(self._emulator(name), Command.POWER_OFF)
+        self.hosts.close()
+
+
+def parse_options(words: list[str] | None = None) -> argparse.Namespace:
+    """Parse the options."""
+    parser = make_parser(__doc__)
+    parser.add_argument("--hosts", type=int, default=4)
+    parser.add_argument("--faults", type=int, default=12, help="of hosts")
+    parser.set_defaults(printers=40, plates=100, moves=400, scale=60, away_h=3.0, patience_s=1800.0)
+    return parser.parse_args(words)
+
+
+def run_night(folder: Path, args: argparse.Namespace) -> dict[str, object]:
+    """Run a night in a folder that exists. Returns its figures."""
+    night = HostNight(folder, args)
+    try:
+        figures = night.run()
+        return {**figures, "processes_left": night.count_left()}
+    finally:
+        night.close()
+
+
+def main() -> None:
+    obstacle = find_obstacle()
+    if obstacle is not None:
+        raise SystemExit(f"not run: {obstacle}")
+    args = parse_options()
+    with tempfile.TemporaryDirectory(prefix="night-") as folder:
+        if args.keep is not None:
+            args.keep.mkdir(parents=True)
+        figures = run_night(args.keep or Path(folder), args)
+    print(json.dumps(figures, indent=2) if args.json else "\n".join(f"{k}: {v}" for k, v in figures.items()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

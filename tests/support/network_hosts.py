@@ -1,0 +1,153 @@
+"""Hosts with printers, each in a network namespace with a state folder of its own, reached over TCP.
+
+Run as a program, this file is the remote shell between them: ``listen ADDRESS`` on a host, and
+``call ... HOST COMMAND`` in place of ssh. It has no keys and no keep-alive: farm itself has to notice a cut
+network. Needs root: see `virtual_network.find_obstacle`.
+"""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from drivers.host.places import HostPlaces
+from drivers.locks import find_holder
+from drivers.remote import find_agent_pid
+from virtual_network import Network
+
+_PORT = 2222
+_BYTES = 65536
+_CONNECT_S = 10.0
+_READY = b"ready\n"
+
+
+class NetworkHosts:
+    """Hosts with printers of one farm, by name.
+
+    Parameters
+    ----------
+    folder
+        A new folder.
+    names
+        Their names.
+    farm
+        Name of the farm.
+    program
+        The command `farm` on these hosts.
+    """
+
+    def __init__(self, folder: Path, names: Sequence[str], farm: str, program: Path) -> None:
+        folder.mkdir()
+        self._folder, self._program = folder, program
+        self._network = Network(names)
+        addresses = {name: self._network.address(name) for name in names}
+        (folder / "addresses.json").write_text(json.dumps(addresses))
+        self.ssh = f"{sys.executable} {__file__} call {folder / 'addresses.json'}"
+        self.places = {name: HostPlaces(farm, {"XDG_STATE_HOME": str(folder / name)}) for name in names}
+        self._shells = [self._listen(name, addresses[name]) for name in names]
+
+    def _listen(self, name: str, address: str) -> subprocess.Popen[bytes]:
+        command = self._network.command(name, [sys.executable, __file__, "listen", address])
+        path = os.pathsep.join(filter(None, sys.path))
+        with (self._folder / f"{name}.log").open("ab") as log:
+            shell = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=log, env=os.environ | {"PYTHONPATH": path}
+            )
+        assert shell.stdout is not None
+        if shell.stdout.readline() != _READY:
+            raise OSError(f"{name} does not listen; see {log.name}")
+        return shell
+
+    def command(self, name: str) -> str:
+        """Return the `host_command` of a host's printers."""
+        return f"XDG_STATE_HOME={self._folder / name} {self._program} host"
+
+    def cut(self, name: str) -> None:
+        """Cut a host off the network; nothing is told."""
+        self._network.disturb(name, cut=True)
+
+    def mend(self, name: str) -> None:
+        """Connect a host to the network again."""
+        self._network.disturb(name)
+
+    def kill_service(self, name: str) -> bool:
+        """Kill the service of a host; return whether it ran."""
+        return _kill(find_holder(self.places[name].lock))
+
+    def kill_agents(self, name: str, printers: Sequence[str]) -> int:
+        """Kill the agents of a host; return the number of those that ran."""
+        return sum(_kill(find_agent_pid(self.places[name].agent(printer))) for printer in printers)
+
+    def list_processes(self) -> list[int]:
+        """List the processes of all hosts, without their remote shells."""
+        shells = {shell.pid for shell in self._shells}
+        return [pid for name in self.places for pid in self._network.pids(name) if pid not in shells]
+
+    def close(self) -> None:
+        """Remove the hosts, and end what still runs on them."""
+        self._network.close()
+        for shell in self._shells:
+            shell.wait()
+            assert shell.stdout is not None
+            shell.stdout.close()
+
+
+def _kill(pid: int | None) -> bool:
+    if pid is None:
+        return False
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+    return True
+
+
+def listen(address: str) -> None:
+    """Run a command for each connection, which is its stdin and stdout."""
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps the commands
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    with socket.create_server((address, _PORT)) as server:
+        sys.stdout.buffer.write(_READY)
+        sys.stdout.buffer.flush()
+        while True:
+            connection, _ = server.accept()
+            with connection:
+                command = b""
+                while not command.endswith(b"\n") and (data := connection.recv(1)):
+                    command += data
+                subprocess.Popen(["sh", "-c", command], stdin=connection, stdout=connection, env=environment)
+
+
+def call(addresses: Path, host: str, command: str) -> None:
+    """Run a command on a host: copy bytes until one end closes."""
+    address = json.loads(addresses.read_text())[host]
+    with socket.create_connection((address, _PORT), _CONNECT_S) as remote:
+        remote.settimeout(None)
+        remote.sendall(b"exec env " + command.encode() + b"\n")
+        writers: dict[int, Callable[[bytes], object]] = {
+            0: remote.sendall,
+            remote.fileno(): lambda data: _write(1, data),
+        }
+        while True:
+            for source in select.select(list(writers), [], [])[0]:
+                data = os.read(source, _BYTES)
+                if not data:
+                    return
+                writers[source](data)
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "listen":
+        listen(sys.argv[2])
+    else:
+        with contextlib.suppress(BrokenPipeError):
+            call(Path(sys.argv[2]), sys.argv[-2], sys.argv[-1])
