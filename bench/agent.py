@@ -107,8 +107,8 @@ class Peers(threading.Thread):
     def run(self) -> None:
         poll, deadlines = select.epoll(), []
         for peer in self._peers:
-            poll.register(peer.port.watch, select.EPOLLIN)
-        by_watch = {peer.port.watch: peer for peer in self._peers}
+            poll.register(peer.port.watch_fd, select.EPOLLIN)
+        by_watch = {peer.port.watch_fd: peer for peer in self._peers}
         by_master = {peer.port.master: peer for peer in self._peers}
         opened: set[int] = set()
         while not self.stopped:

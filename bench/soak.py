@@ -83,7 +83,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
             is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: list_lines(a, b, lines), 0, lines + len(BARRIERS))
-        elif is_connected and link.drained:
+        elif is_connected and link.is_drained:
             break
     machine = firmware.machine
     moves = machine.planner.moves - 1  # without the move of the head

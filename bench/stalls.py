@@ -285,7 +285,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
     now_s, is_connected, fault, hit = 0.0, False, None, 0
     marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
-    while fault is None and not (is_connected and link.drained):
+    while fault is None and not (is_connected and link.is_drained):
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)
         refuse.last = firmware.last  # type: ignore[attr-defined]

@@ -50,7 +50,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm queue --json", api.Queue),
     ("farm hosts --json", api.HostList),
     ("farm submit of several models, --json", api.Submissions),
-    ("farm prune --json", api.Pruned),
+    ("farm prune --json", api.PruneResponse),
     ("One printer of farm estop --json", StopReport),
     ("farm key --json", api.Keys),
     ("farm key add --json", api.NewKey),

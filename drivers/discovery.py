@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers import messages as m
-from drivers.agent import CARD, IdleWatch
+from drivers.agent import SD_PRINT, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
-from drivers.link import Connected, Link, OtherLine, Report
+from drivers.link import Connected, Link, Report, UnknownLine
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold
 from drivers.ports import Device, Port, identify_device, list_devices, open_port
@@ -69,8 +69,8 @@ def list_plugged(
     links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
     result = []
     for device in list_devices() if devices is None else devices:
-        real = device.path.resolve()
-        result.append(PluggedDevice(links.get(real, device.path), real, device.description, homes.get(real)))
+        path = device.path.resolve()
+        result.append(PluggedDevice(links.get(path, device.path), path, device.description, homes.get(path)))
     return result
 
 
@@ -187,11 +187,11 @@ def _verify_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> N
                 return
             link.send(now_s, b"M27")
             link.poll_soon(now_s + 0.5)
-        elif isinstance(event, OtherLine):
+        elif isinstance(event, UnknownLine):
             idle.judge_answer(event.text)
         elif isinstance(event, Report):
             if idle.card or not event.targets_off:
-                cause = CARD if idle.card else "a heater is on"
+                cause = SD_PRINT if idle.card else "a heater is on"
                 raise PortError(f"{url}: its printer is not idle: {cause}; wait until it is")
             return
     raise PortError(f"{url}: its printer does not report that it is idle; switch it off and on")
@@ -208,7 +208,7 @@ def _await_restart(port: Port, url: str, firmware: Firmware, answer_s: float) ->
                 return event.banner
             link.send(now_s, firmware.identity_query)
             link.poll_soon(now_s + 0.5)
-        elif isinstance(event, OtherLine):
+        elif isinstance(event, UnknownLine):
             identity += event.text + b"\n"
         elif isinstance(event, Report):
             return identity

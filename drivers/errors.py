@@ -41,7 +41,7 @@ class BadGcode(DriverError):
     """A G-code file must not be printed; the message names the line."""
 
 
-class Unreadable(DriverError):
+class UnreadableFile(DriverError):
     """The agent's copy of a print's file can no longer be read."""
 
 

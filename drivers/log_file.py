@@ -7,11 +7,11 @@ from pathlib import Path
 
 MAX_BYTES = 2 * 2**20
 """Size at which a log is renamed; an agent writes about 1 KB for a print."""
-KEPT = 3
+LOG_COUNT = 3
 """Number of renamed logs that are kept."""
 
 
-def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = KEPT) -> bool:
+def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = LOG_COUNT) -> bool:
     """Rename a log that is full, and let stdout and stderr of this process continue in a new one.
 
     Files are renamed, not copied, and descriptors are replaced in one step, so every line is in the old
@@ -21,7 +21,7 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = KEPT) -
     Parameters
     ----------
     path
-        The log. Renamed ones are `path.1`, the newest, to `path.KEPT`.
+        The log. Renamed ones are `path.1`, the newest, to `path.LOG_COUNT`.
     max_bytes
         Size at which it is renamed.
     file_count
@@ -43,9 +43,9 @@ def rotate_log(path: Path, max_bytes: int = MAX_BYTES, file_count: int = KEPT) -
         return False
     try:
         for number in range(file_count, 0, -1):
-            older = _number_path(path, number - 1)
-            if older.exists():
-                older.replace(_number_path(path, number))
+            older_path = _number_path(path, number - 1)
+            if older_path.exists():
+                older_path.replace(_number_path(path, number))
         new_file.replace(path)
         for stream in (1, 2):
             if _is_open_as(stream, status):

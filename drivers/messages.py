@@ -21,7 +21,7 @@ snapshot has the version of its agent; the first agents sent none, and have vers
 
 
 @dataclass(frozen=True, slots=True)
-class Since:
+class AddedField:
     """Protocol version that added a field of a request."""
 
     protocol: int
@@ -180,7 +180,7 @@ class Hello(_Request):
 class StartPrint(_Request):
     """Print a G-code file. The agent copies it into its spool and checks the hash before anything heats."""
 
-    needed: ClassVar[int] = 2  # older agents get no prints: they would accept a late start
+    min_protocol: ClassVar[int] = 2  # older agents get no prints: they would accept a late start
     do: Literal["start"] = "start"
     id: int
     print_id: str
@@ -188,10 +188,10 @@ class StartPrint(_Request):
     sha256: str
     print_time_s: float
     filament: Filament  # position known to the daemon; UNKNOWN is refused
-    not_after_s: Annotated[float | None, Since(2)] = (
+    not_after_s: Annotated[float | None, AddedField(2)] = (
         None  # the agent's clock; delivered later it is refused (`Reply.late`)
     )
-    ends_by_s: Annotated[float | None, Since(2)] = None  # see `EndPrintBy`
+    ends_by_s: Annotated[float | None, AddedField(2)] = None  # see `EndPrintBy`
 
 
 class EndPrintBy(_Request):
@@ -207,10 +207,13 @@ class EndPrintBy(_Request):
 class Upload(_Request):
     """A piece of a G-code file, for an agent that shares no disk with the daemon."""
 
+    model_config = ConfigDict(validate_by_name=True, validate_by_alias=True, serialize_by_alias=True)
+
     do: Literal["upload"] = "upload"
     id: int
     print_id: str
-    at: Annotated[int, Field(ge=0)]  # bytes before this piece; 0 begins a new file
+    # bytes before this piece; 0 begins a new file
+    offset: Annotated[int, Field(ge=0, validation_alias="at", serialization_alias="at")]
     data: Base64Bytes
 
 
@@ -331,7 +334,7 @@ def encode_for_protocol(request: Request, protocol: int) -> str | None:
     """
     unknown = set()
     for name, field in type(request).model_fields.items():
-        if any(isinstance(mark, Since) and mark.protocol > protocol for mark in field.metadata):
+        if any(isinstance(mark, AddedField) and mark.protocol > protocol for mark in field.metadata):
             unknown.add(name)
             if getattr(request, name) != field.default:
                 return None

@@ -281,9 +281,9 @@ class PrinterSection(_Section):
         """Kind of its material, like PLA; None if it is not known."""
         return self._material_kind
 
-    def has_material(self, wanted: str | None) -> bool:
+    def has_material(self, material: str | None) -> bool:
         """Return whether its material is the one that a job asks for, by its file's name or its kind."""
-        return wanted in (None, self.material, self._material_kind)
+        return material in (None, self.material, self._material_kind)
 
     def with_filament(self, material: str, kind: str | None, colour: str | None) -> Self:
         """Return the section with another material, by its file's name, and colour."""

@@ -121,7 +121,7 @@ class Daemon:
 
     async def run(self) -> None:
         """Serve until the farm is shut down."""
-        listening = listen(self._places.socket, self._fleet.fleet.group)
+        listener = listen(self._places.socket, self._fleet.fleet.group)
         upkeep = Upkeep(self._controller, self._store, self._state, self._workers)
         cameras = Cameras(self._controller, self._state)
         services = Services(
@@ -148,24 +148,26 @@ class Daemon:
         self._agents.start({attempt.printer for attempt in books.open_prints()}, books.lost_hosts)
         gc.freeze()  # else each full collection would go through large books in the middle of an event
         timers = self._timers
-        timers.every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
-        timers.every(_TICK_INTERVAL_S, "tick", self._schedule)
-        timers.every(_NOTIFY_INTERVAL_S, "notify", self._notify)
-        timers.every(_DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic()))
-        timers.every(_CAMERAS_INTERVAL_S, "cameras", cameras.tick)
-        timers.every(_LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
+        timers.call_every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
+        timers.call_every(_TICK_INTERVAL_S, "tick", self._schedule)
+        timers.call_every(_NOTIFY_INTERVAL_S, "notify", self._notify)
+        timers.call_every(
+            _DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic())
+        )
+        timers.call_every(_CAMERAS_INTERVAL_S, "cameras", cameras.tick)
+        timers.call_every(_LOG_INTERVAL_S, "log", lambda: rotate_log(self._state.log, _LOG_BYTES, _LOGS_KEPT))
         if self._cluster is not None:
             self._cluster.start()
-            timers.every(_TICK_INTERVAL_S, "cluster", self._warn_of_cluster)
+            timers.call_every(_TICK_INTERVAL_S, "cluster", self._warn_of_cluster)
         timers.start()
-        following = asyncio.get_running_loop().create_task(self._follow_clock())
+        clock_task = asyncio.get_running_loop().create_task(self._follow_clock())
         await self._begin_upkeep(upkeep)
         network = self._start_network_server(services, dry_runs, connection_limit)
         try:
             with end_at_signals(self._server):
-                await self._server.serve(sockets=[listening])
+                await self._server.serve(sockets=[listener])
         finally:
-            following.cancel()
+            clock_task.cancel()
             if network is not None:
                 await network.close()
             await cameras.close()
@@ -177,7 +179,7 @@ class Daemon:
             self._workers.close()
             if self._cluster is not None:
                 await self._cluster.wait_closed()
-            listening.close()
+            listener.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
 
@@ -205,10 +207,10 @@ class Daemon:
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
         """Finish what an earlier daemon began to delete, back up every night, and watch the disk."""
         upkeep.begin()
-        self._timers.every(_DISK_INTERVAL_S, "disk", upkeep.measure)
+        self._timers.call_every(_DISK_INTERVAL_S, "disk", upkeep.measure)
         warn = partial(self._controller.warn, "backup")
         await NightlyBackup(
-            self._state, self._clock, self._fleet.zone, self._timers.at, warn, upkeep.tidy
+            self._state, self._clock, self._fleet.zone, self._timers.call_at, warn, upkeep.clean_up
         ).begin()
 
     def _start_network_server(
@@ -250,7 +252,7 @@ class Daemon:
         self._controller.tick()
         change_s = self._controller.next_change_s
         if change_s is not None and change_s != self._change_s:
-            self._timers.at(change_s, "next change", self._schedule)
+            self._timers.call_at(change_s, "next change", self._schedule)
         self._change_s = change_s
 
     async def _shut_down(self, now: bool) -> None:
@@ -319,8 +321,8 @@ def _remove_unfinished(state: StateFolder) -> None:
     """Remove the files of work that an earlier daemon did not end."""
     shutil.rmtree(state.work, ignore_errors=True)
     state.make()
-    for unfinished in state.slices.glob(".*"):  # of a worker that was killed while writing
-        unfinished.unlink()
+    for folder in state.slices.glob(".*"):  # of a worker that was killed while writing
+        folder.unlink()
     trim_cache(state.slices)
 
 

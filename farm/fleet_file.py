@@ -31,7 +31,7 @@ LARGEST_FILE_BYTES = 512 * 1024  # enough for a thousand printers
 MAX_VALUES = 100_000
 """Keys and values, with aliases (`*name`) expanded: a few lines can expand to billions."""
 
-_MUST_BE = {
+_TYPE_NAMES = {
     "int": "a whole number",
     "float": "a number",
     "finite": "a number",
@@ -99,27 +99,27 @@ def load_fleet(
         try:
             sections.append(complete(section, fleet_section))
         except FieldError as error:
-            of_fleet = error.place[0] == "fleet"
-            place = error.place if of_fleet else ("printers", index, *error.place)
+            is_fleet_key = error.place[0] == "fleet"
+            place = error.place if is_fleet_key else ("printers", index, *error.place)
             raise document.error_at(place, str(error)) from error
-    fitted = (
+    printers = (
         section.model_copy(update={"pin_fit_mm": fleet_section.pin_fit_mm})
         if section.pin_fit_mm is None
         else section
         for section in sections
     )
-    return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(fitted)})
+    return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(printers)})
 
 
 def _find_folders(section: FleetSection, parent: Path) -> FleetSection:
     """Return the section with folders that are given from the folder of the fleet file on."""
-    found: dict[str, object] = {}
+    changes: dict[str, object] = {}
     if section.materials is not None:
-        found["materials"] = parent / section.materials
+        changes["materials"] = parent / section.materials
     if section.compute.certificates is not None:
         certificates = parent / section.compute.certificates
-        found["compute"] = section.compute.model_copy(update={"certificates": certificates})
-    return section.model_copy(update=found)
+        changes["compute"] = section.compute.model_copy(update={"certificates": certificates})
+    return section.model_copy(update=changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class _Document:
         source = self._find_source(place)
         field = ".".join(map(str, source))
         text = f"{field}: {message}" if field else message
-        return FleetFileError(f"{self.path}:{self.line_of(source)}: {text}")
+        return FleetFileError(f"{self.path}:{self.find_line(source)}: {text}")
 
     def describe(self, error: ErrorDetails) -> FleetFileError:
         """Convert a pydantic error into one in plain words."""
@@ -146,7 +146,7 @@ class _Document:
             return self.error_at(place, f"unknown key; known are {', '.join(keys)}")
         return self.error_at(place, _reword(error, _PATTERNS.get(str(place[-1])) if place else None))
 
-    def line_of(self, place: Place) -> int:
+    def find_line(self, place: Place) -> int:
         """Find the line (from 1) of the deepest node on the way to `place`."""
         line, node = 1, self.node
         for step in place:
@@ -179,15 +179,15 @@ class _Document:
 
     def count_values(self) -> int:
         """Count keys and values, with those of each alias; one that contains itself counts once."""
-        counted: dict[int, int] = {}
+        counts: dict[int, int] = {}
 
         def count(node: yaml.Node) -> int:
-            if id(node) not in counted:
-                counted[id(node)] = 0
+            if id(node) not in counts:
+                counts[id(node)] = 0
                 pairs = node.value if isinstance(node, yaml.CollectionNode) else []
                 children = chain.from_iterable(pairs) if isinstance(node, yaml.MappingNode) else pairs
-                counted[id(node)] = 1 + sum(map(count, children))
-            return counted[id(node)]
+                counts[id(node)] = 1 + sum(map(count, children))
+            return counts[id(node)]
 
         return 0 if self.node is None else count(self.node)
 
@@ -196,8 +196,8 @@ class _Document:
         if len(place) < 3 or place[0] != "printers":
             return place
         section = _find_child(_find_child(self.node, "printers"), place[1])
-        shared = _find_child(self.node, "defaults")
-        if _find_child(section, place[2]) is None and _find_child(shared, place[2]) is not None:
+        default_node = _find_child(self.node, "defaults")
+        if _find_child(section, place[2]) is None and _find_child(default_node, place[2]) is not None:
             return ("defaults", *place[2:])
         return place
 
@@ -256,7 +256,7 @@ def _fill_in_defaults(document: _Document, raw: Any) -> dict[str, Any]:
         raise FleetFileError(f"{document.path}: needs a list `printers`; see the example in the README")
     defaults = raw.pop("defaults", None) or {}
     if not isinstance(defaults, dict):
-        line = document.line_of(("defaults",))
+        line = document.find_line(("defaults",))
         raise FleetFileError(f"{document.path}:{line}: `defaults` must hold printer keys")
     values = {str(key): value for key, value in raw.items() if value is not None}
     values["printers"] = [
@@ -278,19 +278,19 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
         return f"must be {_LIMITS[kind].format(**context)}"
     if kind == "too_long":
         return "has {actual_length} values; {max_length} at most".format(**context)
-    must_be = _MUST_BE.get(kind.partition("_")[0])
-    return f"must be {must_be}" if must_be else error["msg"].removeprefix("Value error, ")
+    type_name = _TYPE_NAMES.get(kind.partition("_")[0])
+    return f"must be {type_name}" if type_name else error["msg"].removeprefix("Value error, ")
 
 
 def _find_section(place: Place) -> type[BaseModel]:
     """Return the record to which a key belongs."""
     if len(place) > 2 and place[0] == "fleet":
-        nested: dict[object, type[BaseModel]] = {
+        sections: dict[object, type[BaseModel]] = {
             "compute": ComputeSection,
             "keep": KeepSection,
             "uploads": UploadsSection,
         }
-        return nested.get(place[1], FleetSection)
+        return sections.get(place[1], FleetSection)
     if len(place) > 2 and place[:2] == ("web", "tls"):
         return TlsSection
     owners: dict[str, type[BaseModel]] = {"fleet": FleetSection, "web": WebSection}

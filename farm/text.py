@@ -25,23 +25,23 @@ _SAME_YEAR = timedelta(days=300)
 _SAME_NIGHT = timedelta(hours=20)
 
 
-def format_moment(at: datetime, now: datetime) -> str:
+def format_moment(moment: datetime, now: datetime) -> str:
     """Format a time with its weekday; with its date if it is more than six days from now.
 
     Parameters
     ----------
-    at, now
+    moment, now
         The time, and that of the reader, with time zones. A time in another year has that too.
     """
-    distance = abs(at - now)
+    distance = abs(moment - now)
     if distance <= _SAME_WEEK:
-        return f"{at:%a %H:%M}"
-    return f"{at:%a %d %b %H:%M}" if distance <= _SAME_YEAR else f"{at:%d %b %Y %H:%M}"
+        return f"{moment:%a %H:%M}"
+    return f"{moment:%a %d %b %H:%M}" if distance <= _SAME_YEAR else f"{moment:%d %b %Y %H:%M}"
 
 
-def format_recent(at: datetime, now: datetime) -> str:
+def format_recent(moment: datetime, now: datetime) -> str:
     """Format a time of the last hours without its weekday, and any other as `format_moment` does."""
-    return f"{at:%H:%M}" if timedelta() <= now - at <= _SAME_NIGHT else format_moment(at, now)
+    return f"{moment:%H:%M}" if timedelta() <= now - moment <= _SAME_NIGHT else format_moment(moment, now)
 
 
 def format_mass(grams: float) -> str:

@@ -13,7 +13,7 @@ from farm.text import format_count, format_duration, format_moment
 
 
 def format_deviation(share: float) -> str:
-    """Format how much longer (+) or shorter (-) than planned something took, in percent."""
+    """Format a deviation from the planned time in percent, with its sign."""
     return f"{round(100 * share):+d} %"
 
 

@@ -5,7 +5,7 @@ snapshots. `board` has the port with link and session, `idle_watch` watches a bo
 `recorder` writes changes to the journal, `alarm` cuts the mains, `spool` has the G-code files.
 """
 
-from drivers.agent.idle_watch import CARD, IdleWatch
+from drivers.agent.idle_watch import SD_PRINT, IdleWatch
 from drivers.agent.loop import Agent
 
-__all__ = ["CARD", "Agent", "IdleWatch"]
+__all__ = ["SD_PRINT", "Agent", "IdleWatch"]

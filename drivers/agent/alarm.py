@@ -60,7 +60,7 @@ class Alarms:
     def mark_ended(self) -> None:
         """Note that the printer was cold or was reconnected: later findings are new ones."""
         if self.alarm is not None and self.alarm.outcome is not None:
-            self.alarm = self.alarm.model_copy(update={"over": True})
+            self.alarm = self.alarm.model_copy(update={"is_over": True})
 
     def clear(self) -> None:
         """End the alarm."""
@@ -89,7 +89,7 @@ class Alarms:
 
     def _request_power_off(self, text: str, now_s: float) -> bool:
         alarm = self.alarm
-        if alarm is not None and alarm.power_off_requested and not alarm.over:
+        if alarm is not None and alarm.power_off_requested and not alarm.is_over:
             return False
         if alarm is None or not alarm.suspected:
             alarm = Alarm(text=text, at_s=now_s)

@@ -8,10 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.agent.emulator_bed import EmulatorBed
-from drivers.agent.idle_watch import CARD, IdleWatch
+from drivers.agent.idle_watch import SD_PRINT, IdleWatch
 from drivers.clock import Clock, read_wall_s
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
-from drivers.link import Connected, Event, Events, Link, LinkFault, OtherLine, Phase, Report
+from drivers.link import Connected, Event, Events, Link, LinkFault, Phase, Report, UnknownLine
 from drivers.ports import Port, RecordedPort, WireRecord, identify_device, open_port
 from drivers.printers import Profile
 from drivers.records import BoardState
@@ -139,14 +139,14 @@ class Board:
         """
         try:
             device = identify_device(self._url)
-            is_same_device = device is not None and device == self.state.opened
+            is_same_device = device is not None and device == self.state.device_id
             if not (self.simulated or self._is_responsible or self._declared_idle or is_same_device):
                 raise PortNotIdle(MAY_PRINT)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
             port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
             self._port = RecordedPort(port, self.wire)
-            self.state.opened = device
+            self.state.device_id = device
         except PortError as error:
             self.needs_permission = isinstance(error, PortNotIdle)
             if self.absent_reason != str(error):
@@ -201,7 +201,7 @@ class Board:
             The printer prints from its SD card.
         """
         if self.idle_watch.card:
-            raise AgentError(CARD)
+            raise AgentError(SD_PRINT)
         self.state.bed_unknown_reason = self.stuck_heater = None
         self.state.hot = False
         was_ready = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
@@ -233,7 +233,7 @@ class Board:
             The board prints.
         """
         if self.session is not None or self.idle_watch.card:
-            raise AgentError(CARD if self.idle_watch.card else "it prints")
+            raise AgentError(SD_PRINT if self.idle_watch.card else "it prints")
         self._declared_idle = True
         self.state.reset_verified = self.state.reset_failed = None
         if self._port is None:
@@ -269,10 +269,10 @@ class Board:
         if self.session is not None:
             self._advance(self.session, events, now_s)
         self._save()
-        out = self.link.take()
-        if self._port is not None and (out or self._port.write_pending):
+        data = self.link.take()
+        if self._port is not None and (data or self._port.write_pending):
             try:
-                self._port.write(out)
+                self._port.write(data)
             except PortError as error:
                 self._on_port_lost(error)
 
@@ -291,7 +291,7 @@ class Board:
         elif isinstance(event, Connected):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
             self._on_connected(event)
-        elif isinstance(event, OtherLine):
+        elif isinstance(event, UnknownLine):
             is_known, cause = False, None
             if self.session is None:
                 is_known, cause = self.idle_watch.judge_answer(event.text)
@@ -329,7 +329,7 @@ class Board:
             self._mark_bed_unknown(cause)
         self.stuck_heater = self.stuck_heater if fault is None else fault.text
         self.rearms_alarm = self.rearms_alarm or self.idle_watch.is_cold
-        if self.link.drained:
+        if self.link.is_drained:
             # ends heat left on when the port was lost; queries alone would feed the dead-man
             firmware = self._firmware
             self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
@@ -356,8 +356,8 @@ class Board:
             self.link.poll_every_s = self.pace.idle_s
         else:
             self.session.on_port_reset()
-        unconfirmed = self._firmware.abort_unnumbered if self._is_responsible else b""
-        self.link.on_opened(self._clock.now(), unconfirmed)
+        abort_commands = self._firmware.abort_unnumbered if self._is_responsible else b""
+        self.link.on_opened(self._clock.now(), abort_commands)
         self._on_port_change(self._port.fileno())
 
     def _reset(self) -> None:

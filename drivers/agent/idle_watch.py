@@ -10,7 +10,7 @@ import re
 from drivers.errors import Fault
 from drivers.link.replies import LinkFault, Report
 
-CARD = "it prints from its SD card"
+SD_PRINT = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
 HEATED = "somebody switched a heater on at the printer"
 COLD_C = 45.0
@@ -28,19 +28,19 @@ class FilamentWatch:
 
     Parameters
     ----------
-    certain
+    is_certain
         True if nothing can have moved the filament since it was recorded.
     rest_position
         Answer to the position query after the last print; None if it is not valid.
     """
 
-    def __init__(self, certain: bool = False, rest_position: str | None = None) -> None:
-        self.certain, self.rest_position = certain, rest_position
+    def __init__(self, is_certain: bool = False, rest_position: str | None = None) -> None:
+        self.is_certain, self.rest_position = is_certain, rest_position
         self._printed = False  # since the last reset: else the position says nothing
 
     def confirm(self) -> None:
         """Trust the journal from now on: a print begins, or a person said where the filament is."""
-        self.certain, self.rest_position = True, None
+        self.is_certain, self.rest_position = True, None
 
     def note_print(self) -> None:
         """Accept the position at which the printer rests after this print."""
@@ -52,14 +52,14 @@ class FilamentWatch:
 
     def forget(self) -> None:
         """Stop trusting the journal: somebody used the printer."""
-        self.certain, self.rest_position = False, None
+        self.is_certain, self.rest_position = False, None
 
     def judge_position(self, answer: bytes) -> None:
         """Judge the position at which an idle printer was seen twice."""
         position = answer.decode("ascii", "replace")
-        if not self.certain:
-            self.certain = self._printed = position == self.rest_position
-        self.rest_position = position if self.certain and self._printed else None
+        if not self.is_certain:
+            self.is_certain = self._printed = position == self.rest_position
+        self.rest_position = position if self.is_certain and self._printed else None
 
 
 class IdleWatch:
@@ -105,7 +105,7 @@ class IdleWatch:
         """
         if text.startswith(_CARD):
             self.card = text.startswith(_CARD[0]) or (self.card and text.startswith(_CARD[2]))
-            return True, CARD if self.card else None
+            return True, SD_PRINT if self.card else None
         if _POSITION.match(text) is None:
             return False, None
         if text == self._position:
@@ -131,11 +131,11 @@ class IdleWatch:
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
         is_cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
         self._cold_reports = self._cold_reports + 1 if is_cold else 0
-        seen_twice, self._heated = heated and self._heated, heated
+        is_heated_twice, self._heated = heated and self._heated, heated
         if heated:
             self._coolest_c = [float("inf"), float("inf")]
             self._hot_reports = 0
-            return (HEATED if seen_twice else None), None
+            return (HEATED if is_heated_twice else None), None
         now_c = (report.nozzle_c, report.bed_c)
         self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
         is_rising = [

@@ -60,7 +60,7 @@ class Agent:
         )
         self._recorder = Recorder(start, self._board, self._journal, self._clock)
         self._requests = RequestHandler(start.printer, self._recorder, spool, self._clock)
-        self._pushed: tuple[object, ...] = ()
+        self._pushed_key: tuple[object, ...] = ()
         self._push_wall_s = 0.0
         self._log_wall_s = 0.0
         self._server: Server | None = None
@@ -99,11 +99,11 @@ class Agent:
             wait_s = wake_wall_s - read_wall_s()
             for key, mask in self._selector.select(wait_s if wait_s > 0.0 else 0.0):
                 key.data(mask)
-            due = read_wall_s() >= wake_wall_s
-            if due:
+            is_due = read_wall_s() >= wake_wall_s
+            if is_due:
                 self._board.tick()
                 self._limit_log()
-            if due or self._board.changed:  # else only a program line was sent: no deadline came nearer
+            if is_due or self._board.changed:  # else only a program line was sent: no deadline came nearer
                 self._board.changed = False
                 self._push()
                 alarms_wall_s = self._recorder.alarms.wake_wall_s()
@@ -146,7 +146,7 @@ class Agent:
             describe_link(self._board, self._recorder.journal_error),
             self._board.resets,
             self._board.state.bed_unknown_reason,
-            self._board.idle_watch.filament.certain,
+            self._board.idle_watch.filament.is_certain,
             self._recorder.alarms.message,
             report is None,
             journal_state.print.print_id if journal_state.print is not None else None,
@@ -155,11 +155,11 @@ class Agent:
         now_s = read_wall_s()
         if self._server is not None:
             self._server.end_stalled()
-        if key == self._pushed and now_s < self._push_wall_s:
+        if key == self._pushed_key and now_s < self._push_wall_s:
             return
-        self._pushed = key
-        warm = report is not None and max(report.nozzle_c, report.bed_c) > WARM_C
-        self._push_wall_s = now_s + (PUSH_S if warm or session is not None else IDLE_PUSH_S)
+        self._pushed_key = key
+        is_warm = report is not None and max(report.nozzle_c, report.bed_c) > WARM_C
+        self._push_wall_s = now_s + (PUSH_S if is_warm or session is not None else IDLE_PUSH_S)
         if self._server is not None:
             self._server.push(self._build_snapshot())
 

@@ -53,8 +53,8 @@ class Recorder:
         self._program: Program | None = None
         self._starved_before_s = 0.0
         board.state = journal.state.board.model_copy()
-        watched = board.simulated and board.state.bed_unknown_reason is None
-        board.idle_watch.filament = FilamentWatch(watched, board.state.rest)
+        is_watched = board.simulated and board.state.bed_unknown_reason is None
+        board.idle_watch.filament = FilamentWatch(is_watched, board.state.rest_position)
         if board.state.bed_unknown_reason is None and not board.simulated:
             board.state.bed_unknown_reason = NOT_WATCHED
 
@@ -122,19 +122,19 @@ class Recorder:
     def _write(self) -> None:
         session, saved_state, now_s = self.board.session, self.journal.state, self._clock.now()
         state, alarm = self.board.state, self.alarms.alarm
-        state.rest = self.board.idle_watch.filament.rest_position
+        state.rest_position = self.board.idle_watch.filament.rest_position
         if alarm != saved_state.alarm or state != saved_state.board:
             alarm_record = None if alarm is None else alarm.record()
             self.journal.write(now_s, **state.record(), alarm=alarm_record)
         if session is None or saved_state.print is None:
             return
         context, saved_print = session.context, saved_state.print
-        if self._awaits_outcome(context):
+        if self._lacks_outcome(context):
             return
         if context.phase is PrintPhase.PRINTING:
             self.board.idle_watch.filament.note_print()
-        changed = (context.phase, context.extruded) != (saved_print.phase, saved_print.extruded)
-        if not changed and context.filament is saved_state.filament:
+        has_changed = (context.phase, context.extruded) != (saved_print.phase, saved_print.extruded)
+        if not has_changed and context.filament is saved_state.filament:
             return
         attention = context.fault in _NEEDS_ATTENTION or context.wants_power_off or not context.heaters_off
         if context.ended and attention:
@@ -159,7 +159,7 @@ class Recorder:
             self.board.session = None
             self._program = None
 
-    def _awaits_outcome(self, context: SessionContext) -> bool:
+    def _lacks_outcome(self, context: SessionContext) -> bool:
         """Return True if the reason of an ended print still lacks the outcome of `power_off_cmd`."""
         return context.ended and self.alarms.pending
 
@@ -167,7 +167,7 @@ class Recorder:
         """Return the current state of the open print."""
         status = self.board.emulator.status()
         starved_s = saved_print.starved_s if status is None else status.starved_s - self._starved_before_s
-        awaits_outcome = self._awaits_outcome(context)
+        awaits_outcome = self._lacks_outcome(context)
         readings: dict[str, object] = {
             "phase": PrintPhase.ENDING if awaits_outcome else context.phase,
             "fault": context.fault,

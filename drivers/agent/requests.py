@@ -76,7 +76,7 @@ class RequestHandler:
             case StartPrint():
                 self._start(request)
             case Upload():
-                self._spool.put(request.print_id, request.at, request.data)
+                self._spool.put(request.print_id, request.offset, request.data)
             case CancelPrint() | EndPrintBy() | PausePrint() | ResumePrint() | ForgetPrint():
                 snapshot = self._journal.state.print
                 if snapshot is not None and snapshot.print_id == request.print_id:

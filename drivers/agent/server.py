@@ -99,13 +99,13 @@ class Server:
         self._listen(False)
         self._listener.close()
 
-    def _listen(self, accepting: bool) -> None:
+    def _listen(self, enabled: bool) -> None:
         """Start or stop accepting new clients."""
-        if accepting and not self._listening:
+        if enabled and not self._listening:
             self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
-        elif self._listening and not accepting:
+        elif self._listening and not enabled:
             self._selector.unregister(self._listener)
-        self._listening = accepting
+        self._listening = enabled
 
     def _accept(self, _: int) -> None:
         now_s = read_wall_s()
@@ -175,10 +175,10 @@ class Server:
         if len(client.outgoing) > _BACKLOG_BYTES:
             self._drop(client)
             return
-        accepting = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
         key = self._selector.get_key(client.socket)
-        if key.events != accepting:
-            self._selector.modify(client.socket, accepting, key.data)
+        if key.events != events:
+            self._selector.modify(client.socket, events, key.data)
 
     def _drop(self, client: _Client) -> None:
         if client in self._clients:

@@ -39,14 +39,14 @@ class Spool:
         """Check a print id. Raises AgentError if it is invalid."""
         self._make_path(print_id)
 
-    def put(self, print_id: str, at: int, data: bytes) -> None:
+    def put(self, print_id: str, offset: int, data: bytes) -> None:
         """Append a piece of an uploaded file.
 
         Parameters
         ----------
         print_id
             Id of the print.
-        at
+        offset
             Offset of this piece in bytes; 0 begins a new file.
         data
             The piece.
@@ -58,9 +58,9 @@ class Spool:
         """
         part = self.part(print_id)
         try:
-            with part.open("wb" if at == 0 else "ab") as file:
-                if file.tell() != at:
-                    raise AgentError(f"{part}: a piece at {at} does not follow {file.tell()} bytes")
+            with part.open("wb" if offset == 0 else "ab") as file:
+                if file.tell() != offset:
+                    raise AgentError(f"{part}: a piece at {offset} does not follow {file.tell()} bytes")
                 file.write(data)
         except OSError as error:
             raise _write_error(part, error) from error

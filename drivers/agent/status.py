@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from drivers.agent.board import NO_RESET, Board
-from drivers.agent.idle_watch import CARD
+from drivers.agent.idle_watch import SD_PRINT
 from drivers.agent.recorder import Recorder
 from drivers.link import Phase
 from drivers.messages import PROTOCOL, Filament, Heater, LinkState, PrintSnapshot, Snapshot
@@ -36,7 +36,7 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
     if board.state.attention_reason is not None:
         return LinkState.FAULT, board.state.attention_reason
     if board.idle_watch.card:
-        return LinkState.FAULT, CARD
+        return LinkState.FAULT, SD_PRINT
     if not (board.reset_verified or board.reset_failed):
         return LinkState.FAULT, UNVERIFIED
     state = LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING
@@ -61,7 +61,7 @@ def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapsho
     if session is not None:
         filament = session.context.filament
     else:
-        filament = journal_state.filament if board.idle_watch.filament.certain else Filament.UNKNOWN
+        filament = journal_state.filament if board.idle_watch.filament.is_certain else Filament.UNKNOWN
         if filament is Filament.UNKNOWN and emulator is not None and board.state.bed_unknown_reason is None:
             filament = _read_filament(emulator.filament_end_mm, board.profile.parked_mm)
     heaters_off = report is not None and report.targets_off

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import IO, Any
 
 from drivers.clock import Clock
-from drivers.emulator.faults import DUE, Faults, parse_faults
+from drivers.emulator.faults import COUNTED_FAULTS, Faults, parse_faults
 from drivers.emulator.firmware import person
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.wire import Wire
@@ -55,8 +55,8 @@ class Emulator:
         self._control = _listen(folder)
         self._bytewise = faults.bytewise
         self._pieces: deque[bytes] = deque()
-        self._on = True
-        self._shown = -1
+        self._is_on = True
+        self._status_changes = -1
         self._show_at = 0.0
         self.show(0.0)
 
@@ -67,7 +67,7 @@ class Emulator:
         scale, wires = clock.scale, self._wires
         slack_s = SLACK_S * scale if scale > 1.0 else 0.0
         now_s = 0.0
-        while self._on:
+        while self._is_on:
             due_s = firmware.deadline_s(slack_s)
             if wires is not None:
                 due_s = min(due_s, wires[0].due_s(), wires[1].due_s())
@@ -76,14 +76,14 @@ class Emulator:
                 wait_s = 0.0
             sources = [
                 control_fd,
-                *([port.watch] if port.plugged else ()),
+                *([port.watch_fd] if port.plugged else ()),
                 *([port.master] if port.is_open else ()),
             ]
             ready = select.select(sources, (), (), max(0.0, wait_s))[0]
             now_s = max(now_s, clock.now() - self._origin_s)
             data = b""
             if ready:
-                if port.plugged and port.watch in ready:
+                if port.plugged and port.watch_fd in ready:
                     self._notice(now_s)
                 elif port.is_open and port.master in ready:
                     data = port.read()
@@ -92,23 +92,25 @@ class Emulator:
             if wires is not None:
                 wires[0].put(data, now_s)
                 data = wires[0].take(now_s)
-            out = firmware.feed(data, now_s)
+            data_out = firmware.feed(data, now_s)
             if wires is not None:
-                wires[1].put(out, now_s)
-                out = wires[1].take(now_s)
+                wires[1].put(data_out, now_s)
+                data_out = wires[1].take(now_s)
             if self._bytewise:
-                self._pieces.extend(out[at : at + PIECE_BYTES] for at in range(0, len(out), PIECE_BYTES))
-                out = self._pieces.popleft() if self._pieces else b""
-            if out:
-                port.write(out)
-            if board.changes != self._shown or time.monotonic() >= self._show_at:
+                self._pieces.extend(
+                    data_out[i : i + PIECE_BYTES] for i in range(0, len(data_out), PIECE_BYTES)
+                )
+                data_out = self._pieces.popleft() if self._pieces else b""
+            if data_out:
+                port.write(data_out)
+            if board.changes != self._status_changes or time.monotonic() >= self._show_at:
                 self.show(now_s)
         firmware.machine.power_down(now_s)
         port.unplug()
         self.show(now_s)
 
     def switch_off(self) -> None:
-        self._on = False
+        self._is_on = False
 
     def show(self, now_s: float) -> None:
         """Write the status; switch off if the folder was removed."""
@@ -142,9 +144,9 @@ class Emulator:
         try:
             write_status(self._folder, status)
         except OSError:
-            self._on = self._folder.is_dir()  # on a full disk the last status stays
+            self._is_on = self._folder.is_dir()  # on a full disk the last status stays
         rotate_log(self._folder / LOG)
-        self._shown = board.changes
+        self._status_changes = board.changes
         self._show_at = time.monotonic() + STATUS_S
 
     def _notice(self, now_s: float) -> None:
@@ -190,8 +192,8 @@ class Emulator:
             case Command.PRINT_SD:
                 person.print_sd(self._firmware, now_s)
             case Command.BREAK:
-                if request["fault"] not in DUE:
-                    return {"error": f"no fault {request['fault']!r}; use one of {', '.join(DUE)}"}
+                if request["fault"] not in COUNTED_FAULTS:
+                    return {"error": f"no fault {request['fault']!r}; use one of {', '.join(COUNTED_FAULTS)}"}
                 self._firmware.feed(b"", now_s)
                 self._firmware.trigger_fault(request["fault"], now_s)
             case Command.UNPLUG:
@@ -208,8 +210,8 @@ class Emulator:
 def _listen(folder: Path) -> socket.socket:
     (folder / CONTROL).unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX)
-    with shorten_path(folder) as short:
-        listener.bind(f"{short}/{CONTROL}")
+    with shorten_path(folder) as short_path:
+        listener.bind(f"{short_path}/{CONTROL}")
     (folder / CONTROL).chmod(0o600)
     listener.listen()
     return listener

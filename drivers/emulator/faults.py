@@ -77,7 +77,7 @@ class Faults:
             self.checksum, self.no_number, self.no_checksum, self.wrong_number,
             self.drop_ok, self.garble_ok, self.swallow, self.resend,
         )  # fmt: skip
-        return bool(any(samples) or self.stuck_after or self.due)
+        return bool(any(samples) or self.stuck_after or self.line_counts)
 
     @property
     def affects_bytes(self) -> bool:
@@ -85,7 +85,7 @@ class Faults:
         return bool(self.noise or self.lost or self.doubled)
 
     @property
-    def due(self) -> dict[str, int]:
+    def line_counts(self) -> dict[str, int]:
         """Line counts of the faults that happen once, by name."""
         fields_and_values = ((field.name, getattr(self, field.name)) for field in fields(self))
         return {name: line for name, line in fields_and_values if name.endswith("_after") and line}
@@ -96,7 +96,7 @@ _NUMBER = re.compile(rb"N(\d+) ?")
 WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 
 
-DUE = tuple(field.name for field in fields(Faults) if field.name.endswith("_after"))
+COUNTED_FAULTS = tuple(field.name for field in fields(Faults) if field.name.endswith("_after"))
 
 
 class FaultSampler:
@@ -117,9 +117,9 @@ class FaultSampler:
             if faults.wrong_number and self._rng.random() < faults.wrong_number:
                 return _NUMBER.sub(lambda n: b"N%d " % (int(n[1]) - 1), line, count=1)
         if line and faults.checksum and self._rng.random() < faults.checksum:
-            at = self._rng.randrange(len(line))
-            flipped = line[at] ^ (1 << self._rng.randrange(7))
-            return line[:at] + bytes((flipped,)) + line[at + 1 :]
+            index = self._rng.randrange(len(line))
+            flipped_byte = line[index] ^ (1 << self._rng.randrange(7))
+            return line[:index] + bytes((flipped_byte,)) + line[index + 1 :]
         return line
 
     def garble_ok(self, text: bytes) -> bytes:

@@ -115,8 +115,8 @@ def control(folder: Path, command: Command | str, **values: float | str) -> dict
     try:
         with socket.socket(socket.AF_UNIX) as link:
             link.settimeout(CONTROL_TIMEOUT_S)
-            with shorten_path(folder) as short:
-                link.connect(f"{short}/{CONTROL}")
+            with shorten_path(folder) as short_path:
+                link.connect(f"{short_path}/{CONTROL}")
             link.sendall(json.dumps({"do": str(command), **values}).encode() + b"\n")
             with link.makefile("rb") as answers:
                 answer: dict[str, Any] = json.loads(answers.readline())

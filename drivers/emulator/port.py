@@ -29,7 +29,7 @@ class Port:
         The slave's device file.
     master
         File descriptor of the printer's end; non-blocking.
-    watch
+    watch_fd
         File descriptor that becomes readable when the slave is opened or closed.
     plugged
         True while the cable is plugged in; otherwise the descriptors are invalid.
@@ -54,21 +54,21 @@ class Port:
         self.name = os.ttyname(slave)
         os.close(slave)  # else an open port would look like a closed one
         os.set_blocking(self.master, False)
-        self.watch = _watch(self.name)
+        self.watch_fd = _watch(self.name)
         self.plugged = True
         self.is_open = False
         self._hosts = 0
-        new = self._link.with_name(f".{self._link.name}.new")
-        new.unlink(missing_ok=True)
-        new.symlink_to(self.name)
-        new.replace(self._link)
+        new_link = self._link.with_name(f".{self._link.name}.new")
+        new_link.unlink(missing_ok=True)
+        new_link.symlink_to(self.name)
+        new_link.replace(self._link)
 
     def unplug(self) -> None:
         """Pull the cable: the host's end hangs up, and the board continues."""
         if self.plugged:
             self.unlink()
             os.close(self.master)
-            os.close(self.watch)
+            os.close(self.watch_fd)
         self.plugged = self.is_open = False
 
     def process_opens(self) -> bool:
@@ -76,22 +76,22 @@ class Port:
 
         Only the first of several hosts raises DTR.
         """
-        raised = False
+        is_dtr_raised = False
         try:
-            data = os.read(self.watch, 4096)
+            data = os.read(self.watch_fd, 4096)
         except BlockingIOError:
             return False
-        at = 0
-        while at < len(data):
-            _, mask, _, name_bytes = _EVENT.unpack_from(data, at)
-            at += _EVENT.size + name_bytes
+        offset = 0
+        while offset < len(data):
+            _, mask, _, name_bytes = _EVENT.unpack_from(data, offset)
+            offset += _EVENT.size + name_bytes
             if mask & _OPEN:
                 self._hosts += 1
-                raised = raised or self._hosts == 1
+                is_dtr_raised = is_dtr_raised or self._hosts == 1
             if mask & (_CLOSE_WRITE | _CLOSE_NOWRITE):
                 self._hosts = max(0, self._hosts - 1)
         self.is_open = self._hosts > 0
-        return raised
+        return is_dtr_raised
 
     def read(self) -> bytes:
         """Read bytes from the host; empty also if it has closed the port."""

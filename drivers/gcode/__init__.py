@@ -1,6 +1,6 @@
 """G-code lines, programs and their timelines. Pure."""
 
-from drivers.gcode.filament_position import Moves, Point, measure_retraction, read_position
+from drivers.gcode.filament_position import MotionState, Point, measure_retraction, read_position
 from drivers.gcode.frame import add_frame, add_frames, checksum, remove_frame
 from drivers.gcode.program import (
     MAX_LINE_BYTES,
@@ -18,7 +18,7 @@ __all__ = [
     "Heat",
     "HeaterName",
     "Mark",
-    "Moves",
+    "MotionState",
     "Point",
     "Program",
     "ProgramStore",

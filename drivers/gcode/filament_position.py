@@ -56,11 +56,11 @@ def measure_retraction(program: Program, done_lines: int, stopped_at: Point | No
     float
         In mm, 0 at the tip. Exact except after a G92 among the last moves, which shifts the coordinates.
     """
-    moves = Moves(program, done_lines)
+    moves = MotionState(program, done_lines)
     return moves.retracted_mm if stopped_at is None else moves.find_retraction(stopped_at)
 
 
-class Moves:
+class MotionState:
     """State after the last acknowledged lines, tracked as the firmware does.
 
     Attributes
@@ -158,8 +158,8 @@ def _find_feed(program: Program, line: int) -> float:
     return math.nan
 
 
-def _shift(point: list[float], axis: int, by_mm: float) -> list[float]:
-    return [value + by_mm if at == axis else value for at, value in enumerate(point)]
+def _shift(point: list[float], axis: int, distance_mm: float) -> list[float]:
+    return [value + distance_mm if index == axis else value for index, value in enumerate(point)]
 
 
 def _compute_distance(point: Point, start: Point, end: Point) -> float:
@@ -169,7 +169,7 @@ def _compute_distance(point: Point, start: Point, end: Point) -> float:
         for p, a, b in zip(point, start, end, strict=True)
         if not math.isnan(b)
     ]
-    long2 = sum((b - a) ** 2 for _, a, b in coordinates)
-    share = sum((p - a) * (b - a) for p, a, b in coordinates) / long2 if long2 else 0.0
+    squared_mm2 = sum((b - a) ** 2 for _, a, b in coordinates)
+    share = sum((p - a) * (b - a) for p, a, b in coordinates) / squared_mm2 if squared_mm2 else 0.0
     share = min(max(share, 0.0), 1.0)
     return math.sqrt(sum((p - a - share * (b - a)) ** 2 for p, a, b in coordinates))

@@ -68,7 +68,7 @@ def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
 
     Few lines have decimals that must be checked, and the checksums of all beginnings are computed together.
     """
-    lines = [b"N%d %b*" % numbered for numbered in enumerate(commands, number)]
+    lines = [b"N%d %b*" % pair for pair in enumerate(commands, number)]
     text = b"".join(lines)
     totals = compute_running_checksums(text)
     candidates = _SMALL_DECIMALS.finditer(text)
@@ -82,8 +82,8 @@ def add_frames(number: int, commands: Iterable[bytes]) -> list[bytes]:
             collides |= totals[dot - 1] ^ start_checksum == _CHECKSUMS.get(decimals[1])
             decimals = next(candidates, None)
         if collides:
-            at = number + len(frames)
-            frames.append(add_frame(at, line[:-1].partition(b" ")[2]))
+            line_number = number + len(frames)
+            frames.append(add_frame(line_number, line[:-1].partition(b" ")[2]))
         else:
             frames.append(b"%b%d\n" % (line, totals[end - 2] ^ start_checksum))
         start_checksum = totals[end - 1]

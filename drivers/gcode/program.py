@@ -15,7 +15,7 @@ from enum import StrEnum
 from typing import Protocol
 from zlib import crc32
 
-from drivers.errors import BadGcode, Unreadable
+from drivers.errors import BadGcode, UnreadableFile
 from drivers.gcode.line import Command, is_plain_move, make_length_error, quote, read_command, read_number
 from drivers.gcode.timeline import Mark, Timeline
 from drivers.printers import Profile
@@ -140,9 +140,9 @@ class Program:
         try:
             data = self.store.read(self.offsets[block], self.offsets[block + 1])
         except OSError as error:
-            raise Unreadable(f"its copy cannot be read ({error.strerror}): check the disk") from error
+            raise UnreadableFile(f"its copy cannot be read ({error.strerror}): check the disk") from error
         if crc32(data) != self.sums[block]:
-            raise Unreadable("its copy on the disk has changed: check the disk")
+            raise UnreadableFile("its copy on the disk has changed: check the disk")
         return data
 
     def progress_at(self, line: int) -> Mark:
@@ -158,8 +158,8 @@ class Program:
 
     def highest_mm(self, line: int) -> float:
         """Compute an upper bound of the height printed by the first `line` lines, to `_PEAK_MM`."""
-        at = bisect_left(self._peak_lines, line)
-        return self._peaks_mm[at - 1] if at else 0.0
+        index = bisect_left(self._peak_lines, line)
+        return self._peaks_mm[index - 1] if index else 0.0
 
     def is_relative(self, line: int) -> bool:
         """Return True if G91 is in effect after `line` lines."""

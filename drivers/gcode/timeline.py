@@ -82,18 +82,18 @@ class Timeline:
     def __len__(self) -> int:
         return len(self._lines)
 
-    def __getitem__(self, at: int) -> Mark:
-        layer, feature = self._layers[at], self._features[at]
+    def __getitem__(self, index: int) -> Mark:
+        layer, feature = self._layers[index], self._features[index]
         return Mark(
-            self._lines[at],
-            self._seconds[at],
+            self._lines[index],
+            self._seconds[index],
             None if layer == _NONE else layer,
-            self._heights_mm[at],
+            self._heights_mm[index],
             None if feature < 0 else _FEATURES[feature],
         )
 
     def __iter__(self) -> Iterator[Mark]:
-        return (self[at] for at in range(len(self)))
+        return (self[index] for index in range(len(self)))
 
     def progress_at(self, line: int, count: int) -> Mark:
         """Compute the progress after `line` of all `count` lines."""
@@ -134,13 +134,13 @@ class Timeline:
         """Interpolate the seconds of marks without a time."""
         lines, seconds = self._lines, self._seconds
         last_line, last_s, since = 0, 0.0, 0
-        for at, line in enumerate(lines):
-            if math.isnan(seconds[at]):
+        for index, line in enumerate(lines):
+            if math.isnan(seconds[index]):
                 continue
-            for unknown in range(since, at):
+            for unknown in range(since, index):
                 share = (lines[unknown] - last_line) / (line - last_line)
-                seconds[unknown] = last_s + share * (seconds[at] - last_s)
-            last_line, last_s, since = line, seconds[at], at + 1
+                seconds[unknown] = last_s + share * (seconds[index] - last_s)
+            last_line, last_s, since = line, seconds[index], index + 1
         for unknown in range(since, len(lines)):
             seconds[unknown] = last_s
 

@@ -6,13 +6,11 @@ service outlives the connection.
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import socket
 import sys
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict
 
 from drivers.errors import AgentError, DriverError
 from drivers.host.messages import HostRequest, HostTask, is_for_host
@@ -72,7 +70,7 @@ def _stop_printers(request: HostRequest, places: HostPlaces) -> None:
     """Stop printers side by side; write each result as a line of JSON when it is known."""
     with ThreadPoolExecutor(max_workers=max(1, len(request.starts))) as pool:
         for stop in as_completed([pool.submit(_stop, start, places) for start in request.starts]):
-            sys.stdout.write(json.dumps(asdict(stop.result())) + "\n")
+            sys.stdout.write(stop.result().dump() + "\n")
             sys.stdout.flush()
 
 

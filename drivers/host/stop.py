@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import threading
 from collections.abc import Callable, Sequence
@@ -56,7 +55,7 @@ def stop_host(
                     process.stdin.write(request.line())
                     process.stdin.close()
                 for line in process.stdout:
-                    result = StopResult(**json.loads(line))
+                    result = StopResult.parse(line)
                     if result.printer in missing:
                         missing.remove(result.printer)
                         take(result)

@@ -30,6 +30,6 @@ effect only after all of its lines have arrived: its ok belongs to no line.
 from drivers.link.link import Link
 from drivers.link.opening import Phase
 from drivers.link.outbox import Source
-from drivers.link.replies import Connected, Event, Events, LinkFault, OtherLine, Report
+from drivers.link.replies import Connected, Event, Events, LinkFault, Report, UnknownLine
 
-__all__ = ["Connected", "Event", "Events", "Link", "LinkFault", "OtherLine", "Phase", "Report", "Source"]
+__all__ = ["Connected", "Event", "Events", "Link", "LinkFault", "Phase", "Report", "Source", "UnknownLine"]

@@ -10,7 +10,7 @@ from drivers.link import replies
 from drivers.link.opening import Opening, OpeningLine, Phase
 from drivers.link.outbox import Outbox, Source
 from drivers.link.recovery import MAX_QUERIES, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
-from drivers.link.replies import Connected, Event, Events, LinkFault, OtherLine
+from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLine
 
 SILENT = "the board does not answer"
 SILENCE_S = 0.3  # until the first query; doubled with each query
@@ -45,12 +45,12 @@ class Link:
 
     def _reset(self) -> None:
         self.phase = Phase.CLOSED
-        self._out = b""
+        self._output = b""
         self._opening = Opening(self._firmware, self._floor_s)
         self._partial = b""
         self._due_s = math.inf  # time-out of the line in flight, or of the phase
-        self._poll_s = math.inf
-        self._waiting = False  # for the ok of the line at the cursor
+        self._poll_at_s = math.inf
+        self._awaits_ok = False  # for the ok of the line at the cursor
         self._clean = True  # no query and no refusal since the line in flight was sent
         self._refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
@@ -104,35 +104,35 @@ class Link:
 
     def poll(self, now_s: float) -> None:
         """Request a temperature report as soon as no line is in flight."""
-        self._poll_s = now_s
+        self._poll_at_s = now_s
         self._send_next(now_s)
 
     def poll_soon(self, at_s: float) -> None:
         """Request a temperature report at `at_s` at the latest."""
-        self._poll_s = min(self._poll_s, at_s)
+        self._poll_at_s = min(self._poll_at_s, at_s)
 
     def take(self) -> bytes:
         """Return the bytes to write now, and clear them."""
-        out, self._out = self._out, b""
-        return out
+        data, self._output = self._output, b""
+        return data
 
     @property
-    def drained(self) -> bool:
+    def is_drained(self) -> bool:
         """True if every line was acknowledged; an M105 may be in flight."""
-        return not (self._waiting or self._outbox.pending)
+        return not (self._awaits_ok or self._outbox.pending)
 
     @property
     def streamed_lines(self) -> int:
         """Number of acknowledged lines of the program, counted from its first line."""
-        return self._outbox.streamed_lines(self._waiting)
+        return self._outbox.streamed_lines(self._awaits_ok)
 
     @property
     def deadline_s(self) -> float:
         """Time of the next call of `tick`."""
         if self._answer is not None:
             return self._answer_s
-        if self.phase is Phase.LIVE and not self._waiting:
-            return self._poll_s
+        if self.phase is Phase.LIVE and not self._awaits_ok:
+            return self._poll_at_s
         return self._due_s  # of the line in flight, or of the phase; infinite if the link is closed or dead
 
     # --- messages of the board ---
@@ -143,10 +143,16 @@ class Link:
         Returns None if the only effect is that the next line of the program is to be written.
         """
         # Fast path: an ok to a line of a program while the next line is already encoded.
-        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._clean:
+        if (
+            data == b"ok\n"
+            and self._awaits_ok
+            and not self._partial
+            and now_s < self._poll_at_s
+            and self._clean
+        ):
             line = self._outbox.take_encoded()
             if line is not None:
-                self._out = line
+                self._output = line
                 self._recovery.sent_s = now_s
                 self._due_s = now_s + self._silence_s
                 return None
@@ -191,7 +197,7 @@ class Link:
         elif (alive := self._firmware.keep_alive) is not None and answer.startswith(alive):
             self._handle_busy(now_s, events)
         elif answer:
-            events.append(OtherLine(answer))
+            events.append(UnknownLine(answer))
             if not answer.startswith((b"echo:", b"Error:", b"T:")):
                 self._schedule_query(now_s)
 
@@ -208,7 +214,7 @@ class Link:
     def _go_live(self, now_s: float, events: list[Event]) -> None:
         self.phase = Phase.LIVE
         self._refused = self._opening.refused
-        self._poll_s = now_s + self.poll_every_s
+        self._poll_at_s = now_s + self.poll_every_s
         self._outbox.begin()
         events.append(Connected(self._opening.restarted, self._opening.banner))
         self._send_next(now_s)
@@ -222,32 +228,32 @@ class Link:
     @property
     def _poll_in_flight(self) -> bool:
         """True while an M105 is in flight."""
-        return self._waiting and self._outbox.polls
+        return self._awaits_ok and self._outbox.is_poll
 
     def _handle_ok(self, now_s: float) -> None:
-        if self._waiting and not self._refused:
+        if self._awaits_ok and not self._refused:
             self._accept_line(now_s)
 
     def _accept_line(self, now_s: float) -> None:
         """Note that the line in flight was accepted, and stop waiting for it."""
-        self._waiting = self._refused = False
+        self._awaits_ok = self._refused = False
         self._clean = True
         self._send_next(now_s)
 
-    def _handle_refusal(self, wanted: int, now_s: float) -> None:
+    def _handle_refusal(self, number: int, now_s: float) -> None:
         """Handle a refused line; anything sent after it may be lost."""
         if self._outbox.number < 0:
             return
-        self._waiting = self._refused = True
+        self._awaits_ok = self._refused = True
         self._clean = False
-        if self._recovery.refuse(wanted):
+        if self._recovery.refuse(number):
             self._schedule_query(now_s)
         else:
             self._query(now_s)
 
     def _handle_busy(self, now_s: float, events: list[Event]) -> None:
         """Handle a busy message: the board executes a long command, so a query is useless."""
-        if not self._waiting:
+        if not self._awaits_ok:
             return
         if now_s - self._recovery.sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
             self._give_up(Fault.NO_ANSWER, "the board is busy with one command for too long", events)
@@ -255,24 +261,24 @@ class Link:
             self._recovery.busy_s = now_s
             self._due_s = max(self._due_s, now_s + self._silence_s)
 
-    def _handle_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
+    def _handle_last_line(self, last_line: int, now_s: float, events: list[Event]) -> None:
         """Handle an answer to a query, or the refusal of a line that lost its number."""
-        action = self._recovery.match_answer(last, self._make_place, self._waiting)
+        action = self._recovery.match_answer(last_line, self._make_place, self._awaits_ok)
         if self._firmware.last_line_resends:
             self._recovery.forget_queries()
         if action is None:
-            self._apply_answer(last, now_s, events)
+            self._apply_answer(last_line, now_s, events)
         elif action is Action.TREAT_AS_REFUSAL:
             self._handle_refusal(-1, now_s)
         elif action is Action.QUERY_SOON:
             self._schedule_query(now_s)
 
-    def _apply_answer(self, last: int, now_s: float, events: list[Event]) -> None:
-        """Act on the answer that `last` is the last accepted line, given after all sent lines had arrived."""
+    def _apply_answer(self, last_line: int, now_s: float, events: list[Event]) -> None:
+        """Act on an answer with the number of the last accepted line, sent after all lines had arrived."""
         outbox = self._outbox
-        resendable = outbox.holds(last + 1)
-        confirmations = self._recovery.count_needed(self._firmware, outbox.moves, self._silence_s)
-        action, line = self._recovery.decide(last, self._make_place, confirmations, resendable)
+        resendable = outbox.holds(last_line + 1)
+        confirmations = self._recovery.count_needed(self._firmware, outbox.is_move, self._silence_s)
+        action, line = self._recovery.decide(last_line, self._make_place, confirmations, resendable)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return
@@ -310,17 +316,17 @@ class Link:
             return ()
         events: list[Event] = []
         if self._answer is not None:
-            last, self._answer = self._answer, None
-            self._handle_last_line(last, now_s, events)
+            last_line, self._answer = self._answer, None
+            self._handle_last_line(last_line, now_s, events)
         elif self.phase is Phase.BANNER:
             self._go_live(now_s, events)
-        elif self._waiting:
+        elif self._awaits_ok:
             self._query_again(now_s, events)
         elif self.phase is Phase.OPENING:
             if (query := self._opening.next_query()) is None:
                 self._give_up(Fault.NO_ANSWER, SILENT, events)
             else:
-                self._out += query
+                self._output += query
                 self._due_s = now_s + self._opening.answer_s
         else:
             self._send_next(now_s)
@@ -330,9 +336,9 @@ class Link:
         """Query again, or give up, after too long without a readable answer."""
         if self._recovery.queries >= MAX_QUERIES:
             self._give_up(Fault.NO_ANSWER, SILENT, events)
-        elif self._recovery.wanted >= 0 and self._recovery.queries >= 2:
+        elif self._recovery.resend_number >= 0 and self._recovery.queries >= 2:
             # It answers no queries: believe its Resend.
-            self._apply_answer(self._recovery.wanted - 1, now_s, events)
+            self._apply_answer(self._recovery.resend_number - 1, now_s, events)
         else:
             self._query(now_s)
 
@@ -340,7 +346,7 @@ class Link:
         """Query the number of the last line that the board accepted."""
         self._clean = False
         self._recovery.note_query(self._make_place, now_s)
-        self._out += self._firmware.last_line_query
+        self._output += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
         if self._recovery.queries == MAX_QUERIES:
             wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._silence_s)
@@ -348,7 +354,7 @@ class Link:
 
     def _schedule_query(self, now_s: float) -> None:
         """Schedule a query soon, if a line is in flight and the board has room for a query."""
-        if self._waiting and self._recovery.queries < MAX_QUERIES:
+        if self._awaits_ok and self._recovery.queries < MAX_QUERIES:
             self._due_s = min(self._due_s, now_s + self._unreadable_s)
 
     @property
@@ -360,19 +366,19 @@ class Link:
 
     def _send_next(self, now_s: float) -> None:
         """Send the next line if none is in flight."""
-        if self._waiting or self.phase is not Phase.LIVE:
+        if self._awaits_ok or self.phase is not Phase.LIVE:
             return
-        if now_s >= self._poll_s and self._outbox.fresh:
+        if now_s >= self._poll_at_s and self._outbox.fresh:
             self._outbox.insert_poll()
-            self._poll_s = now_s + self.poll_every_s
+            self._poll_at_s = now_s + self.poll_every_s
         line = self._outbox.take_next()
         if line is not None:
             self._transmit(line, now_s)
 
     def _transmit(self, line: bytes, now_s: float) -> None:
-        self._waiting = self._clean = True
+        self._awaits_ok = self._clean = True
         self._recovery.start_line(now_s)
-        self._out += line
+        self._output += line
         self._due_s = now_s + self._silence_s
 
     def _count_repair(self, events: list[Event]) -> bool:
@@ -390,7 +396,7 @@ class Link:
             return
         self.halt()
         self.phase = Phase.DEAD
-        self._waiting = self._refused = False
-        self._recovery.wanted = -1
+        self._awaits_ok = self._refused = False
+        self._recovery.resend_number = -1
         self._answer = None
         self._due_s = math.inf

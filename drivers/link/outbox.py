@@ -44,9 +44,9 @@ class Outbox:
         self._patience: dict[int, float] = {}  # time-outs of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
         self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
-        self._slow_until = -1  # number of the last line that `_slow_s` delays
+        self._slow_line_end = -1  # number of the last line that `_slow_s` delays
         self._polls: set[int] = set()  # numbers of the M105 lines
-        self._careful_until = 0  # lines up to this number need the slow path: slow moves, M105, resent lines
+        self._slow_path_end = 0  # lines up to this number need the slow path: slow moves, M105, resent lines
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
         self._source_next = self._source_stop = 0  # next line of the program to encode
@@ -76,7 +76,7 @@ class Outbox:
         return self.number >= self._top
 
     @property
-    def moves(self) -> bool:
+    def is_move(self) -> bool:
         """True if the last sent line is a move, which is acknowledged as soon as it is accepted."""
         return self._frames[self._cursor].partition(b" ")[2].startswith(_MOVES)
 
@@ -91,23 +91,23 @@ class Outbox:
         return self._source is not None and self._source_next < self._source_stop
 
     @property
-    def polls(self) -> bool:
+    def is_poll(self) -> bool:
         """True if the last sent line is an M105."""
         return self.number in self._polls
 
     @property
     def patience_s(self) -> float:
         """Time-out of the last sent line, in seconds."""
-        return max(POLL_S if self.polls else LINE_S, self._patience.get(self.number, 0.0))
+        return max(POLL_S if self.is_poll else LINE_S, self._patience.get(self.number, 0.0))
 
     def holds(self, number: int) -> bool:
         """Return True if the line is recent enough to be resent."""
         return number >= self._base and self.number - number < HISTORY_LINES
 
-    def streamed_lines(self, waiting: bool) -> int:
-        """Count the acknowledged lines of the program; `waiting`: the last sent line is not acknowledged."""
+    def streamed_lines(self, awaits_ok: bool) -> int:
+        """Count the acknowledged lines of the program; with `awaits_ok`, without the last sent one."""
         number = self.number
-        number -= waiting and not self.polls  # an M105 is not part of the program
+        number -= awaits_ok and not self.is_poll  # an M105 is not part of the program
         line = self._source_start + number - self._source_number + 1
         return min(max(line, self._source_start), self._source_stop)
 
@@ -124,41 +124,41 @@ class Outbox:
 
     def halt(self) -> None:
         """Drop all unsent lines."""
-        sent = self._cursor + 1
+        sent_count = self._cursor + 1
         self._top = self.number
-        line = self._source_start + self._base + sent - self._source_number
+        line = self._source_start + self._base + sent_count - self._source_number
         self._source_stop = min(max(line, self._source_start), self._source_stop)
         self._source = None
         self._queue.clear()
-        del self._frames[sent:]
-        self._patience = {n: s for n, s in self._patience.items() if n < self._base + sent}
+        del self._frames[sent_count:]
+        self._patience = {n: s for n, s in self._patience.items() if n < self._base + sent_count}
         feedrates = (_FEEDRATE.search(line) for line in reversed(self._frames))
-        if (last := next(filter(None, feedrates), None)) is not None:
-            self._feedrate_mm_min = float(last[1]) or self._feedrate_mm_min
+        if (feedrate := next(filter(None, feedrates), None)) is not None:
+            self._feedrate_mm_min = float(feedrate[1]) or self._feedrate_mm_min
 
     def insert_poll(self) -> None:
         """Insert an M105 before the lines encoded ahead, which get new numbers."""
-        sent = self._cursor + 1
-        number = self._base + sent
-        encoded = self._frames[sent:]
-        del self._frames[sent:]
+        sent_count = self._cursor + 1
+        number = self._base + sent_count
+        encoded_lines = self._frames[sent_count:]
+        del self._frames[sent_count:]
         self._frames.append(add_frame(number, self._firmware.report_query))
         self._polls = {n for n in self._polls if n >= self._base}
         self._polls = {n + (n >= number) for n in self._polls} | {number}
         self._patience = {n + (n >= number): s for n, s in self._patience.items()}
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the rest of the program follows
-        self._frames += add_frames(number + 1, map(remove_frame, encoded))
-        self._careful_until = max(self._careful_until + 1, self._base + sent)
+        self._frames += add_frames(number + 1, map(remove_frame, encoded_lines))
+        self._slow_path_end = max(self._slow_path_end + 1, self._base + sent_count)
 
     # --- sending ---
 
     def take_encoded(self) -> bytes | None:
         """Return the next line if it is an ordinary, already encoded one; None: call `take_next`."""
-        encoded = self._cursor + 1
-        if encoded < len(self._frames) and self._base + self._cursor > self._careful_until:
-            self._cursor = encoded
-            return self._frames[encoded]
+        number = self._cursor + 1
+        if number < len(self._frames) and self._base + self._cursor > self._slow_path_end:
+            self._cursor = number
+            return self._frames[number]
         return None
 
     def take_next(self) -> bytes | None:
@@ -173,7 +173,7 @@ class Outbox:
     def rewind_to(self, number: int) -> bytes:
         """Move the cursor back to line `number`, and return that line."""
         self._top = self.top
-        self._careful_until = max(self._careful_until, self._top)
+        self._slow_path_end = max(self._slow_path_end, self._top)
         self._cursor = number - self._base
         return self._frames[self._cursor]
 
@@ -200,8 +200,8 @@ class Outbox:
                 self._note_slow_move(number, command)
             elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
                 self._patience[number] = waiting_s
-                self._careful_until = number
-            if number <= self._slow_until:
+                self._slow_path_end = number
+            if number <= self._slow_line_end:
                 self._patience[number] = max(self._slow_s, self._patience.get(number, 0.0))
 
     def _note_slow_move(self, number: int, move: bytes) -> None:
@@ -215,5 +215,5 @@ class Outbox:
         else:
             duration_s = 60.0 * REACH_MM / self._feedrate_mm_min
         if duration_s > LINE_S:
-            self._slow_s = max(duration_s, self._slow_s if number <= self._slow_until else 0.0)
-            self._slow_until = number + QUEUED_LINES
+            self._slow_s = max(duration_s, self._slow_s if number <= self._slow_line_end else 0.0)
+            self._slow_line_end = number + QUEUED_LINES

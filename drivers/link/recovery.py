@@ -70,7 +70,7 @@ class Recovery:
         Number of queries since the last readable answer.
     confirmations
         Number of answers by which the line in flight, which is not a move, was accepted.
-    wanted
+    resend_number
         Number in the last Resend since then; negative if there was none.
     sent_s, busy_s
         Time at which the line in flight was sent, and time of the last busy message.
@@ -78,7 +78,7 @@ class Recovery:
 
     def __init__(self) -> None:
         self.queries = self.confirmations = 0
-        self.wanted = -1
+        self.resend_number = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
         self._unanswered: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # not answered yet
         self._unconfirmed_line = -1  # a last line that was reported once,
@@ -117,24 +117,24 @@ class Recovery:
         self.queries += 1
         self._unanswered.append(place)
 
-    def refuse(self, wanted: int) -> bool:
+    def refuse(self, number: int) -> bool:
         """Note a refusal (negative: it names no line); return True if no query has to be sent at once."""
-        queried = wanted < 0 or bool(self._unanswered)
-        if wanted >= 0:
-            self.wanted = wanted
+        has_queried = number < 0 or bool(self._unanswered)
+        if number >= 0:
+            self.resend_number = number
             self._unanswered.clear()  # a refusal empties the board's receive buffer
             self.queries = min(self.queries, 1)
-        return queried
+        return has_queried
 
-    def match_answer(self, last: int, place: Place, waiting: bool) -> Action | None:
+    def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
         """Match an answer to its query; None if that was sent from the current place: `decide` on it."""
         unanswered = self._unanswered
-        while unanswered and 0 < unanswered[0].top < last:
+        while unanswered and 0 < unanswered[0].top < last_line:
             unanswered.popleft()  # its answer was lost
         if not unanswered:
             return Action.TREAT_AS_REFUSAL
         query = unanswered.popleft()
-        if query == place and waiting:
+        if query == place and awaits_ok:
             return None
         return Action.QUERY_SOON if query.number == place.number else Action.IGNORE
 
@@ -142,36 +142,36 @@ class Recovery:
         """Drop the unanswered queries: they were lost."""
         self._unanswered.clear()
 
-    def decide(self, last: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
-        """Decide on the answer that `last` is the last accepted line, given after all sent lines had arrived.
+    def decide(self, last_line: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
+        """Decide on an answer with the number of the last accepted line, sent after all lines had arrived.
 
         Parameters
         ----------
-        last, place
+        last_line, place
             The answer, and the current place of the link.
         confirmations
             Number of answers after which the ok of an accepted line is taken for lost.
         resendable
-            Line `last` + 1 can be sent again.
+            Line `last_line` + 1 can be sent again.
         """
         number, top = place.number, place.top
         self.queries = 0
-        if number > 0 and last not in (number - 1, number, self._unconfirmed_line):
-            self._unconfirmed_line = last
+        if number > 0 and last_line not in (number - 1, number, self._unconfirmed_line):
+            self._unconfirmed_line = last_line
             self._contradictions += 1
             return Verdict(Action.GIVE_UP_NOISY if self._contradictions > TRIES else Action.QUERY_AGAIN)
-        self._unconfirmed_line = self.wanted = -1
+        self._unconfirmed_line = self.resend_number = -1
         self._contradictions = 0
-        if last == number:
+        if last_line == number:
             self.confirmations += 1
             return Verdict(Action.ACCEPT if self.confirmations >= confirmations else Action.WAIT)
         if number == 0:
             return Verdict(Action.REPEAT, 0)  # the M110 that restarts the count was lost
-        if number < last <= top:
-            return Verdict(Action.ACCEPT_UP_TO, last)
-        if last > top or last < 0 or not resendable:
+        if number < last_line <= top:
+            return Verdict(Action.ACCEPT_UP_TO, last_line)
+        if last_line > top or last_line < 0 or not resendable:
             return Verdict(Action.GIVE_UP_REBOOT)
-        return Verdict(Action.REPEAT, last + 1)
+        return Verdict(Action.REPEAT, last_line + 1)
 
     def count_repair(self, number: int) -> bool:
         """Count a line that was lost, or whose ok was; return False if there are too many."""

@@ -17,7 +17,7 @@ _DEGREES, _NUMBER = rb"\s*(-?[\d.]{1,12})", rb"(\d{1,12})"  # no board sends mor
 _REPORT = re.compile(rb"T:%b\s*/%b\s+B:%b\s*/%b(?![\d.])" % ((_DEGREES,) * 4))
 _LAST_LINE = re.compile(rb"Last Line: %b\s*\Z" % _NUMBER)
 _RESEND = re.compile(rb"Resend: ?%b\s*\Z" % _NUMBER)
-_BEGINNINGS = re.compile(rb"(?=Error:|Resend:)")
+_ANSWER_STARTS = re.compile(rb"(?=Error:|Resend:)")
 _CARD_OK = b"echo:SD card ok"
 
 
@@ -45,7 +45,7 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class OtherLine:
+class UnknownLine:
     """A line that is neither an answer of the protocol nor a fault."""
 
     text: bytes
@@ -59,7 +59,7 @@ class LinkFault:
     text: str
 
 
-Event = Connected | Report | OtherLine | LinkFault
+Event = Connected | Report | UnknownLine | LinkFault
 Events = Sequence[Event]
 
 
@@ -102,13 +102,13 @@ def split_answers(line: bytes, firmware: Firmware) -> list[bytes]:
     if parse_ok(line, firmware) is not None:
         return [line]
     answers: list[bytes] = []
-    for part in _BEGINNINGS.split(line):
-        front, back = [], []
+    for part in _ANSWER_STARTS.split(line):
+        before, after = [], []
         if part.endswith(b"ok") and part != _CARD_OK:
-            part, back = part[:-2], [b"ok"]
+            part, after = part[:-2], [b"ok"]
         if part.startswith(b"ok") and b"T:" not in part:
-            front, part = [b"ok"], part[2:]
-        answers += [*front, *([part] if part else []), *back]
+            before, part = [b"ok"], part[2:]
+        answers += [*before, *([part] if part else []), *after]
     return answers
 
 

@@ -110,12 +110,12 @@ class SerialPort:
         if self._pending:
             data = self._pending + data
         try:
-            written = os.write(self._fd, data)
+            written_bytes = os.write(self._fd, data)
         except BlockingIOError:
-            written = 0
+            written_bytes = 0
         except OSError as error:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
-        self._pending = data[written:]
+        self._pending = data[written_bytes:]
 
     @property
     def write_pending(self) -> bool:

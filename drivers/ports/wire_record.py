@@ -41,22 +41,22 @@ class WireRecord:
         """Add bytes that were sent, or received."""
         if data:
             now_s = self._now()
-            for at in range(0, len(data), _CHUNK_BYTES):
-                self._chunks.append((now_s, sent, data[at : at + _CHUNK_BYTES]))
+            for offset in range(0, len(data), _CHUNK_BYTES):
+                self._chunks.append((now_s, sent, data[offset : offset + _CHUNK_BYTES]))
 
     def list_lines(self) -> list[RecordedLine]:
         """List the last 400 lines, oldest first; the first one may have lost its beginning.
 
         Reads no more bytes than needed, as the serial loop waits meanwhile.
         """
-        last: deque[tuple[float, bool, bytes]] = deque()
+        chunks: deque[tuple[float, bool, bytes]] = deque()
         newlines = 0
         for chunk in reversed(self._chunks):
-            last.appendleft(chunk)
+            chunks.appendleft(chunk)
             newlines += chunk[2].count(b"\n")
             if newlines > _LINES:
                 break
-        return list(split_lines(last))[-_LINES:]
+        return list(split_lines(chunks))[-_LINES:]
 
 
 def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[RecordedLine]:
@@ -65,8 +65,8 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Recorde
         began_s, partial = 0.0, b""
         for at_s, _, data in group:
             began_s = began_s if partial else at_s
-            *whole, partial = (partial[:_MAX_LINE_LENGTH] + data).split(b"\n")
-            for line in whole:
+            *complete_lines, partial = (partial[:_MAX_LINE_LENGTH] + data).split(b"\n")
+            for line in complete_lines:
                 yield _make_line(began_s, sent, line)
                 began_s = at_s
         if partial:
@@ -75,8 +75,8 @@ def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[Recorde
 
 def _make_line(at_s: float, sent: bool, line: bytes) -> RecordedLine:
     text = line.rstrip(b"\r")[:_MAX_LINE_LENGTH].decode("ascii", "backslashreplace")
-    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_MAX_LINE_LENGTH])
-    return RecordedLine(at_s, sent, shown)
+    printable = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text[:_MAX_LINE_LENGTH])
+    return RecordedLine(at_s, sent, printable)
 
 
 class RecordedPort:

@@ -68,16 +68,16 @@ FIT_TOLERANCE_MM = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Place of a part's bounding-box centre on the bed; `turned` is by 90 degrees about Z."""
+    """Place of a part's bounding-box centre on the bed; `is_turned` is by 90 degrees about Z."""
 
     x_mm: float
     y_mm: float
-    turned: bool
+    is_turned: bool
 
 
 def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> Placement | None:
     """Place a part of these extents (x, y, z) near the bed's centre; None if it does not fit."""
-    best: tuple[float, bool, float, float] | None = None
+    best_key: tuple[float, bool, float, float] | None = None
     for box in room:
         for rotated in (False, True):
             dx, dy = (extents_mm[1], extents_mm[0]) if rotated else (extents_mm[0], extents_mm[1])
@@ -89,6 +89,6 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
             x = min(max(0.0, box.rect.min_x_mm + dx / 2), box.rect.max_x_mm - dx / 2)
             y = min(max(0.0, box.rect.min_y_mm + dy / 2), box.rect.max_y_mm - dy / 2)
             key = (math.hypot(x, y), rotated, x, y)
-            if best is None or key < best:
-                best = key
-    return None if best is None else Placement(best[2], best[3], best[1])
+            if best_key is None or key < best_key:
+                best_key = key
+    return None if best_key is None else Placement(best_key[2], best_key[3], best_key[1])

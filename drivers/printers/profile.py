@@ -48,9 +48,12 @@ class Rect:
             and self.max_y_mm >= other.max_y_mm
         )
 
-    def expand(self, by_mm: float) -> Rect:
+    def expand(self, margin_mm: float) -> Rect:
         return Rect(
-            self.min_x_mm - by_mm, self.min_y_mm - by_mm, self.max_x_mm + by_mm, self.max_y_mm + by_mm
+            self.min_x_mm - margin_mm,
+            self.min_y_mm - margin_mm,
+            self.max_x_mm + margin_mm,
+            self.max_y_mm + margin_mm,
         )
 
 
@@ -64,7 +67,7 @@ class HeaterModel:
     gain_c: float
     tau_s: float
 
-    def seconds_to(self, target_c: float, start_c: float = 21.0, ambient_c: float = 21.0) -> float:
+    def compute_heating_s(self, target_c: float, start_c: float = 21.0, ambient_c: float = 21.0) -> float:
         """Compute the seconds at full power from `start_c` to `target_c`; 0 if it is warmer already."""
         top_c = ambient_c + self.gain_c
         if target_c <= start_c:
@@ -112,7 +115,7 @@ class Profile:
         Volume that the start code extrudes.
     parked_mm
         Retraction of the filament after a print, or after the printer's own menu.
-    aside_mm
+    pause_xy_mm
         Position of the head in a pause: X and Y.
     head_mm
         Extent of the head with its fans, relative to the nozzle: left, right, front, back.
@@ -155,7 +158,7 @@ class Profile:
     ready_mm: tuple[float, float, float]
     prime_mm3: float
     parked_mm: float
-    aside_mm: tuple[float, float]
+    pause_xy_mm: tuple[float, float]
     head_mm: tuple[float, float, float, float]
     retraction_mm: float
     retraction_mm_s: float

@@ -99,11 +99,11 @@ class Journal:
         """
         if self._length <= max_bytes:
             return False
-        short, old = (self._path.with_name(self._path.name + suffix) for suffix in (".new", ".1"))
+        new_path, old_path = (self._path.with_name(self._path.name + suffix) for suffix in (".new", ".1"))
         data = b"".join(json.dumps(record).encode() + b"\n" for record in self.state.records())
         try:
-            short.unlink(missing_ok=True)
-            descriptor = os.open(short, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            new_path.unlink(missing_ok=True)
+            descriptor = os.open(new_path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
             log.warning("%s: is not shortened: %s", self._path, error)
             return False
@@ -111,9 +111,9 @@ class Journal:
             if os.write(descriptor, data) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(descriptor)
-            old.unlink(missing_ok=True)
-            os.link(self._path, old)
-            short.replace(self._path)
+            old_path.unlink(missing_ok=True)
+            os.link(self._path, old_path)
+            new_path.replace(self._path)
         except OSError as error:
             log.warning("%s: is not shortened: %s", self._path, error)
             os.close(descriptor)

@@ -38,7 +38,7 @@ class Alarm(BaseModel):
         True if the mains are to be cut.
     outcome
         Outcome of cutting the mains; None if unknown: the next agent runs the command again.
-    over
+    is_over
         True if the printer was cold or disconnected since then: a stuck heater now is a new finding.
     """
 
@@ -48,7 +48,7 @@ class Alarm(BaseModel):
     at_s: float
     power_off_requested: bool = Field(default=False, alias="asked")
     outcome: str | None = Field(default=None, alias="said")
-    over: bool = False
+    is_over: bool = Field(default=False, alias="over")
 
     @property
     def pending(self) -> bool:
@@ -63,7 +63,7 @@ class Alarm(BaseModel):
     @property
     def message(self) -> str | None:
         """User-facing sentence; None once the alarm is over."""
-        return None if self.over else "; ".join(filter(None, (self.text, self.outcome)))
+        return None if self.is_over else "; ".join(filter(None, (self.text, self.outcome)))
 
     @property
     def suspicion(self) -> Suspicion | None:
@@ -86,9 +86,9 @@ class BoardState(BaseModel):
         Event at the printer not caused by the farm, until a person has cleared the bed.
     hot
         True if a heater may still be on because of the farm.
-    rest
+    rest_position
         Answer to the position query at which the idle printer rests since its last print; None if unknown.
-    opened
+    device_id
         The device opened last (`identify_device`).
     reset_verified
         The port at which DTR was confirmed to reset the board.
@@ -101,8 +101,8 @@ class BoardState(BaseModel):
     attention_reason: str | None = Field(default=None, alias="look")
     bed_unknown_reason: str | None = Field(default=None, alias="doubt")
     hot: bool = False
-    rest: str | None = None
-    opened: str | None = None
+    rest_position: str | None = Field(default=None, alias="rest")
+    device_id: str | None = Field(default=None, alias="opened")
     reset_verified: str | None = None
     reset_failed: str | None = Field(default=None, alias="reset_refuted")
 
@@ -149,8 +149,8 @@ class JournalState:
     @property
     def may_be_hot(self) -> bool:
         """True if the last agent may have left a heater on."""
-        alarmed = self.alarm is not None and (self.alarm.pending or self.alarm.suspected)
-        return self.board.hot or alarmed or (self.print is not None and not self.print.phase.ended)
+        has_alarm = self.alarm is not None and (self.alarm.pending or self.alarm.suspected)
+        return self.board.hot or has_alarm or (self.print is not None and not self.print.phase.ended)
 
     def apply(self, record: dict[str, Any]) -> None:
         """Apply one record. Raises ValueError, TypeError or AttributeError if it is invalid."""
@@ -171,8 +171,8 @@ class JournalState:
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield the fewest records that restore this state; of the ended prints, the recent ones."""
-        for ended in self.recent:
-            yield {"at_s": ended.ended_s, "print": ended.model_dump(mode="json")}
+        for ended_print in self.recent:
+            yield {"at_s": ended_print.ended_s, "print": ended_print.model_dump(mode="json")}
         yield {
             "at_s": None if self.print is None else self.print.ended_s,
             "print": None if self.print is None else self.print.model_dump(mode="json"),

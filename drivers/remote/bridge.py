@@ -8,14 +8,12 @@ the next bridge finds it.
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import socket
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -134,7 +132,7 @@ def execute(line: bytes) -> int:
         folder = find_folder(request.farm, request.start.printer)
         if request.do is BridgeTask.STOP:
             result = stop_printer(StopTarget.from_agent(request.start, folder))
-            _write(json.dumps(asdict(result)).encode() + b"\n")
+            _write(result.dump().encode() + b"\n")
         else:
             serve(request, folder)
     except BrokenPipeError:

@@ -207,16 +207,16 @@ class AgentClient:
                     self._protocol = hello.protocol
                     queue.put_nowait(hello)
                     continue
-                waiting = self._waiting.get(hello.id)
-                if waiting is not None and not waiting.done():
-                    waiting.set_result(hello)
+                future = self._waiting.get(hello.id)
+                if future is not None and not future.done():
+                    future.set_result(hello)
         except (OSError, ValueError, MessageError) as error:
             reason = str(error)
         finally:
             queue.put_nowait(None)
-            for waiting in self._waiting.values():
-                if not waiting.done():
-                    waiting.set_exception(AgentError(f"{self._folder}: {reason}"))
+            for future in self._waiting.values():
+                if not future.done():
+                    future.set_exception(AgentError(f"{self._folder}: {reason}"))
 
 
 def _read_last_line(log: Path) -> str:

@@ -85,5 +85,5 @@ class Heartbeat:
         self.reset()
         if first is None or last is None:
             return False  # the process has ended
-        starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (HUNG_S - SAMPLE_S)
-        return not starved and last.state not in "DZ"
+        is_starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (HUNG_S - SAMPLE_S)
+        return not is_starved and last.state not in "DZ"

@@ -97,7 +97,7 @@ def stop_over_ssh(
             check=False,
         )
         stderr = process.stderr.decode(errors="replace").strip()
-        return StopResult(**json.loads(process.stdout))
+        return StopResult.parse(process.stdout)
     except subprocess.TimeoutExpired:
         reason = "does not answer"
     except (OSError, ValueError, TypeError) as error:

@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import time
@@ -20,13 +21,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
-from drivers.link import Connected, Event, Link, OtherLine, Report
+from drivers.link import Connected, Event, Link, Report, UnknownLine
 from drivers.link.dialogue import exchange
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports import NET, NetPort, Port, SerialPort
@@ -41,7 +43,7 @@ _SHOW_S = 20.0  # for `start`, the banner and a report
 _ASK_S = 0.5  # between two reports, and between two queries for the position
 _COOL_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
-
+_FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # by their names in JSON
 
 Notify = Callable[[str], None]
 """Callback for progress messages during a stop."""
@@ -87,21 +89,39 @@ class StopResult:
 
     Attributes
     ----------
-    cut_s
+    reset_s
         Wall time (time.time) of the reset, in seconds; None if it was not possible.
     seen_off
         True if the printer reported both targets 0 and cooled since, or is a simulated one without power.
     text
         User-facing sentence.
-    still
+    is_still
         True if it was confirmed not to move: it restarted, or M114 returned the same position twice.
     """
 
     printer: str
-    cut_s: float | None
+    reset_s: float | None
     seen_off: bool
     text: str
-    still: bool = False
+    is_still: bool = False
+
+    def dump(self) -> str:
+        """Serialise the result as one line of JSON, whose names are the same in all versions."""
+        return json.dumps(
+            {
+                "printer": self.printer,
+                "cut_s": self.reset_s,
+                "seen_off": self.seen_off,
+                "text": self.text,
+                "still": self.is_still,
+            }
+        )
+
+    @classmethod
+    def parse(cls, line: bytes | str) -> StopResult:
+        """Parse a result. Raises ValueError or TypeError if it is not one."""
+        fields: dict[str, Any] = dict(json.loads(line))
+        return cls(**{_FIELD_NAMES.get(name, name): value for name, value in fields.items()})
 
 
 def list_targets(agents: Path) -> dict[str, StopTarget]:
@@ -167,20 +187,20 @@ def _reset(target: StopTarget, watch_s: float, notify: Notify) -> StopResult:
         return StopResult(name, None, False, f"cannot be stopped: {error}; switch it off")
     if port is None:
         text = f"is switched off: no emulator in {target.folder}"
-        return StopResult(name, time.time(), True, text, still=True)
-    cut_s, board = None, _Board(port, target.firmware, notify)
+        return StopResult(name, time.time(), True, text, is_still=True)
+    reset_s, board = None, _Board(port, target.firmware, notify)
     try:
         send_abort(port, target.firmware)
         if not target.port.startswith("sim://"):  # else opening the port was the reset
             with suppress(PortError):  # the abort sequence may have been enough; that is checked below
                 port.reset()
-        cut_s = time.time()
-        text, off_seen = board.confirm_off(watch_s)
+        reset_s = time.time()
+        text, heaters_off = board.confirm_off(watch_s)
     except PortError as error:
-        text, off_seen = f"{error}; switch it off", False
+        text, heaters_off = f"{error}; switch it off", False
     finally:
         port.close()
-    return StopResult(name, cut_s, off_seen, f"{text}; {board.motion}", board.still)
+    return StopResult(name, reset_s, heaters_off, f"{text}; {board.motion}", board.is_still)
 
 
 def _open(target: StopTarget) -> Port | None:
@@ -209,13 +229,13 @@ class _Board:
     """
 
     def __init__(self, port: Port, firmware: Firmware, notify: Notify) -> None:
-        self.still = False
+        self.is_still = False
         self._port, self._notify = port, notify
         self._firmware = firmware
         self._link = Link(firmware)
         self._link.ignore_faults = True
         self._link.poll_every_s = _ASK_S
-        self._up: Connected | None = None
+        self._connection: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
         self._moves_waited_for = False  # True once all moves were waited for
@@ -223,7 +243,9 @@ class _Board:
     @property
     def motion(self) -> str:
         """User-facing clause on its motion."""
-        return "it stands still" if self.still else "it was not seen to stand still: check whether it moves"
+        return (
+            "it stands still" if self.is_still else "it was not seen to stand still: check whether it moves"
+        )
 
     def confirm_off(self, watch_s: float) -> tuple[str, bool]:
         """Poll until both targets are 0 and the heaters cool.
@@ -237,36 +259,36 @@ class _Board:
             self._port, self._link, watch_s, unconfirmed=self._firmware.abort_unnumbered
         ):
             self._on_event(now_s, event)
-            if self.still and self._report is not None and self._report.targets_off:
+            if self.is_still and self._report is not None and self._report.targets_off:
                 break
         if (self._report is None or not self._report.targets_off) and self._firmware.halt is not None:
             self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # no print is left to lose
-        if self._report is None or self._up is None:
+        if self._report is None or self._connection is None:
             return "was reset, but shows no temperatures: switch it off", False
-        report, connected = self._report, self._up
+        report, connection = self._report, self._connection
         if not report.targets_off:
             heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({heats}): switch it off", False
-        method = "its board was reset" if connected.restarted else "by command: its board was not reset"
+        method = "its board was reset" if connection.restarted else "by command: its board was not reset"
         with suppress(OSError):  # the message may have no reader; the printer is still watched
             self._notify(f"shows both targets 0 ({method}), {self.motion}; it is watched until it cools")
         return self._confirm_cooling(method)
 
     def _on_event(self, now_s: float, event: Event) -> None:
         if isinstance(event, Connected):
-            self._up = event
+            self._connection = event
             if event.restarted:
-                self.still = True
+                self.is_still = True
             else:  # once more, numbered, as the unnumbered abort may have been lost
                 self._link.send(now_s, *self._firmware.abort)
             self._link.poll(now_s)
         elif isinstance(event, Report):
             self._report = event
-            if not self.still and self._link.drained:
+            if not self.is_still and self._link.is_drained:
                 self._check_motion(now_s)
-        elif isinstance(event, OtherLine) and (match := _COUNT.search(event.text)) is not None:
-            if match[1] == self._position and not self.still:
-                self.still = True
+        elif isinstance(event, UnknownLine) and (match := _COUNT.search(event.text)) is not None:
+            if match[1] == self._position and not self.is_still:
+                self.is_still = True
                 self._link.send(now_s, self._firmware.motors_off)
             self._position = match[1]
 
@@ -275,7 +297,7 @@ class _Board:
         if self._firmware.reports_executed_steps:
             self._link.send(now_s, self._firmware.position_query)
         elif self._moves_waited_for:
-            self.still = True
+            self.is_still = True
             self._link.send(now_s, self._firmware.motors_off)
         else:
             self._moves_waited_for = True
@@ -291,7 +313,7 @@ class _Board:
                 finding = watch.judge(event, dict.fromkeys(HeaterName, 0.0), now_s)
                 if finding is not None or not event.targets_off:
                     break
-                if watch.cools:
+                if watch.is_cooling:
                     now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
                     return f"heaters seen off and cooling ({method}; {now})", True
         now = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"

@@ -66,13 +66,13 @@ class Finding:
         The fault.
     text
         User-facing clause.
-    off
+    is_off
         True if the target is 0 already: no command can switch the heater off.
     """
 
     fault: Fault
     text: str
-    off: bool = False
+    is_off: bool = False
 
 
 class HeaterWatch:
@@ -126,9 +126,9 @@ class HeaterWatch:
         return self._heaters[name].now_c
 
     @property
-    def cools(self) -> bool:
+    def is_cooling(self) -> bool:
         """True if both are off, and each was seen cooling or cold since then."""
-        return all(heater.cools for heater in self._heaters.values())
+        return all(heater.is_cooling for heater in self._heaters.values())
 
     def restart(self) -> None:
         """Reset the observations: both were switched off now."""
@@ -149,7 +149,7 @@ class _Heater:
 
     def set_target(self, set_c: float) -> None:
         """Set the target to compare with."""
-        self.cools = False
+        self.is_cooling = False
         self._set_c = set_c
         self._reached = False
         self._since_s = math.nan  # time of the first report since then
@@ -173,13 +173,13 @@ class _Heater:
         now_c = self.now_c
         rises = self._rise.check(now_c, max(target_c, set_c), now_s)
         if now_c <= SENSOR_BROKEN_C:
-            self.cools = False
+            self.is_cooling = False
             return self._make_finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
         if set_c == 0.0:
             if rises:
-                self.cools = False
-                from_c = self._rise.coolest_c
-                return self._stuck_on_finding(f"is off, and gets hotter: from {from_c:g} to {now_c:g} C")
+                self.is_cooling = False
+                start_c = self._rise.coolest_c
+                return self._stuck_on_finding(f"is off, and gets hotter: from {start_c:g} to {now_c:g} C")
             return self._check_off(now_c, now_s)
         if abs(now_c - set_c) <= self._rule.band_c:
             self._reached = True
@@ -211,12 +211,12 @@ class _Heater:
 
     def _check_off(self, now_c: float, now_s: float) -> Finding | None:
         rule = self._rule
-        if self.cools:
+        if self.is_cooling:
             self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
             if now_c > self._coolest_c + rule.hold_c:  # more than the other heater can cause
-                self.cools, self._since_s, self._hottest_c = False, now_s, now_c
+                self.is_cooling, self._since_s, self._hottest_c = False, now_s, now_c
         elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.falls_c:
-            self.cools, self._coolest_c = True, now_c
+            self.is_cooling, self._coolest_c = True, now_c
         else:
             self._hottest_c = max(self._hottest_c, now_c)
             if now_s - self._since_s > max(rule.falls_s, self._patience_s):
@@ -224,7 +224,7 @@ class _Heater:
         return None
 
     def _stuck_on_finding(self, detail: str) -> Finding:
-        return replace(self._make_finding(Fault.HEATER_STUCK_ON, detail), off=True)
+        return replace(self._make_finding(Fault.HEATER_STUCK_ON, detail), is_off=True)
 
     def _make_finding(self, fault: Fault, detail: str) -> Finding:
         return Finding(fault, f"the {self._name} {detail}")
@@ -252,5 +252,5 @@ class _RiseDetector:
         if math.isnan(self._since_s):
             self._since_s = now_s
         self.coolest_c = min(self.coolest_c, now_c)
-        hotter = now_c > max(self._cold_c, self.coolest_c) + RISES_C
-        return hotter and now_s - self._since_s >= self._after_s
+        is_hotter = now_c > max(self._cold_c, self.coolest_c) + RISES_C
+        return is_hotter and now_s - self._since_s >= self._after_s

@@ -15,8 +15,8 @@ log = logging.getLogger(__name__)
 TIMEOUT_S = 10.0  # wall seconds for a relay to answer
 POLL_S = 0.05  # wall seconds between two checks for its end
 KILL_S = 1.0  # wall seconds for a killed process to end
-BY_HAND = "switch it off by hand"
-NO_COMMAND = f"it has no power_off_cmd: {BY_HAND}"
+SWITCH_OFF_ADVICE = "switch it off by hand"
+NO_COMMAND = f"it has no power_off_cmd: {SWITCH_OFF_ADVICE}"
 _STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of its stderr that are kept and shown
 
 
@@ -38,7 +38,7 @@ class PowerOff:
     def __init__(self, command: str, printer: str, timeout_s: float = TIMEOUT_S) -> None:
         self._printer, self._timeout_s = printer, timeout_s
         self._deadline_s = time.monotonic() + timeout_s
-        self._killed = False
+        self._is_killed = False
         self._stderr_tail = b""
         self._outcome: str | None = None
         try:
@@ -54,7 +54,7 @@ class PowerOff:
             self._stderr = self._process.stderr
             os.set_blocking(self._stderr.fileno(), False)
         except (OSError, ValueError, IndexError) as error:
-            self._end(f"power_off_cmd could not be run ({error}): {BY_HAND}")
+            self._end(f"power_off_cmd could not be run ({error}): {SWITCH_OFF_ADVICE}")
 
     def outcome(self) -> str | None:
         """Return the outcome as a user-facing clause; None while the command runs."""
@@ -62,17 +62,17 @@ class PowerOff:
             return self._outcome
         self._read_stderr()
         code, now_s = self._process.poll(), time.monotonic()
-        if self._killed:
+        if self._is_killed:
             if code is not None or now_s > self._deadline_s + KILL_S:
-                self._end(f"power_off_cmd did not end in {self._timeout_s:g} s: {BY_HAND}")
+                self._end(f"power_off_cmd did not end in {self._timeout_s:g} s: {SWITCH_OFF_ADVICE}")
         elif code == 0:
             self._end("power_off_cmd cut its mains")
         elif code is not None:
-            last = self._stderr_tail.decode(errors="replace").strip().splitlines()[-1:]
-            message = " ".join(last)[:_MESSAGE_CHARACTERS]
-            self._end(f"power_off_cmd failed ({message or code}): {BY_HAND}")
+            last_lines = self._stderr_tail.decode(errors="replace").strip().splitlines()[-1:]
+            message = " ".join(last_lines)[:_MESSAGE_CHARACTERS]
+            self._end(f"power_off_cmd failed ({message or code}): {SWITCH_OFF_ADVICE}")
         elif now_s > self._deadline_s:
-            self._killed = True
+            self._is_killed = True
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
         return self._outcome

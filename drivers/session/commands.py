@@ -47,7 +47,7 @@ def send(context: SessionContext, *commands: bytes, limit_s: float = SEND_S) -> 
     """Send commands and wait until the last of them was executed."""
     context.link.send(context.now_s, *commands)
     context.last_command_s = context.now_s
-    return (yield context.wait(lambda: context.link.drained, limit_s))
+    return (yield context.wait(lambda: context.link.is_drained, limit_s))
 
 
 def query(context: SessionContext, command: bytes) -> Generator[Wait, bool, bytes]:
@@ -57,10 +57,10 @@ def query(context: SessionContext, command: bytes) -> Generator[Wait, bool, byte
     return context.answer
 
 
-def await_report(context: SessionContext, by_s: float) -> Answer:
+def await_report(context: SessionContext, deadline_s: float) -> Answer:
     """Wait for the next temperature report."""
-    last = context.report
-    return (yield Wait(lambda: context.report is not last, by_s))
+    previous = context.report
+    return (yield Wait(lambda: context.report is not previous, deadline_s))
 
 
 def arm_dead_man(context: SessionContext, seconds: float) -> Script:

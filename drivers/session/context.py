@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock
-from drivers.errors import Fault, Unreadable
+from drivers.errors import Fault, UnreadableFile
 from drivers.firmware import Firmware
 from drivers.gcode import Point, Program
 from drivers.link import Connected, Link, Report
@@ -175,7 +175,7 @@ class SessionContext:
     pause_wanted: bool = field(default=False, init=False)
     pause_ends_s: float | None = field(default=None, init=False)
     nozzle_paused: bool = field(default=False, init=False)
-    unreadable: Unreadable | None = field(default=None, init=False)
+    unreadable: UnreadableFile | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.started_s = self.report_s = self.last_command_s = self.now_s

@@ -28,7 +28,7 @@ SUSPECT_S = 25.0  # for a heater that may be stuck on to show that it cools
 RESTART_S = 15.0  # for a board to restart and report temperatures, if the agent died after the finding
 UNEXPECTED_REPORTS = 3  # one may be garbled
 
-_SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
+_SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 _HEATED = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 
@@ -39,7 +39,7 @@ def extrudes(context: SessionContext, nozzle_c: float) -> bool:
 
 def set_target(context: SessionContext, heater: HeaterName, target_c: float) -> Script:
     """Set the target of a heater, and wait for the answer only."""
-    yield from send(context, _SETS[heater] % target_c)
+    yield from send(context, _SET_COMMANDS[heater] % target_c)
 
 
 def heat(context: SessionContext, target: Heat) -> Script:
@@ -82,12 +82,12 @@ def confirm_off(context: SessionContext) -> Answer:
     min_s = context.compute_limit_s(MIN_OFF_S)
     while context.now_s < limit_s:
         limit_s = min(limit_s, max(min_s, context.power_off_requested_s + OFF_WITHOUT_MAINS_S))
-        received = yield from await_report(context, limit_s)
-        if not received or context.report is None or not context.report.targets_off:
+        has_report = yield from await_report(context, limit_s)
+        if not has_report or context.report is None or not context.report.targets_off:
             continue
         if context.targets_off_s is None:
             context.targets_off_s = context.now_s
-        if context.watch.cools:
+        if context.watch.is_cooling:
             context.heaters_off = True
             return True
     return False
@@ -110,22 +110,22 @@ def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
     """Judge a report; return what ends the print, or None."""
     set_c = _set_c(context)
     finding = context.watch.judge(report, set_c, context.now_s)
-    ending = context.phase is PrintPhase.ENDING
-    if context.phase not in _HEATED and not ending:
+    is_ending = context.phase is PrintPhase.ENDING
+    if context.phase not in _HEATED and not is_ending:
         return None
-    if finding is not None and (finding.fault is Fault.HEATER_STUCK_ON or ending):
-        suspect(context, finding.text)
-        if finding.off or ending:
+    if finding is not None and (finding.fault is Fault.HEATER_STUCK_ON or is_ending):
+        note_suspicion(context, finding.text)
+        if finding.is_off or is_ending:
             context.ask_power_off()
-    elif context.watch.cools and not context.wants_power_off:
+    elif context.watch.is_cooling and not context.wants_power_off:
         context.suspicion = None
-    ended = None if finding is None else PrintEnded(finding.fault, finding.text)
-    if ending:
-        return ended if context.reason is None else None  # else the print is ending already
-    return _watch_targets(context, report, set_c) or ended
+    print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
+    if is_ending:
+        return print_end if context.reason is None else None  # else the print is ending already
+    return _watch_targets(context, report, set_c) or print_end
 
 
-def suspect(context: SessionContext, text: str) -> None:
+def note_suspicion(context: SessionContext, text: str) -> None:
     """Note that a heater may be stuck on; the first finding counts."""
     if context.suspicion is None:
         context.suspicion = Suspicion(text.lstrip(" :"), context.now_s)
@@ -157,10 +157,10 @@ def _watch_targets(
 ) -> PrintEnded | None:
     """Detect a changed target: Tinker firmware, or a person at the knob, may set one."""
     nozzle_c, bed_c = set_c[HeaterName.NOZZLE], set_c[HeaterName.BED]
-    as_set = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
-    context.unexpected_reports = 0 if as_set else context.unexpected_reports + 1
+    is_unchanged = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
+    context.unexpected_reports = 0 if is_unchanged else context.unexpected_reports + 1
     if context.unexpected_reports < UNEXPECTED_REPORTS:
-        if not as_set:  # soon, but not before the lines in flight that may set it
+        if not is_unchanged:  # soon, but not before the lines in flight that may set it
             context.link.poll_soon(context.now_s + context.pace.heating_s)
         return None
     targets = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"

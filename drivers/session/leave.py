@@ -26,18 +26,18 @@ _RESET_AFTER = frozenset(
 def make_safe(context: SessionContext) -> Script:
     """Abort the print, by command if the board responds, else by a reset."""
     context.final_lines = context.acknowledged_lines
-    homed = context.program is not None and context.final_lines > context.program.home_line
+    is_homed = context.program is not None and context.final_lines > context.program.home_line
     listens = context.greeting is not None and context.link.phase is LinkPhase.LIVE
     if listens and context.fault not in _RESET_AFTER:
         try:
-            if (yield from _abort(context, homed)):
+            if (yield from _abort(context, is_homed)):
                 return
         except PrintEnded:
             pass  # it stopped responding meanwhile
-    yield from _cut(context, homed)
+    yield from _cut(context, is_homed)
 
 
-def _abort(context: SessionContext, homed: bool) -> Answer:
+def _abort(context: SessionContext, is_homed: bool) -> Answer:
     """Abort by the safe sequence, and park the filament. Return False if it did not finish.
 
     Source: docs/explanation/ultimaker2-serial.md, section 5.
@@ -46,7 +46,7 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
     context.link.halt()
     if not (yield from send(context, *firmware.abort, limit_s=STOP_S)):
         return False
-    if homed:  # else it is unknown how far the bed may go
+    if is_homed:  # else it is unknown how far the bed may go
         done_lines = context.done_lines
         context.position = None
         yield from send(context, firmware.position_query)
@@ -66,7 +66,7 @@ def _abort(context: SessionContext, homed: bool) -> Answer:
     return True
 
 
-def _cut(context: SessionContext, homed: bool) -> Script:
+def _cut(context: SessionContext, is_homed: bool) -> Script:
     """Switch the heaters off by a reset, the emergency stop that works on every board with DTR."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
@@ -75,7 +75,7 @@ def _cut(context: SessionContext, homed: bool) -> Script:
         for _ in range(TRIES):
             context.heaters_off = False
             try:
-                if (yield from _reset_and_confirm_off(context, homed)):
+                if (yield from _reset_and_confirm_off(context, is_homed)):
                     return
             except PrintEnded as ended:
                 if ended.fault is Fault.PORT_LOST:
@@ -88,18 +88,18 @@ def _cut(context: SessionContext, homed: bool) -> Script:
         context.link.ignore_faults = False
 
 
-def _reset_and_confirm_off(context: SessionContext, homed: bool) -> Answer:
+def _reset_and_confirm_off(context: SessionContext, is_homed: bool) -> Answer:
     """Reset the board and confirm its heaters off; then move away from the part, if that is safe."""
     firmware = context.firmware
     yield from connect(context)
-    restarted = context.greeting is None or context.greeting.restarted
-    if not restarted:
+    has_restarted = context.greeting is None or context.greeting.restarted
+    if not has_restarted:
         yield from send(context, firmware.motors_off)  # its move queue is empty: it stands still
     if not (yield from confirm_off(context)):
         return False
-    if not restarted:
+    if not has_restarted:
         yield from arm_dead_man(context, 0.0)
-    if homed and context.fault is None:
+    if is_homed and context.fault is None:
         # the nozzle may touch the part
         yield from send(context, *context.profile.leave_code, firmware.motors_off, firmware.wait_moves)
     return True

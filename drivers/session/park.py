@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from drivers.errors import Fault, Unreadable
-from drivers.gcode import Heat, HeaterName, Moves, Point, Program, measure_retraction
+from drivers.errors import Fault, UnreadableFile
+from drivers.gcode import Heat, HeaterName, MotionState, Point, Program, measure_retraction
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import PrintEnded, Script, SessionContext
@@ -25,8 +25,8 @@ PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, so nobody sta
 def unpark(context: SessionContext) -> Script:
     """Move parked filament to the nozzle."""
     context.filament = Filament.UNKNOWN
-    push = b"G1 F300 E%g" % context.profile.parked_mm
-    yield from send(context, b"M82", b"G92 E0", push, b"G92 E0", context.firmware.wait_moves)
+    push_command = b"G1 F300 E%g" % context.profile.parked_mm
+    yield from send(context, b"M82", b"G92 E0", push_command, b"G92 E0", context.firmware.wait_moves)
     context.filament = Filament.AT_NOZZLE
 
 
@@ -39,8 +39,8 @@ def park(context: SessionContext, back_mm: float, can_extrude: bool) -> Script:
         context.filament = Filament.PARKED
     elif can_extrude:
         context.filament = Filament.UNKNOWN
-        pull = b"G1 F1500 E%.3f" % (back_mm - parked_mm)
-        if (yield from send(context, b"G91", pull, b"G90", context.firmware.wait_moves)):
+        pull_command = b"G1 F1500 E%.3f" % (back_mm - parked_mm)
+        if (yield from send(context, b"G91", pull_command, b"G90", context.firmware.wait_moves)):
             context.filament = Filament.PARKED
     elif back_mm > PARKED_SLACK_MM:
         context.filament = Filament.UNKNOWN
@@ -50,7 +50,7 @@ def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | 
     """Compute the retraction of the filament; NaN if the file can no longer be read."""
     try:
         return measure_retraction(program, done_lines, stopped_at)
-    except Unreadable:
+    except UnreadableFile:
         return math.nan
 
 
@@ -79,17 +79,17 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     firmware = context.firmware
     context.phase = PrintPhase.PAUSED
     context.position = None
-    stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
-    if not stopped or context.position is None:
+    has_stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
+    if not has_stopped or context.position is None:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
-    moves = Moves(program, done_lines)
-    at = [
-        reported if math.isnan(exact) else exact
-        for exact, reported in zip(moves.position, context.position, strict=True)
+    moves = MotionState(program, done_lines)
+    position = [
+        reported if math.isnan(tracked) else tracked
+        for tracked, reported in zip(moves.position, context.position, strict=True)
     ]
     yield from park(context, moves.retracted_mm, can_extrude=True)
-    lift = b"G1 F1200 Z%.3f" % (at[2] + compute_lift_mm(context, at[2], done_lines))
-    yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
+    lift = b"G1 F1200 Z%.3f" % (position[2] + compute_lift_mm(context, position[2], done_lines))
+    yield from send(context, b"G90", lift, b"G1 F9000 X%g Y%g" % context.profile.pause_xy_mm, b"M104 S0")
     context.nozzle_paused = True
     yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)
     yield from _await_resume(context)
@@ -100,15 +100,15 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     yield from heat(context, Heat(done_lines, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
     yield from send(
-        context, *_list_return_commands(moves, at, context.profile.parked_mm), firmware.wait_moves
+        context, *_list_return_commands(moves, position, context.profile.parked_mm), firmware.wait_moves
     )
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
 
 
-def _list_return_commands(moves: Moves, at: Point, parked_mm: float) -> list[bytes]:
+def _list_return_commands(moves: MotionState, position: Point, parked_mm: float) -> list[bytes]:
     """List the commands that push the filament, return to the part and restore the file's settings."""
-    x, y, z, e = at
+    x, y, z, e = position
     push_mm = parked_mm - moves.retracted_mm
     last_mm = min(LAST_EXTRUSION_MM, push_mm)
     commands = [b"G91", b"G1 F300 E%.3f" % (push_mm - last_mm), b"G90"]

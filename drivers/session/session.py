@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from drivers.errors import Fault, Unreadable
+from drivers.errors import Fault, UnreadableFile
 from drivers.gcode import read_position
-from drivers.link import Connected, Event, Events, LinkFault, OtherLine, Report
+from drivers.link import Connected, Event, Events, LinkFault, Report, UnknownLine
 from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import PrintEnded, Script, SessionContext, Wait
-from drivers.session.heat import compute_power_off_due_s, suspect, watch_heaters
+from drivers.session.heat import compute_power_off_due_s, note_suspicion, watch_heaters
 from drivers.session.identify import identify
 from drivers.session.leave import make_safe
 from drivers.session.stream import print_program
@@ -57,13 +57,13 @@ class Session:
         """Process the events of the link, and run the script as far as possible."""
         context = self.context
         context.now_s = now_s
-        ended: PrintEnded | None = None
+        print_end: PrintEnded | None = None
         for event in events:
-            ended = ended or _notice(context, event)
+            print_end = print_end or _notice(context, event)
         if now_s >= self._find_last_moment_s():
-            ended = ended or PrintEnded(Fault.HOURS_ENDED, UNATTENDED)
-        if ended is not None:
-            self._leave(ended)
+            print_end = print_end or PrintEnded(Fault.HOURS_ENDED, UNATTENDED)
+        if print_end is not None:
+            self._leave(print_end)
         if now_s >= compute_power_off_due_s(context):
             context.ask_power_off()
         while not context.ended:
@@ -116,8 +116,8 @@ class Session:
     def _find_last_moment_s(self) -> float:
         """Compute the time limit of an open print."""
         context = self.context
-        going_on = context.phase is not PrintPhase.ENDING and not context.ended
-        return context.ends_by_s if going_on and context.ends_by_s is not None else math.inf
+        is_printing = context.phase is not PrintPhase.ENDING and not context.ended
+        return context.ends_by_s if is_printing and context.ends_by_s is not None else math.inf
 
     def _step(self, step: Callable[[], Wait]) -> None:
         context = self.context
@@ -129,8 +129,8 @@ class Session:
             context.link.poll_every_s = context.pace.idle_s
             context.link.poll(context.now_s)
 
-    def _leave(self, ended: PrintEnded) -> None:
-        self._step(lambda: self._script.throw(ended))
+    def _leave(self, print_end: PrintEnded) -> None:
+        self._step(lambda: self._script.throw(print_end))
 
 
 def _run(context: SessionContext) -> Script:
@@ -141,10 +141,10 @@ def _run(context: SessionContext) -> Script:
             raise PrintEnded(context.previous_fault, _HEAT_MESSAGES[context.previous_fault])
         yield from identify(context)
         yield from print_program(context, context.program)
-    except (PrintEnded, Unreadable) as why:
-        ended = why if isinstance(why, PrintEnded) else PrintEnded(Fault.BAD_FILE, str(why))
-        context.fault, context.reason = ended.fault, ended.reason
-        outcome = PrintPhase.CANCELLED if ended.fault is None else PrintPhase.FAILED
+    except (PrintEnded, UnreadableFile) as why:
+        print_end = why if isinstance(why, PrintEnded) else PrintEnded(Fault.BAD_FILE, str(why))
+        context.fault, context.reason = print_end.fault, print_end.reason
+        outcome = PrintPhase.CANCELLED if print_end.fault is None else PrintPhase.FAILED
         context.phase = PrintPhase.ENDING
         yield from make_safe(context)
     context.phase = outcome
@@ -157,12 +157,12 @@ def _notice(context: SessionContext, event: Event) -> PrintEnded | None:
         return watch_heaters(context, event)
     if isinstance(event, Connected):
         context.greeting = event
-    elif isinstance(event, OtherLine):
+    elif isinstance(event, UnknownLine):
         context.answer += event.text + b"\n"
         context.position = read_position(event.text) or context.position
     elif isinstance(event, LinkFault):
         if event.fault is Fault.MAXTEMP:
-            suspect(context, event.text)
+            note_suspicion(context, event.text)
         if not context.link.ignore_faults or context.link.phase is LinkPhase.DEAD:
             return PrintEnded(event.fault, event.text)
     return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from drivers.errors import Fault, Unreadable
+from drivers.errors import Fault, UnreadableFile
 from drivers.gcode import Heat, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
@@ -20,15 +20,17 @@ def print_program(context: SessionContext, program: Program) -> Script:
     context.phase = PrintPhase.HEATING
     context.heaters_off = False
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
-    cools = next((h.line for h in program.heats if _cools(h, program.extrusion_line)), program.count)
-    at = 0
-    for stop, heat_command in _list_stops(program, cools):
-        yield from _stream(context, program, at, stop)
-        at = stop
+    cooling_line = next(
+        (h.line for h in program.heats if _is_end_of_heat(h, program.extrusion_line)), program.count
+    )
+    start = 0
+    for stop, heat_command in _list_stops(program, cooling_line):
+        yield from _stream(context, program, start, stop)
+        start = stop
         if stop == program.home_line + 1:
             yield from check_height(context, program.lines(program.home_line, stop)[0])
         if heat_command is not None:
-            context.heated_lines = at = stop + 1
+            context.heated_lines = start = stop + 1
             yield from heat(context, heat_command)
             can_extrude = heat_command.heater is HeaterName.NOZZLE and extrudes(
                 context, heat_command.target_c
@@ -39,21 +41,21 @@ def print_program(context: SessionContext, program: Program) -> Script:
             context.extruded = True
             context.phase = PrintPhase.PRINTING
             yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
-        if stop == cools and context.phase is PrintPhase.PRINTING:
+        if stop == cooling_line and context.phase is PrintPhase.PRINTING:
             yield from verify_targets(context)
     yield from _finish(context, program)
 
 
-def _list_stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
+def _list_stops(program: Program, cooling_line: int) -> list[tuple[int, Heat | None]]:
     """List the lines before which the stream stops, each with the heating that replaces it."""
     lines = (program.home_line + 1, program.extrusion_line, program.count)
     stops: dict[int, Heat | None] = dict.fromkeys(lines)
     stops |= {heat_command.line: heat_command for heat_command in program.heats if heat_command.waits}
-    stops.setdefault(cools, None)
+    stops.setdefault(cooling_line, None)
     return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
 
 
-def _cools(heat_command: Heat, after_line: int) -> bool:
+def _is_end_of_heat(heat_command: Heat, after_line: int) -> bool:
     return (
         heat_command.heater is HeaterName.NOZZLE
         and heat_command.target_c == 0
@@ -65,18 +67,18 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
     """Send lines `start` to `stop`, and pause when requested."""
     link = context.link
 
-    def read_lines(first: int, last: int) -> list[bytes]:
+    def read_lines(start: int, end: int) -> list[bytes]:
         """Read lines for the link. After a read error there are no more: none may be skipped."""
         if context.unreadable is None:
             try:
-                return program.lines(first, last)
-            except Unreadable as error:
+                return program.lines(start, end)
+            except UnreadableFile as error:
                 context.unreadable = error
         return []
 
     def sent_or_paused() -> bool:
         heat_command = context.pause_wanted and can_pause(context)
-        return link.drained or context.unreadable is not None or heat_command
+        return link.is_drained or context.unreadable is not None or heat_command
 
     while start < stop:
         link.poll_every_s = context.pace.printing_s
@@ -87,10 +89,10 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
                 raise PrintEnded(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
         if context.unreadable is not None:
             raise context.unreadable
-        if link.drained:
+        if link.is_drained:
             return
         link.halt()
-        yield Wait(lambda: link.drained)
+        yield Wait(lambda: link.is_drained)
         start = link.streamed_lines
         if can_pause(context):  # the line in flight may have switched the heat off
             yield from pause(context, program, start)

@@ -50,7 +50,7 @@ _RESTARTS_PER_MINUTE = 6  # an agent that dies more often is not restarted for a
 _SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
-_STEADY_S = 30.0  # wall seconds after which a connection counts as stable
+_STABLE_S = 30.0  # wall seconds after which a connection counts as stable
 _PIECE_BYTES = 32 * 1024  # of an uploaded file; an agent accepts lines of 64 KiB
 _START_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
 _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
@@ -111,8 +111,8 @@ class AgentConnection:
         route = load_route(self._folder, section, farm, clock)
         self._remote = route is not None
         self._heartbeat = Heartbeat()
-        way = route if self._host is None else partial(self._host.open, name)
-        self._client = AgentClient(self._folder, way, self._heartbeat.reset)
+        open_route = route if self._host is None else partial(self._host.open, name)
+        self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._pending: set[tuple[str, str]] = set()  # requests in flight, so that none is sent twice at once
@@ -194,7 +194,7 @@ class AgentConnection:
                     if self._has_configured_port(report):
                         report = await self._import_journal(report)
                         self._report(self._convert_snapshot(report))
-                if time.monotonic() - connected_s > _STEADY_S:
+                if time.monotonic() - connected_s > _STABLE_S:
                     wait_s = 0.0
                 self._log.info("the connection to its agent was lost")
             except TimeoutError:
@@ -204,8 +204,10 @@ class AgentConnection:
             except Exception:
                 self._log.exception("listening to its agent")
             loss = None if self._host is None else self._host.describe_loss()
-            lost = loss is not None
-            self._report(AgentSnapshot(printer=self._name, link=Link.STARTING, reason=loss, host_lost=lost))
+            is_lost = loss is not None
+            self._report(
+                AgentSnapshot(printer=self._name, link=Link.STARTING, reason=loss, host_lost=is_lost)
+            )
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
         """Import the agent's journal if the books are a backup. Returns its latest snapshot."""
@@ -235,9 +237,9 @@ class AgentConnection:
 
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Return a snapshot without fields that the agent cannot measure."""
-        simulated = self._section is not None and self._section.simulated
-        cleared = _CLEARED in self._pending
-        return to_trusted_snapshot(report, self._clock, self._name, simulated, cleared)
+        is_simulated = self._section is not None and self._section.simulated
+        is_cleared = _CLEARED in self._pending
+        return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _has_configured_port(self, report: m.Snapshot) -> bool:
         """Return whether the agent uses the port of `fleet.yaml`; an idle one that does not is replaced."""
@@ -288,16 +290,16 @@ class AgentConnection:
 
     async def _upload(self, print_id: str, gcode: Path) -> None:
         """Send a file to an agent on another host. Raises DriverError."""
-        at, unfinished = 0, True
+        offset, has_more = 0, True
         try:
             with gcode.open("rb") as file:
-                while unfinished:
+                while has_more:
                     piece = await asyncio.to_thread(file.read, _PIECE_BYTES)
-                    sent = m.Upload(id=0, print_id=print_id, at=at, data=base64.b64encode(piece))
-                    reply = await self._client.request(sent)
+                    request = m.Upload(id=0, print_id=print_id, offset=offset, data=base64.b64encode(piece))
+                    reply = await self._client.request(request)
                     if reply.error:
                         raise AgentError(reply.error)
-                    at, unfinished = at + len(piece), bool(piece)
+                    offset, has_more = offset + len(piece), bool(piece)
         except OSError as error:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
 

@@ -1,4 +1,4 @@
-"""Record of a host with printers: its connection, its last state. In memory: a new daemon connects anew."""
+"""Record of a host with printers: its connection, its last state. In memory: a new daemon connects again."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ LOST_S = 10.0
 
 
 class HostChange(StrEnum):
-    """Change of a connection that people hear of."""
+    """Change of a connection that is reported to people."""
 
     LOST = "lost"
-    BACK = "back"
+    RECONNECTED = "back"
 
 
 @dataclass(slots=True)
@@ -29,11 +29,11 @@ class HostRecord:
     printers
         Its printers.
     disconnected_s
-        Since when there is no connection; None while there is one.
+        Time at which the connection was lost; None while there is one.
     connected_s
-        Since when there is one; None while there is none.
+        Time at which it was made; None while there is none.
     reason
-        Why there is no connection.
+        Reason for the loss of the connection.
     state
         Its last state; None before the first.
     reported
@@ -82,15 +82,15 @@ class HostRecord:
         """Describe what the host waits for; None if for nothing."""
         if self.disconnected_s is not None or self.state is None:
             return f"a connection: {self.reason}"
-        waiting = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]
-        if waiting:
-            names = " ".join(agent.printer for agent in waiting)
-            return f"agents that ended: {names} ({waiting[0].reason or 'started again soon'})"
+        waiting_agents = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]
+        if waiting_agents:
+            names = " ".join(agent.printer for agent in waiting_agents)
+            return f"agents that ended: {names} ({waiting_agents[0].reason or 'started again soon'})"
         return self.state.update.reason
 
     def find_change(self, now_s: float, scale: float) -> HostChange | None:
         """Return the change that has not been reported; None if there is none."""
-        lost = self.disconnected_s is not None and now_s - self.disconnected_s >= LOST_S * scale
-        if lost and not self.reported:
+        is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= LOST_S * scale
+        if is_lost and not self.reported:
             return HostChange.LOST
-        return HostChange.BACK if self.reported and self.disconnected_s is None else None
+        return HostChange.RECONNECTED if self.reported and self.disconnected_s is None else None

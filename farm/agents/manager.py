@@ -63,7 +63,7 @@ class AgentManager:
                 await self._end_orphan(folder, route)
 
     async def _end_orphan(self, folder: Path, route: Route | None) -> None:
-        client, ended = AgentClient(folder, route), False
+        client, has_ended = AgentClient(folder, route), False
         try:
             await client.connect()
             reply = await client.request(m.Shutdown(id=0))
@@ -73,10 +73,10 @@ class AgentManager:
                 reply.error or "ends",
                 extra={"printer": folder.name},
             )
-            ended = reply.error is None
+            has_ended = reply.error is None
         except DriverError as error:
-            ended = NO_AGENT in str(error)
-            if not ended:
+            has_ended = NO_AGENT in str(error)
+            if not has_ended:
                 log.warning(
                     "%s is not in the fleet, and its agent does not answer: %s",
                     folder.name,
@@ -85,7 +85,7 @@ class AgentManager:
                 )
         finally:
             await client.close()
-        if ended:
+        if has_ended:
             delete_route(folder)
 
     def watch(self) -> None:

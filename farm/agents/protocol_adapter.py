@@ -137,25 +137,25 @@ def to_trusted_snapshot(
     printer
         The printer of this connection; the name in the snapshot is ignored.
     simulated
-        Whether the printer is an emulator: only these can see their bed.
+        True if the printer is an emulator: only these can see their bed.
     bed_cleared
-        Whether a person has cleared the bed and the agent has not confirmed it yet: its alarm and
+        True if a person has cleared the bed and the agent has not confirmed it yet: its alarm and
         its report of an unknown bed are out of date.
     """
     snapshot = to_farm_snapshot(report, clock)
-    outdated = report.protocol < m.StartPrint.needed and report.print is None
-    stale = report.protocol < m.Snapshot.filament_watched and report.bed_unknown_reason is not None
+    is_outdated = report.protocol < m.StartPrint.min_protocol and report.print is None
+    is_stale = report.protocol < m.Snapshot.filament_watched and report.bed_unknown_reason is not None
     return AgentSnapshot(
         **{
             **dict(snapshot),
             "printer": printer,
             "bed_clear": snapshot.bed_clear if simulated else None,
-            "filament": FilamentState.UNKNOWN if stale else snapshot.filament,
+            "filament": FilamentState.UNKNOWN if is_stale else snapshot.filament,
             "bed_unknown_reason": None if bed_cleared else snapshot.bed_unknown_reason,
             "alarm": None if bed_cleared else snapshot.alarm,
-            "link": Link.FAULT if outdated else snapshot.link,
-            "reason": _OUTDATED.format(printer) if outdated else snapshot.reason,
-            "outdated": outdated,
+            "link": Link.FAULT if is_outdated else snapshot.link,
+            "reason": _OUTDATED.format(printer) if is_outdated else snapshot.reason,
+            "outdated": is_outdated,
         }
     )
 

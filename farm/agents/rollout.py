@@ -19,9 +19,9 @@ class RolloutStep:
     halt
         Hosts whose update stops now.
     ended
-        Whether nothing is left to do.
+        True if nothing is left to do.
     fault
-        Why it stops early.
+        Reason to stop early.
     """
 
     begin: tuple[str, ...] = ()
@@ -30,14 +30,14 @@ class RolloutStep:
     fault: str | None = None
 
 
-def plan_rollout(updates: Mapping[str, Update | None], begun: tuple[str, ...]) -> RolloutStep:
+def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str, ...]) -> RolloutStep:
     """Plan the next step of an update.
 
     Parameters
     ----------
     updates
         State of the update of each host, by its name; None: it is not connected.
-    begun
+    started_hosts
         Hosts whose update has begun, in order. The others wait until the first one is done.
 
     Returns
@@ -47,17 +47,19 @@ def plan_rollout(updates: Mapping[str, Update | None], begun: tuple[str, ...]) -
         forgotten its update, and begins again.
     """
     phases = {host: None if update is None else update.phase for host, update in updates.items()}
-    for host in begun:
+    for host in started_hosts:
         update = updates.get(host)
         if update is not None and update.phase is UpdatePhase.FAILED:
-            running = tuple(other for other in begun if phases.get(other) is UpdatePhase.RUNNING)
-            return RolloutStep(halt=running, ended=True, fault=f"{host}: {update.reason}")
+            running_hosts = tuple(
+                other for other in started_hosts if phases.get(other) is UpdatePhase.RUNNING
+            )
+            return RolloutStep(halt=running_hosts, ended=True, fault=f"{host}: {update.reason}")
     todo = tuple(
         host
         for host in sorted(updates)
-        if host not in begun and phases[host] in (UpdatePhase.OUTDATED, UpdatePhase.FAILED)
+        if host not in started_hosts and phases[host] in (UpdatePhase.OUTDATED, UpdatePhase.FAILED)
     )
-    if not begun and todo:
+    if not started_hosts and todo:
         return RolloutStep(begin=todo[:1])
     repeated = tuple(host for host in begun if phases.get(host) is UpdatePhase.OUTDATED)
     following = todo if begun and phases.get(begun[0]) is UpdatePhase.CURRENT else ()

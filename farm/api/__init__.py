@@ -42,12 +42,12 @@ from farm.api.prints import PrintView as PrintView
 from farm.api.prints import StillView as StillView
 from farm.api.requests import ApproveRequest as ApproveRequest
 from farm.api.requests import AssembledRequest as AssembledRequest
-from farm.api.requests import Cleared as Cleared
 from farm.api.requests import ClearedRequest as ClearedRequest
+from farm.api.requests import ClearedResponse as ClearedResponse
 from farm.api.requests import DownRequest as DownRequest
 from farm.api.requests import JobStart as JobStart
 from farm.api.requests import LoadRequest as LoadRequest
-from farm.api.requests import Named as Named
+from farm.api.requests import NameResponse as NameResponse
 from farm.api.requests import PruneRequest as PruneRequest
 from farm.api.requests import Queue as Queue
 from farm.api.requests import QueueEntry as QueueEntry
@@ -298,7 +298,7 @@ class JobStatus(View):
     job: JobView
 
 
-class Submitted(View):
+class SubmitResponse(View):
     """Response to a submission; `again` if this request id was submitted before."""
 
     job: int
@@ -323,7 +323,7 @@ class PrunedJob(View):
     size_bytes: int  # some files may be shared with other jobs, which keep them
 
 
-class Pruned(View):
+class PruneResponse(View):
     """Result of `farm prune`: the files, jobs and events that were deleted, or would be."""
 
     model_config = ConfigDict(populate_by_name=True)

@@ -52,7 +52,7 @@ class AppKeyRequestView(View):
     """Program that asks for a key."""
 
     code: str
-    app: str  # as it says itself
+    app: str  # its own name for itself
     address: str
 
 

@@ -41,7 +41,7 @@ class ClearedRequest(View):
     seen: Line | None = Field(default=None, max_length=64)  # id of the last print that its sender knows of
 
 
-class Cleared(View):
+class ClearedResponse(View):
     """Response to a cleared bed. A bad part is printed again, unless it was cancelled."""
 
     again: str | None = None  # the part that is printed again
@@ -49,7 +49,7 @@ class Cleared(View):
     printed_on: list[str] = Field(default_factory=list)  # printers that already print that part again
 
 
-class Named(View):
+class NameResponse(View):
     """Name of the part or printer that a command acted on."""
 
     name: str

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from farm.cameras.image import CameraError, Image
-from farm.cameras.schedule import LARGEST_INTERVAL_S, SHOWN_S, CameraState, DueStill, find_due_stills
+from farm.cameras.schedule import LARGEST_INTERVAL_S, MAX_STILL_AGE_S, CameraState, DueStill, find_due_stills
 from farm.config import Fleet
 from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing
@@ -28,7 +28,7 @@ from farm.state.storage import store_file
 
 log = logging.getLogger(__name__)
 
-_FORGET_S = 10.0  # wall seconds without a look after which the last still is dropped from memory
+_FORGET_S = 10.0  # wall seconds without a viewer after which the last still is dropped from memory
 
 Fetch = Callable[[str], Awaitable[Image]]
 
@@ -49,7 +49,7 @@ class _Camera:
     state: CameraState = field(default_factory=CameraState)
     latest: Image | None = None
     latest_s: float = 0.0
-    looked_s: float = 0.0
+    viewed_s: float = 0.0
     running: asyncio.Task[Image] | None = None
     keep_after_s: float = 0.0  # no still is kept before, as the last one could not be stored
 
@@ -79,7 +79,7 @@ class Cameras:
         self._controller, self._state = controller, state
         self._fetch, self._monotonic = fetch, monotonic
         self._cameras = _list_cameras(controller.fleet)
-        self._keeping: dict[str, asyncio.Task[None]] = {}  # by printer
+        self._store_tasks: dict[str, asyncio.Task[None]] = {}  # by printer
 
     def __len__(self) -> int:
         return len(self._cameras)
@@ -98,8 +98,8 @@ class Cameras:
         camera = self._cameras.get(printer)
         if camera is None:
             raise NoSuchThing(f"{printer} has no camera: give its address by `camera` in fleet.yaml")
-        now_s = camera.looked_s = self._monotonic()
-        if camera.latest is not None and now_s - camera.latest_s < SHOWN_S:
+        now_s = camera.viewed_s = self._monotonic()
+        if camera.latest is not None and now_s - camera.latest_s < MAX_STILL_AGE_S:
             return camera.latest
         task = camera.running or self._begin(camera)
         try:
@@ -113,28 +113,28 @@ class Cameras:
         """Begin to fetch the stills that are to be kept now, and drop those without viewers."""
         now_s = self._monotonic()
         for camera in self._cameras.values():
-            if now_s - max(camera.looked_s, camera.latest_s) > _FORGET_S:
+            if now_s - max(camera.viewed_s, camera.latest_s) > _FORGET_S:
                 camera.latest = None
         controller = self._controller
         snapshots, farm_s = controller.telemetry.snapshots, controller.clock.now()
         scale, printers = controller.clock.scale, frozenset(self._cameras)
         for due in find_due_stills(controller.books, snapshots, printers, farm_s, scale):
             camera = self._cameras[due.printer]
-            if due.printer in self._keeping or camera.running is not None or now_s < camera.keep_after_s:
+            if due.printer in self._store_tasks or camera.running is not None or now_s < camera.keep_after_s:
                 continue
             task = self._begin(camera)
             if task is not None:
-                keeping = asyncio.get_running_loop().create_task(self._keep(due, task))
-                self._keeping[due.printer] = keeping
-                keeping.add_done_callback(partial(self._end_keeping, due.printer))
+                store_task = asyncio.get_running_loop().create_task(self._keep(due, task))
+                self._store_tasks[due.printer] = store_task
+                store_task.add_done_callback(partial(self._end_keeping, due.printer))
 
     def _end_keeping(self, printer: str, _: asyncio.Task[None]) -> None:
-        del self._keeping[printer]
+        del self._store_tasks[printer]
 
     async def close(self) -> None:
         """Cancel all running fetches."""
         running = [camera.running for camera in self._cameras.values() if camera.running is not None]
-        tasks = [*self._keeping.values(), *running]
+        tasks = [*self._store_tasks.values(), *running]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)

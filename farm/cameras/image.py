@@ -73,13 +73,13 @@ def read_image(content: bytes) -> Image:
 
 def _read_jpeg_size(content: bytes) -> tuple[int, int]:
     """Read width and height of a JPEG. Raises struct.error if it ends before them, NoImage."""
-    at = 2
+    offset = 2
     for _ in range(_MAX_SEGMENTS):
-        start, marker, length = _SEGMENT.unpack_from(content, at)
+        start, marker, length = _SEGMENT.unpack_from(content, offset)
         if start != _PADDING or marker == _SCAN:
             raise NoImage("its still is not a valid JPEG")
         if marker in _FRAMES:
-            height, width = _FRAME_SIZE.unpack_from(content, at + _FRAME_SIZE_AT)
+            height, width = _FRAME_SIZE.unpack_from(content, offset + _FRAME_SIZE_AT)
             return width, height
-        at += 1 if marker == _PADDING else 2 + max(2, length)
+        offset += 1 if marker == _PADDING else 2 + max(2, length)
     raise NoImage("its still is not a valid JPEG")

@@ -14,7 +14,7 @@ from farm.state import Books
 
 MIN_INTERVAL_S = 2.0
 LARGEST_INTERVAL_S = 60.0
-SHOWN_S = MIN_INTERVAL_S
+MAX_STILL_AGE_S = MIN_INTERVAL_S
 """Age up to which a still is shown again instead of a new one."""
 END_S = 60.0
 """Wall seconds after the end of a print in which its last still can be taken: a person may clear the bed."""
@@ -29,11 +29,11 @@ class CameraState:
     Attributes
     ----------
     begun_s
-        Begin of the last attempt.
+        Time at which the last attempt began.
     failures
         Attempts that failed since the last still.
     problem
-        Why the last attempt failed.
+        Reason for which the last attempt failed.
     """
 
     begun_s: float | None = None

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from farm.api import Names
 
 _TIMEOUT_S = 1.0  # the user is waiting at the prompt
-Words = list[tuple[str, str]]  # each with its description
-Complete = Callable[[typer.Context, str], Words]
+Completions = list[tuple[str, str]]  # each with its description
+Complete = Callable[[typer.Context, str], Completions]
 
 
 def _make_completion(list_words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]]) -> Complete:
     """Make a completion function for typer from a function that lists all words."""
 
-    def complete(context: typer.Context, incomplete: str) -> Words:
+    def complete(context: typer.Context, incomplete: str) -> Completions:
         try:
             names = _fetch_names(context)
         except (OSError, ValueError, FarmError):  # an error message would disturb the prompt
@@ -41,15 +41,15 @@ def _fetch_names(context: typer.Context) -> Names:
     return Client(find_places(state, socket, fleet).socket, _TIMEOUT_S, _TIMEOUT_S).names()
 
 
-def _list_printers(names: Names, _: typer.Context) -> Words:
+def _list_printers(names: Names, _: typer.Context) -> Completions:
     return [(printer, "") for printer in names.printers]
 
 
-def _list_jobs(names: Names, _: typer.Context) -> Words:
+def _list_jobs(names: Names, _: typer.Context) -> Completions:
     return [(str(job.id), f"{job.name}, {job.state}") for job in names.jobs]
 
 
-def _list_parts(names: Names, context: typer.Context) -> Words:
+def _list_parts(names: Names, context: typer.Context) -> Completions:
     """List the parts of the job on the command line, without its number."""
     number = str(context.params.get("job"))
     return [
@@ -60,12 +60,12 @@ def _list_parts(names: Names, context: typer.Context) -> Words:
     ]
 
 
-def _list_targets(names: Names, context: typer.Context) -> Words:
+def _list_targets(names: Names, context: typer.Context) -> Completions:
     parts = [(part, f"of {job.name}") for job in names.jobs for part in job.parts]
     return [*_list_printers(names, context), *_list_jobs(names, context), *parts]
 
 
-def _list_beds(names: Names, context: typer.Context) -> Words:
+def _list_beds(names: Names, context: typer.Context) -> Completions:
     return [*_list_printers(names, context), ("all", "all beds that wait to be cleared")]
 
 

@@ -62,43 +62,43 @@ class EstopServer:
 
     def __init__(
         self,
-        listening: socket.socket,
+        listener: socket.socket,
         begin: Callable[[socket.socket, bytes], Work],
-        uid_of: Callable[[socket.socket], int],
+        read_uid: Callable[[socket.socket], int],
     ) -> None:
-        listening.setblocking(False)
-        self._listening, self._begin, self._uid_of = listening, begin, uid_of
+        listener.setblocking(False)
+        self._listener, self._begin, self._read_uid = listener, begin, read_uid
         self._pending: dict[socket.socket, _Pending] = {}
         self._running: list[tuple[int, Work]] = []
         self._accepts_from_s = -math.inf
 
     def serve_once(self, now_s: float, wait_s: float) -> None:
         """Handle pending connections and requests; wait at most `wait_s` for a connection."""
-        with selectors.DefaultSelector() as ready:
+        with selectors.DefaultSelector() as selector:
             if now_s >= self._accepts_from_s:
-                ready.register(self._listening, selectors.EVENT_READ)
+                selector.register(self._listener, selectors.EVENT_READ)
             for connection in self._pending:
-                ready.register(connection, selectors.EVENT_READ)
-            ready_sockets = [key.fileobj for key, _ in ready.select(wait_s)]
+                selector.register(connection, selectors.EVENT_READ)
+            ready_sockets = [key.fileobj for key, _ in selector.select(wait_s)]
         self._running = [(uid, work) for uid, work in self._running if work.poll() is None]
         for connection in tuple(self._pending):
             if connection in ready_sockets:
                 self._read(connection)
             if connection in self._pending and now_s - self._pending[connection].since_s > REQUEST_S:
                 self._end(connection)
-        if self._listening in ready_sockets:
+        if self._listener in ready_sockets:
             self._accept(now_s)
 
     def _accept(self, now_s: float) -> None:
         try:
-            connection, _ = self._listening.accept()
+            connection, _ = self._listener.accept()
         except (BlockingIOError, ConnectionAbortedError):
             return
         except OSError:
             self._accepts_from_s = now_s + _PAUSE_S
             return
         connection.setblocking(False)
-        uid = self._uid_of(connection)
+        uid = self._read_uid(connection)
         busy = [pending.uid for pending in self._pending.values()] + [uid for uid, _ in self._running]
         if len(busy) >= MAX_TOTAL or busy.count(uid) >= MAX_PER_USER:
             with connection, suppress(OSError):
@@ -149,8 +149,8 @@ def _begin(connection: socket.socket, request: bytes) -> subprocess.Popen[bytes]
 
 def main() -> None:
     """Serve until killed."""
-    with socket.socket(fileno=0) as listening:
-        server = EstopServer(listening, _begin, read_peer_uid)
+    with socket.socket(fileno=0) as listener:
+        server = EstopServer(listener, _begin, read_peer_uid)
         while True:
             server.serve_once(time.monotonic(), _WAIT_S)
 

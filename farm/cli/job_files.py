@@ -20,7 +20,7 @@ _PICTURES = (".stl", ".png", ".jpg", ".jpeg")  # parts are drawn
 
 
 @dataclass(frozen=True, slots=True)
-class Fetched:
+class FetchedFiles:
     """Files of a job in a folder: all of them by name and by SHA-256, and which were written."""
 
     by_name: dict[str, Path] = field(default_factory=dict)
@@ -43,7 +43,7 @@ def fetch_files(
     folder: Path,
     force: bool = False,
     select: Callable[[str], bool] = lambda _: True,
-) -> Fetched:
+) -> FetchedFiles:
     """Fetch the files of a job; those that are there already are not fetched again.
 
     Each file appears when it is complete and has the right SHA-256, or not at all.
@@ -57,7 +57,7 @@ def fetch_files(
     folder
         Where to write; made if it is missing.
     force
-        Whether files with other content are overwritten.
+        True if files with other content are overwritten.
     select
         Returns whether a file of this name is wanted.
 
@@ -74,20 +74,20 @@ def fetch_files(
             raise FarmError(
                 f"the daemon names a file {file.name!r}, which is no valid name: nothing is written"
             )
-    fetched = Fetched()
+    result = FetchedFiles()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        missing = [file for file in files if not _is_there(folder / file.name, file)]
-        _refuse_others(folder, missing, force)
-        for file in missing:
+        missing_files = [file for file in files if not _is_there(folder / file.name, file)]
+        _refuse_others(folder, missing_files, force)
+        for file in missing_files:
             _fetch_one(client, number, file, folder, force)
-            fetched.written.append(file.name)
+            result.written.append(file.name)
     except OSError as error:
         cause = error.strerror or error
         raise FarmError(f"{folder} cannot be written ({cause}); give another folder with --out") from error
     for file in files:
-        fetched.by_name[file.name] = fetched.by_sha256[file.sha256] = folder / file.name
-    return fetched
+        result.by_name[file.name] = result.by_sha256[file.sha256] = folder / file.name
+    return result
 
 
 def _is_there(path: Path, file: api.FileView) -> bool:
@@ -115,16 +115,16 @@ def _refuse_others(folder: Path, files: list[api.FileView], force: bool) -> None
 
 
 def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, force: bool) -> None:
-    digest, left = hashlib.sha256(), file.size
+    digest, remaining = hashlib.sha256(), file.size
     descriptor, name = tempfile.mkstemp(prefix=".fetch-", dir=folder)
     temporary = Path(name)
     try:
         with os.fdopen(descriptor, "wb") as target:
 
             def write(chunk: bytes) -> None:
-                nonlocal left
-                left -= len(chunk)
-                if left < 0:
+                nonlocal remaining
+                remaining -= len(chunk)
+                if remaining < 0:
                     raise FarmError(f"{file.name} is longer than {file.size} bytes: it is not written")
                 digest.update(chunk)
                 try:
@@ -133,7 +133,7 @@ def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, fo
                     raise FarmError(f"{temporary} cannot be written ({error.strerror})") from error
 
             client.download(number, file.name, write)
-        if left or digest.hexdigest() != file.sha256:
+        if remaining or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
         temporary.chmod(0o666 & ~_read_umask())
         _refuse_others(folder, [file], force)  # it may have been written meanwhile

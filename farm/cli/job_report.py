@@ -81,9 +81,9 @@ def _find_picture(part: api.PartView, find_file: FindFile) -> bytes | None:
 def _read_stills(view: api.JobView, find_file: FindFile) -> dict[str, bytes]:
     """Read the stills of a job's prints by their paths, the first ones of too many."""
     stills: dict[str, bytes] = {}
-    left_bytes = _STILLS_BYTES
+    remaining_bytes = _STILLS_BYTES
     for path in [still.file for attempt in view.prints for still in attempt.stills if still.file is not None]:
-        found = find_file(path)
-        if found is not None and (left_bytes := left_bytes - found.stat().st_size) >= 0:
-            stills[path] = found.read_bytes()
+        local_file = find_file(path)
+        if local_file is not None and (remaining_bytes := remaining_bytes - local_file.stat().st_size) >= 0:
+            stills[path] = local_file.read_bytes()
     return stills

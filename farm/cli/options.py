@@ -41,17 +41,17 @@ _LOCAL = {
     "web": "the link is for the user that the kernel names",
     "prune": "what it deletes cannot be fetched again",
 }
-_LOCAL_TOO_IN_NEED = {
+_URL_IGNORED = {
     "daemon": "it is the process that answers",
     "doctor": "it checks this host",
     "discover": "it lists the ports of this host",
     "estop": "it resets the boards by their cables, even if the daemon hangs",
 }
 """Commands that ignore `FARM_URL`: it must never lead to a refused emergency stop."""
-LOCAL_COMMANDS = {**_LOCAL, **_LOCAL_TOO_IN_NEED}
+LOCAL_COMMANDS = {**_LOCAL, **_URL_IGNORED}
 """Commands for the farm's own host alone, each with the reason."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
-Why = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
+ReasonOption = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
 LongestSide = Annotated[float | None, typer.Option(help="Scale the model to this longest side, mm.")]
 Scale = Annotated[
     float | None, typer.Option(help="Scale the model by this factor: 1000 for a model in metres.")

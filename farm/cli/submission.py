@@ -34,9 +34,9 @@ class Submitter:
     Attributes
     ----------
     wait
-        Whether each job is followed to its end.
+        True if each job is followed to its end.
     quiet
-        Whether nothing but JSON is printed on stdout.
+        True if nothing but JSON is printed on stdout.
     """
 
     client: Client
@@ -75,10 +75,10 @@ class Submitter:
                 answers[i] = _fail(answers[i], error)
         if self.quiet:
             print_json(api.Submissions(submissions=answers))
-        failed = [answer for answer in answers if answer.exit_code]
-        if failed:
-            print_notice(f"{len(failed)} of {len(answers)} models failed")
-        return failed[0].exit_code if failed else int(ExitCode.DONE)
+        failures = [answer for answer in answers if answer.exit_code]
+        if failures:
+            print_notice(f"{len(failures)} of {len(answers)} models failed")
+        return failures[0].exit_code if failures else int(ExitCode.DONE)
 
     def _finish_one(self, submission: api.Submission, number: int) -> api.Submission:
         """Show a submitted job or its plan, and add it to the answer."""
@@ -94,15 +94,15 @@ class Submitter:
             raise FarmError(f"{model}: {problem}; give the file of a model", ErrorCode.MODEL)
         try:
             with show_upload(self.quiet) as report:
-                submitted = self.client.submit(model, self.options, report=report)
+                answer = self.client.submit(model, self.options, report=report)
         except KeyboardInterrupt:
             print_notice(
                 f"{model.name} may have been submitted: check `farm status` before you submit it again"
             )
             raise
-        for notice in submitted.notices:
+        for notice in answer.notices:
             print_notice(notice)
-        return submitted.job
+        return answer.job
 
     def _finish(self, number: int) -> api.JobStatus | api.Timeline:
         return self._show_plan(number) if self.options.dry_run else self._show_job(number)

@@ -2,7 +2,7 @@
 
 from farm.control.access import LINK_S, MAX_SESSION_S, AppKeyRequests, KeyCommands, SessionCommands, find_key
 from farm.control.controller import Controller
-from farm.control.dry_runs import READING_S, DryRuns
+from farm.control.dry_runs import PAGE_PATIENCE_S, DryRuns
 from farm.control.effects import FarmEffects
 from farm.control.job_commands import JobCommands, abort_prints, find_successor
 from farm.control.notifier import Notifier, delete_record
@@ -13,7 +13,7 @@ from farm.control.timers import Timers
 __all__ = [
     "LINK_S",
     "MAX_SESSION_S",
-    "READING_S",
+    "PAGE_PATIENCE_S",
     "AppKeyRequests",
     "Controller",
     "DryRuns",

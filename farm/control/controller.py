@@ -196,15 +196,15 @@ class Controller:
         complete_situation = self._build_situation(held_back)
         yield from self._replanning.recut_failures(self.books, complete_situation)
         situation = complete_situation.without(self._replanning.holds())
-        reserved = self._replanning.reserved_printers
-        find_reservations = partial(self.planning.find_reservations, self.books, situation, reserved)
+        reserved_printers = self._replanning.reserved_printers
+        find_reservations = partial(self.planning.find_reservations, self.books, situation, reserved_printers)
         yield from self.planning.revisions.revise(self.books, situation, find_reservations)
-        revised = self.planning.revisions.holds(self.books, now_s)
+        revision_holds = self.planning.revisions.holds(self.books, now_s)
         # A job that is planned again keeps its place: no other takes its printers meanwhile.
         assignments = [
-            assignment for assignment in self._assign(situation) if assignment.plate not in revised
+            assignment for assignment in self._assign(situation) if assignment.plate not in revision_holds
         ]
-        situation = situation.without(revised)
+        situation = situation.without(revision_holds)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
             for a in assignments
@@ -231,14 +231,14 @@ class Controller:
 
     def plate_holds(self) -> dict[str, Hold]:
         """Find the current hold of each waiting plate."""
-        revised = self.planning.revisions.holds(self.books, self.clock.now())
+        revision_holds = self.planning.revisions.holds(self.books, self.clock.now())
         held_back = self._find_held_back() | self._replanning.holds()
         situation = self._build_situation(held_back)
-        return held_back | find_holds(situation, self._assign(situation)) | revised
+        return held_back | find_holds(situation, self._assign(situation)) | revision_holds
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
-        reserved = self._replanning.reserved_printers
-        for event, order in self.planning.admit(self.books, situation, reserved, self.is_starting()):
+        reserved_printers = self._replanning.reserved_printers
+        for event, order in self.planning.admit(self.books, situation, reserved_printers, self.is_starting()):
             yield from self._commit([event])
             if order is not None:
                 self.planning.begin(order, event.at_s)
@@ -247,9 +247,11 @@ class Controller:
     def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
         situation = self._build_situation(self._find_held_back())
-        assigned = {assignment.plate for assignment in self._assign(situation)}
-        reserved = self._replanning.reserved_printers
-        return self.planning.find_reservations(self.books, situation.without(assigned), reserved)
+        assigned_plates = {assignment.plate for assignment in self._assign(situation)}
+        reserved_printers = self._replanning.reserved_printers
+        return self.planning.find_reservations(
+            self.books, situation.without(assigned_plates), reserved_printers
+        )
 
     def _build_situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with all waiting plates except those held back."""
@@ -282,12 +284,12 @@ class Controller:
         previous = self.telemetry.snapshots.get(name)
         in_use = self.fleet_printer(name) is not None
         reading = read_snapshot(self.books, snapshot, previous, in_use, self.clock.now())
-        if reading.misfit is not None:  # one faulty agent must not stop the others
-            story = self._store.add_history(reading.misfit)
-            PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", story)
-        changed = self.telemetry.store(snapshot, self.clock.now())
+        if reading.invalid_transition is not None:  # one faulty agent must not stop the others
+            error_with_history = self._store.add_history(reading.invalid_transition)
+            PrinterLog(log, name).error("its agent's snapshot does not fit the books: %s", error_with_history)
+        has_changed = self.telemetry.store(snapshot, self.clock.now())
         try:
-            if reading.events or changed:
+            if reading.events or has_changed:
                 self._handle_all(reading.events, name)
             else:
                 self._perform(self._list_unconfirmed(name))
@@ -389,7 +391,7 @@ class Controller:
             state,
             now_s,
             ends_s=self._forecast_cache.ends_s(self.books, self.expected_situation, now_s),
-            startup_over=not self.is_starting(),
+            is_started=not self.is_starting(),
             progress=self.planning.progress,
             warnings=tuple(filter(None, (failure, *self._warnings.values()))),
             plate_holds=self.plate_holds(),

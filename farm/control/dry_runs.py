@@ -7,9 +7,9 @@ from farm.state import events as ev
 
 PATIENCE_S = 60.0
 """Wall seconds without a request after which a dry run is abandoned; long enough for a restart."""
-READING_S = 3600.0
+PAGE_PATIENCE_S = 3600.0
 """Wall seconds for which a page with the plan of a dry run may be read."""
-_BY = "the farm: nobody waits for its plan any more"
+_CANCELLER = "the farm: nobody waits for its plan any more"
 
 
 class DryRuns:
@@ -28,7 +28,9 @@ class DryRuns:
         jobs = self._controller.books.jobs.values()
         dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
         self._kept_until_s = {n: self._kept_until_s.get(n, now_s + PATIENCE_S) for n in dry_runs}
-        abandoned = [number for number, until_s in self._kept_until_s.items() if now_s > until_s]
-        if abandoned:
+        abandoned_jobs = [number for number, until_s in self._kept_until_s.items() if now_s > until_s]
+        if abandoned_jobs:
             at_s = self._controller.clock.now()
-            self._controller.handle(*(ev.JobCancelled(at_s=at_s, job=n, by=_BY) for n in abandoned))
+            self._controller.handle(
+                *(ev.JobCancelled(at_s=at_s, job=n, by=_CANCELLER) for n in abandoned_jobs)
+            )

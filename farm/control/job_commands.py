@@ -110,8 +110,8 @@ class JobCommands:
         if job.paused is wanted and not parts:
             raise Refused(f"job {number} is {'already paused' if wanted else 'not paused'}")
         if not wanted:
-            paused = (p.printer for p in books.open_prints(number) if p.pause_requested)
-            self._printers.refuse_unattended(sorted(paused))
+            printers = (p.printer for p in books.open_prints(number) if p.pause_requested)
+            self._printers.refuse_unattended(sorted(printers))
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
 
@@ -280,7 +280,7 @@ def abort_prints(controller: Controller) -> None:
         attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None
     ]
     controller.handle(
-        *(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in remaining_plates)
+        *(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.UNKNOWN_CALLER) for plate in remaining_plates)
     )
 
 

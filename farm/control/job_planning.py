@@ -59,9 +59,9 @@ class JobPlanning:
         reserved
             Printers for which plates are being replanned, with the plate.
         """
-        promised = list_promised_printers(self._admission.list_promises(books))
-        revised = self.revisions.reserved_printers
-        return {**promised, **revised, **list_reservations(situation, reserved)}
+        promised_printers = list_promised_printers(self._admission.list_promises(books))
+        revised_printers = self.revisions.reserved_printers
+        return {**promised_printers, **revised_printers, **list_reservations(situation, reserved)}
 
     def admit(
         self, books: Books, situation: Situation, reserved: dict[str, str], starting: bool
@@ -130,8 +130,8 @@ class JobPlanning:
 
     def list_running(self, books: Books) -> list[int]:
         """List the jobs that are being planned, without those that wait for space on the disk."""
-        planning = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
-        return sorted(number for number in planning if not self._waits_for_room(number))
+        planning_jobs = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
+        return sorted(number for number in planning_jobs if not self._waits_for_room(number))
 
     def _waits_for_room(self, number: int) -> bool:
         progress = self.progress.get(number)

@@ -18,7 +18,7 @@ from farm.views import list_due_notices
 
 log = logging.getLogger(__name__)
 
-_KEPT_S = 30 * 24 * 3600.0  # farm seconds after which an event is too old to be sent
+_MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which an event is too old to be sent
 
 
 class Notifier:
@@ -55,7 +55,7 @@ class Notifier:
         notices = list_due_notices(books, now_s, self._since_s, self._sent)
         if not notices:
             return
-        self._since_s = max(self._since_s, now_s - _KEPT_S)
+        self._since_s = max(self._since_s, now_s - _MAX_EVENT_AGE_S)
         self._sent = {key: at_s for key, at_s in self._sent.items() if at_s >= self._since_s}
         self._sent |= {notice.key: notice.at_s for notice in notices}
         self._save_record()  # before sending: a lost notice is better than a duplicate
@@ -78,11 +78,11 @@ class Notifier:
             body = self._queue.get()
             for number, channel in enumerate(self._addresses, 1):
                 try:
-                    sent = channel.notify(title=self._title, body=body)
+                    is_sent = channel.notify(title=self._title, body=body)
                 except Exception as error:  # of a plugin: its text may hold the address
-                    sent = False
+                    is_sent = False
                     log.warning("notify: address %d: %s", number, type(error).__name__)
-                if not sent:
+                if not is_sent:
                     log.warning("notify: address %d was not reached", number)
 
 
@@ -106,9 +106,9 @@ def _open_channel(number: int, url: SecretStr) -> Any:
 
 def _load_record(file: Path, now_s: float) -> tuple[float, dict[str, float]]:
     try:
-        stored = json.loads(file.read_text())
-        return min(float(stored["since_s"]), now_s), {
-            str(key): float(at_s) for key, at_s in stored["told"].items()
+        record = json.loads(file.read_text())
+        return min(float(record["since_s"]), now_s), {
+            str(key): float(at_s) for key, at_s in record["told"].items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return now_s, {}

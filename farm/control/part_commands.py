@@ -40,8 +40,8 @@ class PartCommands:
                 f"submit {entry.name} again; `farm report {job}` still shows how it was printed"
             )
         state = self._controller.books.plate_state(plate)
-        stopped = find_stopped_print(plate, self._controller.books.prints_of(plate))
-        if state in _PENDING and stopped is None:
+        stopped_print = find_stopped_print(plate, self._controller.books.prints_of(plate))
+        if state in _PENDING and stopped_print is None:
             printer = self._find_printer(plate)
             raise Refused(f"part {plate.parts[0]} {_PENDING[state].format(printer=printer)}")
         at_s = self._controller.clock.now()

@@ -55,7 +55,7 @@ class PrinterCommands:
         if reasons:
             raise Refused("; ".join(reasons))
 
-    def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
+    def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.ClearedResponse:
         """Record that a person cleared a bed, with the verdict on its part.
 
         `request.good` is the part of a failed print that is usable. `request.seen` is the last
@@ -65,10 +65,11 @@ class PrinterCommands:
         books.printer(printer)
         if books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
-        last = books.last_print_on(printer)
-        if request.seen is not None and last is not None and request.seen != last.id:
+        last_print = books.last_print_on(printer)
+        if request.seen is not None and last_print is not None and request.seen != last_print.id:
             raise Refused(
-                f"plate {last.plate} was printed on {printer} after this page was shown: look at its bed"
+                f"plate {last_print.plate} was printed on {printer} after this page was shown: "
+                "look at its bed"
             )
         judged_print = books.print_to_judge(printer)
         if request.bad and judged_print is None:
@@ -87,7 +88,7 @@ class PrinterCommands:
         )
         books = self._controller.books
         if good_print is not None:
-            return api.Cleared(
+            return api.ClearedResponse(
                 good=name_part(books, good_print), printed_on=list_reprinting_printers(books, good_print)
             )
         plate = None if judged_print is None else books.plates[judged_print.plate]
@@ -95,13 +96,13 @@ class PrinterCommands:
             PlateState.WAITING,
             PlateState.PRINTING,
         )
-        return api.Cleared(again=plate.parts[0] if plate is not None and is_reprinted else None)
+        return api.ClearedResponse(again=plate.parts[0] if plate is not None and is_reprinted else None)
 
     def _find_failed_print(self, printer: str, part: str) -> Print | None:
         """Return the failed print of a part on a bed; None if its print is recorded as done."""
         books = self._controller.books
-        judged_print, failed = books.print_to_judge(printer), find_failed_print(books, printer)
-        attempt = judged_print or failed
+        judged_print, failed_print = books.print_to_judge(printer), find_failed_print(books, printer)
+        attempt = judged_print or failed_print
         if attempt is None:
             raise Refused(
                 f"no part is recorded on {printer}: `farm history --printer {printer}` lists its prints"
@@ -110,29 +111,35 @@ class PrinterCommands:
         job = part.rpartition("/")[0]
         if parse_part_number(part) != parse_part_number(name) or job not in ("", str(attempt.job)):
             raise Refused(f"the part on {printer} is {name}, not {part}")
-        return failed if judged_print is None else None
+        return failed_print if judged_print is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
         """Record that a reel was loaded or weighed; omitted fields keep their values."""
         entry = self._controller.books.printer(printer)
         self._refuse_printing(printer)
         section = self._controller.fleet.printer(printer)
-        changed = request.material is not None or request.colour is not None
-        present_reel = entry.reel if not changed else None
+        has_new_material = request.material is not None or request.colour is not None
+        present_reel = entry.reel if not has_new_material else None
         grams = present_reel.grams if present_reel is not None else None
         reel = Reel(
             material=request.material or section.material,
-            colour=request.colour if changed else section.colour,
+            colour=request.colour if has_new_material else section.colour,
             grams=request.grams if request.grams is not None else grams,
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
             uncertain=present_reel is not None and present_reel.uncertain and request.grams is None,
         )
         fleet_section = self._controller.fleet.fleet
         try:
-            loaded = await asyncio.to_thread(complete_section, apply_reel(section, reel), fleet_section)
+            loaded_section = await asyncio.to_thread(
+                complete_section, apply_reel(section, reel), fleet_section
+            )
         except FieldError as error:
             raise Refused(f"{printer}: {error}") from error
-        filament = {"material": loaded.material, "kind": loaded.material_kind, "colour": loaded.colour}
+        filament = {
+            "material": loaded_section.material,
+            "kind": loaded_section.material_kind,
+            "colour": loaded_section.colour,
+        }
         reel = reel.model_copy(update=filament)
         self._refuse_printing(printer)  # a print may have started meanwhile
         at_s = self._controller.clock.now()

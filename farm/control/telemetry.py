@@ -54,9 +54,11 @@ class Telemetry:
         self._temperatures.setdefault(snapshot.printer, TemperatureRecord()).add(snapshot, now_s)
         previous = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
-        failed = self._failures.pop(snapshot.printer, None) is not None
+        has_failed = self._failures.pop(snapshot.printer, None) is not None
         return (
-            failed or previous is None or summarise_availability(previous) != summarise_availability(snapshot)
+            has_failed
+            or previous is None
+            or summarise_availability(previous) != summarise_availability(snapshot)
         )
 
     def reject(self, snapshot: AgentSnapshot, previous: AgentSnapshot | None, reason: str) -> None:
@@ -114,9 +116,9 @@ def _round(degrees_c: float | None) -> int | None:
     return None if degrees_c is None else round(min(_MAX_C, max(_MIN_C, degrees_c)))
 
 
-def _choose_hotter(one_c: int | None, other_c: int | None) -> int | None:
-    known = [degrees_c for degrees_c in (one_c, other_c) if degrees_c is not None]
-    return max(known, default=None)
+def _choose_hotter(first_c: int | None, second_c: int | None) -> int | None:
+    readings_c = [degrees_c for degrees_c in (first_c, second_c) if degrees_c is not None]
+    return max(readings_c, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,13 +131,13 @@ class Reading:
         Changes to the books.
     instructions
         Requests to its agent.
-    misfit
+    invalid_transition
         Error of an event that does not fit the books; later ones are left out.
     """
 
     events: tuple[ev.AnyEvent, ...]
     instructions: tuple[ev.AnyInstruction, ...]
-    misfit: InvalidTransition | None = None
+    invalid_transition: InvalidTransition | None = None
 
 
 def read_snapshot(
@@ -150,7 +152,7 @@ def read_snapshot(
     snapshot, previous
         The agent's latest snapshot, and the one before; None if there was none.
     in_use
-        Whether the printer is in the fleet and enabled.
+        True if the printer is in the fleet and enabled.
     now_s
         Farm time, seconds since the epoch.
     """

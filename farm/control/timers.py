@@ -25,14 +25,14 @@ class Timers:
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
         self._clock = clock
-        self._moments: dict[str, float] = {}  # of `at`, in farm time
+        self._moments: dict[str, float] = {}  # of `call_at`, in farm time
 
-    def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
+    def call_every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, at this interval until the timers are stopped."""
         trigger = IntervalTrigger(seconds=wall_seconds)
         self._scheduler.add_job(_wrap_coroutine(work), trigger, id=name, replace_existing=True)
 
-    def at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
+    def call_at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
         """Call a function once at a farm time; a missed call is made late.
 
         A timer of the same name is replaced.

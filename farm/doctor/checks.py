@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from drivers.messages import PROTOCOL
 from farm.doctor.facts import Facts
-from farm.doctor.finding import Finding, passed, problem, warning
+from farm.doctor.finding import Finding, make_problem, make_success, make_warning
 from farm.state import validate_books
 from farm.state.retention import describe_shortage
 from farm.state.storage import SCHEMA_VERSION
@@ -15,7 +15,7 @@ from farm.text import format_count
 
 MIN_BYTES = 64 * 1024**2
 """Free bytes that the daemon needs to plan (`farm.planning.job_planner.ROOM_BYTES`)."""
-COMFORT_BYTES = 2 * 1024**3
+RECOMMENDED_BYTES = 2 * 1024**3
 """Free bytes that suffice for the plans, slices and backups of a large job."""
 SHARED_MEMORY_BYTES = 16 * 1024**2
 _FIRST_YEAR = 2024  # a host without a real-time clock starts in 1970
@@ -38,26 +38,29 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
     if facts.fleet is None:
         error = facts.fleet_error or f"{facts.fleet_path} cannot be read"
         text, _, action = error.partition("; ")  # some errors say what to do
-        yield problem("fleet", text, action or "correct the fleet file")
+        yield make_problem("fleet", text, action or "correct the fleet file")
     elif not facts.fleet.printers:
-        yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` prints their entries")
+        yield make_problem(
+            "fleet", f"{facts.fleet_path} has no printers", "`farm discover` prints their entries"
+        )
     else:
-        enabled = sum(section.enabled for section in facts.fleet.printers)
-        yield passed(
+        enabled_count = sum(section.enabled for section in facts.fleet.printers)
+        yield make_success(
             "fleet",
-            f"{facts.fleet_path}: {format_count(len(facts.fleet.printers), 'printer')}, {enabled} in use",
+            f"{facts.fleet_path}: {format_count(len(facts.fleet.printers), 'printer')}, "
+            f"{enabled_count} in use",
         )
 
 
 def check_daemon(facts: Facts) -> Iterator[Finding]:
     """Check that the daemon answers, with the version of this program."""
     if facts.daemon_error is not None:
-        yield warning("daemon", facts.daemon_error, "running agents continue printing without it")
+        yield make_warning("daemon", facts.daemon_error, "running agents continue printing without it")
     elif facts.daemon_version != facts.version:
         text = f"the daemon is farm {facts.daemon_version}, this is {facts.version}"
-        yield warning("daemon", text, "`farm down`, then `farm up`; prints continue meanwhile")
+        yield make_warning("daemon", text, "`farm down`, then `farm up`; prints continue meanwhile")
     else:
-        yield passed("daemon", f"the daemon is up, farm {facts.version}")
+        yield make_success("daemon", f"the daemon is up, farm {facts.version}")
 
 
 def check_user(facts: Facts) -> Iterator[Finding]:
@@ -65,38 +68,38 @@ def check_user(facts: Facts) -> Iterator[Finding]:
     user = facts.user
     if user.state_owner is not None and user.state_owner != user.name:
         text = f"the state folder belongs to {user.state_owner}, not {user.name}: some checks need its owner"
-        yield warning("user", text, f"`sudo -u {user.state_owner} farm doctor`")
+        yield make_warning("user", text, f"`sudo -u {user.state_owner} farm doctor`")
     else:
-        yield passed("user", f"the farm belongs to {user.name}")
+        yield make_success("user", f"the farm belongs to {user.name}")
     if facts.fleet is None:
         return
     operators = facts.fleet.fleet.operators
     if operators is not None and operators not in user.known_groups:
-        yield problem(
+        yield make_problem(
             "groups", f"fleet.operators: there is no group {operators}", f"`sudo groupadd {operators}`"
         )
     elif operators is not None and operators not in user.groups:
         text = f"{user.name} is not in the group {operators}, whose members alone approve, clear and resume"
-        yield warning("groups", text, f"`sudo usermod -aG {operators} {user.name}`, then log in again")
+        yield make_warning("groups", text, f"`sudo usermod -aG {operators} {user.name}`, then log in again")
     else:
-        yield passed("groups", "the groups that fleet.yaml names exist")
+        yield make_success("groups", "the groups that fleet.yaml names exist")
 
 
 def check_books(facts: Facts) -> Iterator[Finding]:
     """Check that the books can be read and are consistent."""
     books = facts.books
     if not books.exists:
-        yield passed("database", f"there is no database at {books.path} yet: `farm up` creates one")
+        yield make_success("database", f"there is no database at {books.path} yet: `farm up` creates one")
         return
     if books.books is None:
         action = "see docs/how-to/backup-restore.md: the daemon restores the newest intact backup"
-        yield problem("database", books.error or f"{books.path} cannot be read", action)
+        yield make_problem("database", books.error or f"{books.path} cannot be read", action)
         return
     problems = validate_books(books.books)
     action = "report this with the database; `farm history` shows what was printed"
-    yield from (problem("database", text, action) for text in problems[:_MAX_SHOWN])
+    yield from (make_problem("database", text, action) for text in problems[:_MAX_SHOWN])
     if len(problems) > _MAX_SHOWN:
-        yield problem("database", f"and {len(problems) - _MAX_SHOWN} more contradictions", action)
+        yield make_problem("database", f"and {len(problems) - _MAX_SHOWN} more contradictions", action)
     if not problems:
         jobs, prints = (
             format_count(len(books.books.jobs), "job"),
@@ -105,7 +108,7 @@ def check_books(facts: Facts) -> Iterator[Finding]:
         schema = f"schema {books.schema_version}" + (
             "" if books.schema_version == SCHEMA_VERSION else f" (the daemon migrates it to {SCHEMA_VERSION})"
         )
-        yield passed("database", f"{books.path}: {schema}, {jobs} and {prints}, consistent")
+        yield make_success("database", f"{books.path}: {schema}, {jobs} and {prints}, consistent")
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
@@ -116,11 +119,11 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         ("is missing", files.missing),
         ("has changed since it was planned", files.changed),
     ):
-        yield from (problem("files", f"{name} {condition}", action) for name in names[:_MAX_SHOWN])
+        yield from (make_problem("files", f"{name} {condition}", action) for name in names[:_MAX_SHOWN])
         if len(names) > _MAX_SHOWN:
-            yield problem("files", f"and {len(names) - _MAX_SHOWN} more: each {condition}", action)
+            yield make_problem("files", f"and {len(names) - _MAX_SHOWN} more: each {condition}", action)
     if not files.missing and not files.changed:
-        yield passed("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
+        yield make_success("files", f"{format_count(files.checked, 'file')} of open jobs, as planned")
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:
@@ -129,22 +132,22 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
         name = agent.printer
         if agent.folder_error is not None:
             action = "give it back to the user of the farm (`chown`), and check the disk"
-            yield problem(
+            yield make_problem(
                 "agents", f"{name}: its agent's folder cannot be used: {agent.folder_error}", action
             )
         elif not agent.alive and facts.daemon_error is None:
             text = f"{name}: its agent is not running, though the daemon is up"
-            yield problem("agents", text, f"read the end of agents/{name}/agent.log in the state folder")
+            yield make_problem("agents", text, f"read the end of agents/{name}/agent.log in the state folder")
         elif not agent.alive:
-            yield passed("agents", f"{name}: no agent, as the daemon is down")
+            yield make_success("agents", f"{name}: no agent, as the daemon is down")
         elif agent.protocol is None:
             text = f"{name}: its agent is running but does not answer"
-            yield problem("agents", text, f"`farm up --replace {name}` when nothing prints there")
+            yield make_problem("agents", text, f"`farm up --replace {name}` when nothing prints there")
         elif agent.protocol < PROTOCOL:
             text = f"{name}: its agent is of an earlier version (protocol {agent.protocol} of {PROTOCOL})"
-            yield warning("agents", text, f"`farm up --replace {name}` when nothing prints there")
+            yield make_warning("agents", text, f"`farm up --replace {name}` when nothing prints there")
         else:
-            yield passed("agents", f"{name}: its agent answers")
+            yield make_success("agents", f"{name}: its agent answers")
 
 
 def check_ports(facts: Facts) -> Iterator[Finding]:
@@ -153,15 +156,17 @@ def check_ports(facts: Facts) -> Iterator[Finding]:
         port_name = f"{port.printer}: {port.path}"
         if not port.exists:
             action = "switch the printer on and plug it in; `farm discover` lists the existing ports"
-            yield problem("ports", f"{port_name} does not exist", action)
+            yield make_problem("ports", f"{port_name} does not exist", action)
         elif not port.usable:
             group = port.group or "dialout"
             action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
             if group in facts.user.groups:
                 action = "see the permissions of the device (`ls -l`), and deploy/udev"
-            yield problem("ports", f"{port_name} may not be read and written by {facts.user.name}", action)
+            yield make_problem(
+                "ports", f"{port_name} may not be read and written by {facts.user.name}", action
+            )
         else:
-            yield passed("ports", f"{port_name} exists and can be used")
+            yield make_success("ports", f"{port_name} exists and can be used")
 
 
 def check_cura(facts: Facts) -> Iterator[Finding]:
@@ -170,21 +175,21 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
     if cura.engine is None:
         yield _describe_missing(cura.engine_error or f"there is no CuraEngine: {action}")
     elif cura.engine_version is None:
-        yield problem("cura", f"{cura.engine} does not report its version: it cannot be run", action)
+        yield make_problem("cura", f"{cura.engine} does not report its version: it cannot be run", action)
     else:
-        yield passed("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
+        yield make_success("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
     if cura.resources is None:
         yield _describe_missing(cura.resources_error or f"Cura's files are missing: {action}")
     elif cura.settings_version is None:
-        yield problem("cura", f"{cura.resources}: its definitions name no version", action)
+        yield make_problem("cura", f"{cura.resources}: its definitions name no version", action)
     else:
-        yield passed("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
+        yield make_success("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
 
 
 def _describe_missing(error: str) -> Finding:
     """Return the problem of an error that ends with what to do."""
     text, _, action = error.rpartition(": ")
-    return problem("cura", text, action)
+    return make_problem("cura", text, action)
 
 
 def check_clock(facts: Facts) -> Iterator[Finding]:
@@ -193,53 +198,59 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
     now = datetime.fromtimestamp(clock.now_s, UTC)
     action = "`sudo timedatectl set-ntp true`; hours and nights follow this clock"
     if now.year < _FIRST_YEAR:
-        yield problem("clock", f"the host's clock shows {now:%Y-%m-%d}: it is not set", action)
+        yield make_problem("clock", f"the host's clock shows {now:%Y-%m-%d}: it is not set", action)
     elif clock.synchronised is False:
-        yield warning(
+        yield make_warning(
             "clock", "the host's clock is not synchronised (no NTP): it may be set in a step", action
         )
     else:
-        yield passed("clock", f"the host's clock shows {now:%Y-%m-%d %H:%M} UTC")
+        yield make_success("clock", f"the host's clock shows {now:%Y-%m-%d %H:%M} UTC")
     if facts.fleet is None:
         return
     scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
     if clock.anchor is not None and clock.anchor[0] != scale:
         text = f"the state folder was used with time_scale {clock.anchor[0]:g}, fleet.yaml says {scale:g}"
-        yield problem("clock", text, "restore that value in fleet.yaml, or name another folder with --state")
+        yield make_problem(
+            "clock", text, "restore that value in fleet.yaml, or name another folder with --state"
+        )
     elif clock.anchor is not None and clock.anchor[1] > clock.now_s:
         text = "the farm's clock was started later than it is now: the host's clock was set back"
-        yield warning("clock", text, action)
+        yield make_warning("clock", text, action)
     if clock.host_zone is not None and clock.host_zone != zone:
         text = f"hours in fleet.yaml are in {zone}, the host is in {clock.host_zone}"
-        yield warning("clock", text, "set fleet.timezone to where the printers are, if that is wrong")
+        yield make_warning("clock", text, "set fleet.timezone to where the printers are, if that is wrong")
 
 
 def check_room(facts: Facts) -> Iterator[Finding]:
     """Check the free space on the disks, and shared memory."""
     for room in facts.rooms:
         if room.free_bytes is None:
-            yield problem("room", f"{room.folder} cannot be written", "check its owner and its disk")
+            yield make_problem("room", f"{room.folder} cannot be written", "check its owner and its disk")
             continue
         text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB free"
         if room.free_bytes < MIN_BYTES:
-            yield problem("room", f"{text}: too little to plan, or to write the database", "free some space")
-        elif room.free_bytes < COMFORT_BYTES:
-            yield warning("room", f"{text}: a large job may not fit", "free some space")
+            yield make_problem(
+                "room", f"{text}: too little to plan, or to write the database", "free some space"
+            )
+        elif room.free_bytes < RECOMMENDED_BYTES:
+            yield make_warning("room", f"{text}: a large job may not fit", "free some space")
         else:
-            yield passed("room", text)
+            yield make_success("room", text)
     if facts.disk is not None and facts.fleet is not None and facts.rooms:
         rules = facts.fleet.fleet
         folder = facts.rooms[0].folder
         shortage = describe_shortage(folder, facts.disk, rules.keep.gb, rules.uploads.free_gb)
         if shortage is not None:
             text, _, action = shortage.partition(": ")
-            yield warning("room", text, action)
-    shared = facts.shared_memory
-    if shared.free_bytes is None or shared.free_bytes < SHARED_MEMORY_BYTES:
-        text = f"{shared.folder} cannot be used, or is full: parts of planning use only one processor"
-        yield warning("room", text, f"mount it (`--shm-size=256m` of a container), or empty {shared.folder}")
+            yield make_warning("room", text, action)
+    memory = facts.shared_memory
+    if memory.free_bytes is None or memory.free_bytes < SHARED_MEMORY_BYTES:
+        text = f"{memory.folder} cannot be used, or is full: parts of planning use only one processor"
+        yield make_warning(
+            "room", text, f"mount it (`--shm-size=256m` of a container), or empty {memory.folder}"
+        )
     else:
-        yield passed("room", f"{shared.folder} can be used")
+        yield make_success("room", f"{memory.folder} can be used")
 
 
 def check_code(facts: Facts) -> Iterator[Finding]:
@@ -249,14 +260,14 @@ def check_code(facts: Facts) -> Iterator[Finding]:
         return
     if code.folder is None:
         text = f"neither {code.installed} nor {facts.user.name}'s cache can be written"
-        yield warning("code", f"{text}: each worker compiles for minutes", "make ~/.cache writable")
+        yield make_warning("code", f"{text}: each worker compiles for minutes", "make ~/.cache writable")
     elif not code.compiled:
-        yield warning(
+        yield make_warning(
             "code", "the planning code is not compiled: the first plan takes minutes", "`farm setup`"
         )
     else:
-        copied = "" if code.folder == code.installed else f", a copy of {code.installed}"
-        yield passed("code", f"the planning code is compiled in {code.folder}{copied}")
+        copy_note = "" if code.folder == code.installed else f", a copy of {code.installed}"
+        yield make_success("code", f"the planning code is compiled in {code.folder}{copy_note}")
 
 
 _CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (

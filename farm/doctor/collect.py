@@ -110,19 +110,19 @@ def _read_books(state: StateFolder) -> BooksFacts:
 
 
 def _check_files(books: Books, state: StateFolder) -> FileFacts:
-    checked, missing, changed = 0, [], []
+    count, missing_files, changed_files = 0, [], []
     for job in books.jobs.values():
         if job.state.ended:
             continue
         for name, sha256 in _list_job_files(books, job):
-            checked += 1
+            count += 1
             path = state.files / name
             try:
                 if compute_sha256(path) != sha256:
-                    changed.append(f"job {job.id}: {path}")
+                    changed_files.append(f"job {job.id}: {path}")
             except OSError:
-                missing.append(f"job {job.id}: {path}")
-    return FileFacts(checked, tuple(missing), tuple(changed))
+                missing_files.append(f"job {job.id}: {path}")
+    return FileFacts(count, tuple(missing_files), tuple(changed_files))
 
 
 def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:

@@ -36,16 +36,16 @@ class Finding:
     action: str = ""
 
 
-def passed(check: str, text: str) -> Finding:
+def make_success(check: str, text: str) -> Finding:
     """Return a finding without a problem."""
     return Finding(check, Level.OK, text)
 
 
-def warning(check: str, text: str, action: str) -> Finding:
+def make_warning(check: str, text: str, action: str) -> Finding:
     """Return a finding that does not stop the farm, but may cause problems."""
     return Finding(check, Level.WARNING, text, action)
 
 
-def problem(check: str, text: str, action: str) -> Finding:
+def make_problem(check: str, text: str, action: str) -> Finding:
     """Return a finding that keeps the farm from working."""
     return Finding(check, Level.PROBLEM, text, action)

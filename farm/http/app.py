@@ -79,11 +79,11 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
         return make_problem(describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
 
     @app.exception_handler(OSError)
-    async def no_room(_: Request, error: OSError) -> Response:
+    async def disk_error(_: Request, error: OSError) -> Response:
         root = services.state.root
         text = f"the state folder {root} cannot be used ({error.strerror or error}): check its disk space"
-        failed = FarmError(text)
-        return make_problem(text, failed.code, failed.exit_code, _STATUS.get(failed.code, 400))
+        failure = FarmError(text)
+        return make_problem(text, failure.code, failure.exit_code, _STATUS.get(failure.code, 400))
 
     @app.exception_handler(Exception)
     async def unexpected_error(_: Request, error: Exception) -> Response:
@@ -91,7 +91,7 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
         return make_problem(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
 
     @app.exception_handler(TOO_LARGE)
-    async def body_too_large(request: Request, _: Exception) -> Response:
+    async def large_body(request: Request, _: Exception) -> Response:
         error = Refused(f"the request to {request.url.path} is longer than {LARGEST_BODY_BYTES // 1024} KiB")
         return make_problem(str(error), error.code, error.exit_code, TOO_LARGE)
 

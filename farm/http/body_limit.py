@@ -32,7 +32,7 @@ class BodyLimit:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        limited = not self._is_upload(scope["path"])
+        is_limited = not self._is_upload(scope["path"])
         received, complete = 0, False
 
         async def receive_limited() -> Message:
@@ -40,7 +40,7 @@ class BodyLimit:
             message = await receive()
             received += len(message.get("body", b""))
             complete = not message.get("more_body", False)
-            if limited and received > LARGEST_BODY_BYTES:
+            if is_limited and received > LARGEST_BODY_BYTES:
                 raise HTTPException(TOO_LARGE)
             return message
 

@@ -22,7 +22,7 @@ from farm.model import Role
 
 log = logging.getLogger(__name__)
 _BACKLOG = 1024  # queued connections use no descriptor; further ones are refused
-_UNNAMED = "uid "  # begins the name of a user whom the user database does not know
+_UID_PREFIX = "uid "  # begins the name of a user whom the user database does not know
 _NO_GID = -1
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
@@ -51,7 +51,7 @@ class Person:
         try:
             return pwd.getpwuid(self.uid).pw_name
         except KeyError:
-            return f"{_UNNAMED}{self.uid}"
+            return f"{_UID_PREFIX}{self.uid}"
 
     def is_operator(self, group: str | None) -> bool:
         """Return whether the person is an operator.
@@ -84,8 +84,8 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
     operators
         The group `fleet.operators`; None if every user is an operator.
     """
-    if name.startswith(_UNNAMED):
-        person = Person(int(name.removeprefix(_UNNAMED)), _NO_GID)
+    if name.startswith(_UID_PREFIX):
+        person = Person(int(name.removeprefix(_UID_PREFIX)), _NO_GID)
     else:
         try:
             user = pwd.getpwnam(name)
@@ -187,22 +187,22 @@ def listen(path: Path, group: str) -> socket.socket:
     Refused
         If the socket cannot be opened.
     """
-    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         path.unlink(missing_ok=True)  # the lock on the state folder rules out another daemon of this farm
         mask = os.umask(0o177)
         try:
-            listening.bind(str(path))
+            listener.bind(str(path))
         finally:
             os.umask(mask)
     except OSError as error:
-        listening.close()
+        listener.close()
         raise Refused(f"{path}: the daemon cannot listen there ({error}); name another --socket") from error
     _share(path, group)
-    listening.listen(_BACKLOG)
-    listening.setblocking(False)
-    return listening
+    listener.listen(_BACKLOG)
+    listener.setblocking(False)
+    return listener
 
 
 def _share(path: Path, group: str) -> None:

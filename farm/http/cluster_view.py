@@ -29,23 +29,23 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
 
 
 def _describe_work(state: ClusterState) -> str:
-    """Describe it in a sentence."""
+    """Describe the place of the work in a sentence."""
     if state.place is Place.HERE:
-        doing = format_count(state.here, "task") if state.here else "nothing to do"
-        return f"no worker of {state.scheduler} for {state.lost_s:.0f} s: computing on this host, {doing}"
-    waiting = f", {format_count(state.waiting, 'task')} waiting" if state.waiting else ""
+        tasks = format_count(state.here, "task") if state.here else "nothing to do"
+        return f"no worker of {state.scheduler} for {state.lost_s:.0f} s: computing on this host, {tasks}"
+    queue_note = f", {format_count(state.waiting, 'task')} waiting" if state.waiting else ""
     if state.place is Place.WAITING:
-        return f"waiting for a worker of {state.scheduler}, {state.lost_s:.0f} s so far{waiting}"
+        return f"waiting for a worker of {state.scheduler}, {state.lost_s:.0f} s so far{queue_note}"
     usable = [worker for worker in state.workers if worker.refused is None]
     counts = Counter(task.host for task in state.tasks if task.host is not None)
     places = ", ".join(f"{host} {count}" for host, count in sorted(counts.items()))
     slots = format_count(sum(worker.slots for worker in usable), "slot")
     head = f"{format_count(len(usable), 'worker')} with {slots} on {state.scheduler}"
-    sent = len(state.tasks) - counts.total()
-    running = f"running: {places}" if places else "nothing runs"
-    running += f", {format_count(sent, 'task')} on the way" if sent else ""
+    sent_count = len(state.tasks) - counts.total()
+    running_note = f"running: {places}" if places else "nothing runs"
+    running_note += f", {format_count(sent_count, 'task')} on the way" if sent_count else ""
     here = f", {format_count(state.here, 'task')} on this host" if state.here else ""
-    return f"{head}; {running}{waiting}{here}"
+    return f"{head}; {running_note}{queue_note}{here}"
 
 
 def _name_group(task: RunningTask) -> str | None:

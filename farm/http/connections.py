@@ -27,7 +27,7 @@ _MIN_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # for database, socket, timers, log, and starting an agent
 _MAX_HANDSHAKES = 64
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
-_SWEEP_S = 1.0
+_CHECK_INTERVAL_S = 1.0
 _WAIT_S = 0.1
 _LOG_EVERY_S = 60.0
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -53,14 +53,16 @@ def compute_connection_limit(descriptors: int, printers: int, workers: int) -> i
     printers, workers
         Number of printers, and of workers.
     """
-    reserved = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
-    return max(_MIN_CONNECTIONS, min(MAX_CONNECTIONS, (descriptors - reserved) // _EACH_CONNECTION))
+    reserved_descriptors = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
+    return max(
+        _MIN_CONNECTIONS, min(MAX_CONNECTIONS, (descriptors - reserved_descriptors) // _EACH_CONNECTION)
+    )
 
 
 def read_descriptor_limit() -> int:
     """Return the number of descriptors that this process may have open."""
-    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return 2**20 if soft == resource.RLIM_INFINITY else soft
+    soft_limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return 2**20 if soft_limit == resource.RLIM_INFINITY else soft_limit
 
 
 def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list[WaitingConnection]:
@@ -74,8 +76,8 @@ def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list
 
 def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
     """Return the connection that has waited for a request longest; None if none waits."""
-    waiting = [connection for connection in connections if connection.waiting_since_s is not None]
-    return min(waiting, key=lambda connection: connection.waiting_since_s or 0.0, default=None)
+    waiting_connections = [connection for connection in connections if connection.waiting_since_s is not None]
+    return min(waiting_connections, key=lambda connection: connection.waiting_since_s or 0.0, default=None)
 
 
 class RateLimitedLog:
@@ -83,13 +85,13 @@ class RateLimitedLog:
 
     def __init__(self) -> None:
         self._next_s = -math.inf
-        self._unsaid = 0
+        self._suppressed_count = 0
 
     def warn(self, text: str, now_s: float) -> None:
-        self._unsaid += 1
+        self._suppressed_count += 1
         if now_s >= self._next_s:
-            log.warning("%s (%d times)", text, self._unsaid)
-            self._next_s, self._unsaid = now_s + _LOG_EVERY_S, 0
+            log.warning("%s (%d times)", text, self._suppressed_count)
+            self._next_s, self._suppressed_count = now_s + _LOG_EVERY_S, 0
 
 
 @contextlib.contextmanager
@@ -141,8 +143,8 @@ class BoundedServer(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=[])
-        for listening in sockets or ():
-            self._tasks.append(asyncio.create_task(self._accept(listening)))
+        for listener in sockets or ():
+            self._tasks.append(asyncio.create_task(self._accept(listener)))
         self._tasks.append(asyncio.create_task(self._sweep()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -165,14 +167,14 @@ class BoundedServer(uvicorn.Server):
         )
         return protocol
 
-    async def _accept(self, listening: socket.socket) -> None:
+    async def _accept(self, listener: socket.socket) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
-                connection, _ = await loop.sock_accept(listening)
+                connection, _ = await loop.sock_accept(listener)
             except Exception as error:  # the only task that accepts connections must not end
                 self._rate_limited_log.warn(f"no connection can be accepted: {error!r}", loop.time())
-                await asyncio.sleep(_SWEEP_S)
+                await asyncio.sleep(_CHECK_INTERVAL_S)
                 continue
             if self.config.ssl is None:
                 await self._connect(connection)
@@ -184,12 +186,12 @@ class BoundedServer(uvicorn.Server):
 
         If many do, the oldest is abandoned.
         """
-        abandoned = self.find_abandoned_handshake(self._handshakes, connection)
-        if abandoned is not None:
-            abandoned.cancel()
+        oldest = self.find_abandoned_handshake(self._handshakes, connection)
+        if oldest is not None:
+            oldest.cancel()
         task = asyncio.create_task(self._connect(connection))
         self._handshakes[task] = connection
-        task.add_done_callback(lambda ended: self._handshakes.pop(ended, None))
+        task.add_done_callback(lambda handshake: self._handshakes.pop(handshake, None))
 
     def find_abandoned_handshake(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
@@ -241,7 +243,7 @@ class BoundedServer(uvicorn.Server):
         while True:
             for connection in find_overdue(self.connections, self._read_clock_s()):
                 connection.transport.abort()
-            await asyncio.sleep(_SWEEP_S)
+            await asyncio.sleep(_CHECK_INTERVAL_S)
 
     @staticmethod
     def _read_clock_s() -> float:

@@ -72,19 +72,19 @@ class EventStreams(StreamLimit):
         is_allowed
             Returns whether the caller may still see them.
         wait
-            Whether to go on when there are no more.
+            True if to go on when there are no more.
         """
-        quiet = 0
+        idle_polls = 0
         while is_allowed() and not self.is_closed:
             rows = list(self.log.read_events(after, _BATCH))
             if rows:
-                after, quiet = rows[-1].number, 0
+                after, idle_polls = rows[-1].number, 0
                 yield rows
                 await asyncio.sleep(0.0)  # a client that reads at once must not keep the loop
                 continue
             if not wait:
                 return
-            quiet += 1
-            if quiet % _HEARTBEATS == 0:
+            idle_polls += 1
+            if idle_polls % _HEARTBEATS == 0:
                 yield []
             await self.wait(self._poll_s)

@@ -40,7 +40,7 @@ async def refuse_reading(printer: str) -> list[WireLine]:
     raise Refused(f"{printer} has no agent")
 
 
-async def refuse_pruning(by: str, dry_run: bool) -> api.Pruned:
+async def refuse_pruning(by: str, dry_run: bool) -> api.PruneResponse:
     """Refuse to prune; for a farm without upkeep."""
     raise Refused(f"this daemon keeps everything: {by} cannot prune{' or preview that' if dry_run else ''}")
 
@@ -52,11 +52,11 @@ class NetworkState:
     Attributes
     ----------
     address
-        Where it listens; None if it is off.
+        Address on which it listens; None if it is off.
     browser_url
-        Where browsers reach it.
+        URL at which browsers reach it.
     problem
-        Why it is closed; None if it is open.
+        Reason for which it is closed; None if it is open.
     """
 
     address: str | None = None
@@ -64,7 +64,7 @@ class NetworkState:
     problem: str | None = None
 
     def describe(self) -> api.NetworkView:
-        """Describe it for operators."""
+        """Describe the server for operators."""
         return api.NetworkView(address=self.address, problem=self.problem)
 
 
@@ -122,7 +122,7 @@ class Services:
     workers: Pool
     shut_down: Callable[[bool], Awaitable[None]]
     replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
-    prune: Callable[[str, bool], Awaitable[api.Pruned]] = refuse_pruning
+    prune: Callable[[str, bool], Awaitable[api.PruneResponse]] = refuse_pruning
     fetch_still: Callable[[str], Awaitable[Image]] = refuse_stills
     read_lines: Callable[[str], Awaitable[list[WireLine]]] = refuse_reading
     network: NetworkState = field(default_factory=NetworkState)

@@ -68,11 +68,11 @@ class StreamResponse(StreamingResponse):
     """Server-sent events, counted as an open stream while they are sent, or until the client has gone."""
 
     def __init__(
-        self, content: AsyncIterator[str] | AsyncIterator[bytes], counted: AbstractContextManager[None]
+        self, content: AsyncIterator[str] | AsyncIterator[bytes], permit: AbstractContextManager[None]
     ) -> None:
         super().__init__(content, media_type=STREAM_TYPE, headers=_HEADERS)
-        self._counted = counted
+        self._permit = permit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._counted:
+        with self._permit:
             await super().__call__(scope, receive, send)

@@ -33,8 +33,8 @@ _WRITE_BYTES = 2**20
 
 def clean_name(name: str) -> str:
     """Convert a model's name to a printable, valid file name of limited length, without its folder."""
-    last = name.replace("\\", "/").rpartition("/")[2]
-    plain = flatten_text(last).lstrip(".")
+    base_name = name.replace("\\", "/").rpartition("/")[2]
+    plain = flatten_text(base_name).lstrip(".")
     return plain[-_MAX_NAME_LENGTH:] or "model"
 
 
@@ -84,11 +84,11 @@ def check_quota(
             f"{format_count(open_jobs, 'open job')} already: cancel some with `farm cancel JOB`, or raise "
             "`fleet.uploads.open_jobs` in fleet.yaml"
         )
-    left_bytes = free_bytes - sum(missing_bytes) - size
-    if quota.free_gb and left_bytes < quota.free_gb * _GB:
+    remaining_bytes = free_bytes - sum(missing_bytes) - size
+    if quota.free_gb and remaining_bytes < quota.free_gb * _GB:
         raise Refused(
-            f"{name} would leave {max(0.0, left_bytes / _GB):.1f} GB free on the disk of the state folder, "
-            f"where {quota.free_gb:g} GB must stay free: delete files there, or lower "
+            f"{name} would leave {max(0.0, remaining_bytes / _GB):.1f} GB free on the disk of the state "
+            f"folder, where {quota.free_gb:g} GB must stay free: delete files there, or lower "
             "`fleet.uploads.free_gb` in fleet.yaml"
         )
 
@@ -99,7 +99,7 @@ class Upload:
     Attributes
     ----------
     request_id
-        Identifies it to who asks for its progress.
+        Id by which a client asks for its progress.
     size
         Announced number of bytes of the request's body.
     missing_bytes
@@ -186,8 +186,12 @@ class Uploads:
         raise NoSuchThing(f"there is no open upload {request_id}")
 
     def _describe_wait(self) -> str:
-        starting = self._workers.starting
-        return "waiting for a worker" if starting is None else f"waiting for the workers to start: {starting}"
+        is_starting = self._workers.starting
+        return (
+            "waiting for a worker"
+            if is_starting is None
+            else f"waiting for the workers to start: {is_starting}"
+        )
 
     @asynccontextmanager
     async def admit(self, request_id: str, name: str, size: int) -> AsyncIterator[Upload]:
@@ -255,9 +259,9 @@ class Uploads:
                             break
                         await append(chunk)
             if upload.missing_bytes:
-                received = size - upload.missing_bytes
+                received_bytes = size - upload.missing_bytes
                 raise Refused(
-                    f"the upload of {name} stopped after {received} of {size} bytes; submit it again"
+                    f"the upload of {name} stopped after {received_bytes} of {size} bytes; submit it again"
                 )
             return await self.inspect(upload, name, options)
 

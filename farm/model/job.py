@@ -196,7 +196,7 @@ _SLOWEST, _FASTEST = 4.0, 0.25  # bounds of a report: one wrong one does not mis
 
 def compute_assembly_ratio(jobs: Iterable[Job]) -> float:
     """Compute the ratio of reported to expected times of assembly, 1 where nothing was reported."""
-    known = [
+    times = [
         (
             min(_SLOWEST * job.assembly_s, max(_FASTEST * job.assembly_s, 60.0 * job.gluing.minutes)),
             job.assembly_s,
@@ -204,6 +204,6 @@ def compute_assembly_ratio(jobs: Iterable[Job]) -> float:
         for job in jobs
         if job.gluing is not None and job.assembly_s
     ]
-    reported_s = _PRIOR_S + sum(reported for reported, _ in known)
-    expected_s = _PRIOR_S + sum(expected for _, expected in known)
+    reported_s = _PRIOR_S + sum(reported for reported, _ in times)
+    expected_s = _PRIOR_S + sum(expected for _, expected in times)
     return reported_s / expected_s

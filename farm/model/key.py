@@ -19,9 +19,9 @@ class Role(StrEnum):
         order = list(Role)
         return order.index(self) >= order.index(role)
 
-    def limit(self, most: Role) -> Role:
-        """Return this role, or `most` if that is less."""
-        return most if self.allows(most) else self
+    def limit(self, highest: Role) -> Role:
+        """Return this role, or `highest` if that is less."""
+        return highest if self.allows(highest) else self
 
 
 class KeyKind(StrEnum):

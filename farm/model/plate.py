@@ -66,10 +66,12 @@ class Part(Entity):
         """Read a part of farm 0.1, whose geometry and print options were not nested."""
         if not isinstance(fields, dict) or "geometry" in fields:
             return fields
-        nested: dict[str, Any] = dict(fields)
+        nested_fields: dict[str, Any] = dict(fields)
         for name, record in (("geometry", PartGeometry), ("print_options", PartPrintOptions)):
-            nested[name] = {key: nested.pop(key) for key in record.model_fields if key in nested}
-        return nested
+            nested_fields[name] = {
+                key: nested_fields.pop(key) for key in record.model_fields if key in nested_fields
+            }
+        return nested_fields
 
 
 class Plate(Entity):

@@ -54,7 +54,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
         The store.
     """
     section, result = sliced.printer, sliced.result
-    falls = () if sliced.part.print_options.stands else (MAY_FALL,)
+    warnings = () if sliced.part.print_options.stands else (MAY_FALL,)
     return Plate(
         id=names.plate,
         job=names.job,
@@ -75,7 +75,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
         printer=section.name,
         time_factor=time_factor,
         cached=result.cached,
-        warnings=(*falls, *map(str, result.unprinted[:MAX_WARNINGS])),
+        warnings=(*warnings, *map(str, result.unprinted[:MAX_WARNINGS])),
     )
 
 
@@ -108,19 +108,19 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
     Of a pruned job, only the pictures.
     """
     if job.pruned_s is not None:
-        pictures = {f"{Path(part).name}.png": stored for part, stored in job.part_pictures.items()}
+        pictures = {f"{Path(part).name}.png": file for part, file in job.part_pictures.items()}
         return pictures | ({PICTURE: job.picture} if job.picture else {})
     names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
     names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
-    shared = {
+    shared_files = {
         PICTURE: job.picture,
         ASSEMBLY: job.assembly,
         REPORT: job.decomposition,
         INSTRUCTIONS: job.instructions,
     }
-    names |= {name: stored for name, stored in shared.items() if stored}
+    names |= {name: file for name, file in shared_files.items() if file}
     for whole, cuts in ((Path(REPORT), job.cuts), (Path(INSTRUCTIONS), job.cut_instructions)):
-        names |= {f"{whole.stem}-{Path(part).name}{whole.suffix}": stored for part, stored in cuts.items()}
+        names |= {f"{whole.stem}-{Path(part).name}{whole.suffix}": file for part, file in cuts.items()}
     return names
 
 

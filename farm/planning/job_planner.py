@@ -68,7 +68,9 @@ class JobPlanner:
             assembly_ratio=request.assembly_ratio,
             budget_s=self._budget_s,
         )
-        self._running = {number: running for number, running in self._running.items() if not running.done()}
+        self._running = {
+            number: plan_task for number, plan_task in self._running.items() if not plan_task.done()
+        }
         workers = PoolShare(self._workers, job.id, urgent=request.quick)
         builder = PlanBuilder(
             task, workers, self._state, lambda progress: self._on_progress(job.id, progress)
@@ -77,9 +79,9 @@ class JobPlanner:
 
     def stop(self, job: int | None = None) -> None:
         """Stop planning a job, or all jobs."""
-        for number, running in self._running.items():
+        for number, plan_task in self._running.items():
             if job in (None, number):
-                running.cancel()
+                plan_task.cancel()
 
     async def _run(self, job: Job, builder: PlanBuilder) -> None:
         """Plan a job; after any error on a full disk, retry when there is space."""

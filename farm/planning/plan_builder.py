@@ -78,25 +78,25 @@ class PlanBuilder:
 
     async def _decompose(self) -> DecomposedJob:
         self._on_progress(PlanProgress(step=PlanStep.WAITING))
-        watching = asyncio.get_running_loop().create_task(self._watch_decomposition())
+        watch_task = asyncio.get_running_loop().create_task(self._watch_decomposition())
         try:
             return await self._workers.run(decompose_job, self.task, limit=DECOMPOSING)
         finally:
-            watching.cancel()
+            watch_task.cancel()
 
     async def _watch_decomposition(self) -> None:
         """Report the progress that the worker writes, whenever it changes."""
-        reported: PlanProgress | None = None
+        last_progress: PlanProgress | None = None
         while True:
             await asyncio.sleep(_POLL_S)
             progress = await asyncio.to_thread(read_progress, self.task.folder)
             if progress is None:
                 continue
             share = progress.share or None
-            now = PlanProgress(step=PlanStep.DECOMPOSING, share=share, remaining_s=progress.remaining_s)
-            if now != reported:
-                reported = now
-                self._on_progress(now)
+            current = PlanProgress(step=PlanStep.DECOMPOSING, share=share, remaining_s=progress.remaining_s)
+            if current != last_progress:
+                last_progress = current
+                self._on_progress(current)
 
     async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
         """Slice all parts, and report the progress; idle workers draw the parts."""
@@ -132,10 +132,10 @@ class PlanBuilder:
                 decomposed = await self._move_cuts(sliced, folder)
                 if decomposed is None:
                     break
-                relevelled = await self._slice(replace(sliced.task, folder=folder), decomposed)
-                if relevelled.makespan_s() >= sliced.makespan_s():
+                new_slices = await self._slice(replace(sliced.task, folder=folder), decomposed)
+                if new_slices.makespan_s() >= sliced.makespan_s():
                     break
-                await self._drawings.finish(relevelled.task, decomposed)
+                await self._drawings.finish(new_slices.task, decomposed)
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
                 break
@@ -143,7 +143,7 @@ class PlanBuilder:
                 log.exception("job %d: its cuts are not moved", job, extra={"job": job})
                 break
             await self._drawings.stop(sliced.task.folder)
-            sliced = relevelled
+            sliced = new_slices
         return sliced
 
     async def _move_cuts(self, sliced: SlicedJob, folder: Path) -> DecomposedJob | None:

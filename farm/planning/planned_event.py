@@ -18,14 +18,14 @@ def build_planned_event(
     job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
     """Build the event of a plan, with its time: rounds, hours and the heating limit may extend it."""
-    used = {plate.printer for plate in plan.plates}
+    used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
-    fleet = [make_idle(view) for view in printers if view.name in used]
+    fleet = [make_idle(view) for view in printers if view.name in used_printers]
     parts = {part.id: part for part in plan.parts}
     books = replace(books, plates={plate.id: plate for plate in plan.plates}, parts=parts)
-    waiting = list(describe_plates(plan.plates, books))
-    situation = Situation(tuple(waiting), tuple(fleet), rules, now_s)
-    expected = forecast_prints(situation)
+    waiting_plates = list(describe_plates(plan.plates, books))
+    situation = Situation(tuple(waiting_plates), tuple(fleet), rules, now_s)
+    forecast = forecast_prints(situation)
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
@@ -40,8 +40,8 @@ def build_planned_event(
         ).ends_s  # in the present state of the printers: beds may not be clear
         glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
-    is_parallel = len({slot.printer for slot in expected.slots}) == len(plan.plates)
-    at_once = expected.left or (is_parallel and rules.max_heating is None)
+    is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
+    at_once = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
         at_s=now_s,
         job=job.id,
@@ -50,8 +50,8 @@ def build_planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        expected_s=plan.expected_s if at_once else expected.ends_s - expected.starts_s,
-        lower_bound_s=max(0.0, expected.lower_bound_s - expected.starts_s),
+        expected_s=plan.expected_s if at_once else forecast.ends_s - forecast.starts_s,
+        lower_bound_s=max(0.0, forecast.lower_bound_s - forecast.starts_s),
         picture=plan.picture,
         assembly=plan.assembly,
         decomposition=plan.decomposition,

@@ -32,8 +32,8 @@ def compute_plate_seconds(
     time_factor
         Time factor of the printer, for the layers only (`update_time_factor`).
     """
-    bed_s = max(0.0, profile.bed.seconds_to(bed_c) - HOMING_S)
-    return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + sliced_s * time_factor + END_S
+    bed_s = max(0.0, profile.bed.compute_heating_s(bed_c) - HOMING_S)
+    return START_S + bed_s + profile.nozzle.compute_heating_s(nozzle_c) + sliced_s * time_factor + END_S
 
 
 def compute_prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:
@@ -60,13 +60,13 @@ def reassign_loads(
     dict
         For every printer, the printer that takes over its load: a permutation.
     """
-    takers: dict[str, str] = {}
+    new_owners: dict[str, str] = {}
     for kind in set(kinds.values()):
         names = sorted(name for name in kinds if kinds[name] == kind)
         speeds = {name: time_factors.get(name, 1.0) for name in names}
         if len(set(speeds.values())) > 1:
-            loaded = sorted(names, key=lambda name: -loads_s.get(name, 0.0))
-            takers |= dict(zip(loaded, sorted(names, key=speeds.__getitem__), strict=True))
+            by_load = sorted(names, key=lambda name: -loads_s.get(name, 0.0))
+            new_owners |= dict(zip(by_load, sorted(names, key=speeds.__getitem__), strict=True))
         else:
-            takers |= dict(zip(names, names, strict=True))
-    return takers
+            new_owners |= dict(zip(names, names, strict=True))
+    return new_owners

@@ -22,16 +22,16 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
     Refused
         If there is none; the message lists the materials of the fleet.
     """
-    enabled = [section for section in printers if section.enabled]
-    matching = [
+    enabled_sections = [section for section in printers if section.enabled]
+    matching_sections = [
         section
-        for section in enabled
+        for section in enabled_sections
         if section.has_material(options.material)
         and options.colour in (None, section.colour)
         and (not options.only or section.name in options.only)
     ]
-    if not matching:
-        have = sorted({_describe_filament(section) for section in enabled})
+    if not matching_sections:
+        have = sorted({_describe_filament(section) for section in enabled_sections})
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         if options.only:
             raise Refused(
@@ -40,7 +40,7 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
         raise Refused(
             f"no printer of the fleet has {description}; there is {', '.join(have) or 'no printer at all'}"
         )
-    return matching
+    return matching_sections
 
 
 def _describe_filament(section: PrinterSection) -> str:

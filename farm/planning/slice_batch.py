@@ -50,14 +50,14 @@ async def slice_batch(
     tasks = await asyncio.to_thread(build_slice_tasks, batch)
     # Longest first, so that all workers finish at about the same time.
     order = sorted(range(len(tasks)), key=lambda i: -batch.parts[i].price_s)
-    running = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
+    slice_tasks = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
     try:
-        await asyncio.gather(*running.values())
-        return tuple(running[i].result() for i in range(len(tasks)))
+        await asyncio.gather(*slice_tasks.values())
+        return tuple(slice_tasks[i].result() for i in range(len(tasks)))
     finally:
-        for future in running.values():
+        for future in slice_tasks.values():
             future.cancel()
-        await asyncio.gather(*running.values(), return_exceptions=True)  # until their workers have ended
+        await asyncio.gather(*slice_tasks.values(), return_exceptions=True)  # until their workers have ended
 
 
 def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:

@@ -24,7 +24,7 @@ QUICK_FACES = 200_000
 SPARE_USE = "a failed part (--spares)"
 """Purpose of a printer that is kept as a spare."""
 _BRIM_MM = 10.0  # on each side of a part; only for the estimate whether a model fits
-_PASSING = (
+_TEMPORARY_CODES = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
@@ -33,7 +33,7 @@ _PASSING = (
 
 
 @dataclass(frozen=True, slots=True)
-class Begin:
+class PlanOrder:
     """Instruction to plan a job for these printers, in this number of rounds."""
 
     printers: tuple[str, ...]
@@ -123,40 +123,42 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
     )
 
 
-def choose_printers(request: JobRequest, availability: Availability) -> Begin | Hold:
+def choose_printers(request: JobRequest, availability: Availability) -> PlanOrder | Hold:
     """Choose the printers that a job is planned for.
 
     It takes all matching printers that are idle and clear. Where there is none, or they cannot print it in
     one round, it takes those that are busy or wait for a person too; printers that are absent or broken only
     if there is no other. Where all of them cannot print it in one round either, it takes several rounds.
     """
-    matching = sorted(
+    matching_printers = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
         key=lambda p: p.name,
     )
-    arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
-    if arriving and availability.starting:
-        return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
-    coming = list_coming(matching, availability)
-    reserved = availability.reserved | availability.reservations.keys()
-    idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
-    candidates = idle if idle and not request.starts_later else coming
+    starting_printers = [
+        p.name for p in matching_printers if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked
+    ]
+    if starting_printers and availability.starting:
+        return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(starting_printers)}")
+    coming_printers = list_coming(matching_printers, availability)
+    reserved_names = availability.reserved | availability.reservations.keys()
+    idle = [p for p in coming_printers if p.obstacle() is None and p.name not in reserved_names]
+    candidates = idle if idle and not request.starts_later else coming_printers
     number, least = request.limit(len(candidates)), request.min_parts
     if least > number:
-        max_parts = request.limit(len(coming))
+        max_parts = request.limit(len(coming_printers))
         if least > max_parts:
-            return Begin(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
-        candidates, number = coming, max_parts
+            return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
+        candidates, number = coming_printers, max_parts
     # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
-    return Begin(tuple(sorted(p.name for p in largest[:number])))
+    return PlanOrder(tuple(sorted(p.name for p in largest[:number])))
 
 
 def list_coming(matching: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
     """List the matching printers that are free or will be without a repair; all if there is none."""
-    coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
-    blocked = availability.unattended_blocked
-    usable = [p for p in coming if p.name not in blocked] or coming
+    coming_printers = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _TEMPORARY_CODES]
+    blocked_names = availability.unattended_blocked
+    usable = [p for p in coming_printers if p.name not in blocked_names] or coming_printers
     return [p for p in usable if p.name not in availability.reserved] or usable or matching
 
 
@@ -165,7 +167,7 @@ def choose_printers_beside(
     availability: Availability,
     priority: int,
     promises: Iterable[Promise],
-) -> Begin | Hold:
+) -> PlanOrder | Hold:
     """Choose the printers of a job while others are being planned.
 
     Those reserve their printers against jobs of the same and of lower priority, and against others while more
@@ -182,8 +184,8 @@ def choose_printers_beside(
     """
     other_jobs = list(promises)
     all_reserved = availability.with_promises(other_jobs)
-    reserved = all_reserved.reserved | all_reserved.reservations.keys()
-    free = (p for p in availability.printers if p.obstacle() is None and p.name not in reserved)
+    reserved_names = all_reserved.reserved | all_reserved.reservations.keys()
+    free = (p for p in availability.printers if p.obstacle() is None and p.name not in reserved_names)
     if any(request.requirements.matches(p.capabilities) for p in free):
         return choose_printers(request, all_reserved)
     stronger = (promise for promise in other_jobs if promise.priority >= priority)
@@ -272,7 +274,9 @@ class JobAdmission:
             if job.state is JobState.PLANNING:
                 long_jobs += [] if quick else [job.id]
                 continue
-            decision: Begin | Hold | None = find_mismatch(derive_job_requirements(job), situation.printers)
+            decision: PlanOrder | Hold | None = find_mismatch(
+                derive_job_requirements(job), situation.printers
+            )
             if decision is None and not quick and len(long_jobs) >= MAX_LONG_JOBS:
                 first = join_names(f"job {number}" for number in long_jobs)
                 decision = Hold(code=HoldCode.NOT_FIRST, text=f"{first} are planned first")
@@ -322,6 +326,6 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
 def limit_availability(fleet: Availability, situation: Situation, job: Job) -> Availability:
     """Return the availability of the fleet to a job when it may start: nobody may be present then."""
     starts_s = max(situation.now_s, job.not_before_s or 0.0)
-    attended = job.options.hold or situation.rules.is_attended(starts_s)
-    blocked = frozenset(p.name for p in situation.printers if not (p.unattended or attended))
-    return replace(fleet, unattended_blocked=blocked)
+    is_attended = job.options.hold or situation.rules.is_attended(starts_s)
+    blocked_names = frozenset(p.name for p in situation.printers if not (p.unattended or is_attended))
+    return replace(fleet, unattended_blocked=blocked_names)

@@ -83,8 +83,8 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
     kinds = {printer.capabilities for printer in situation.free}
     met_demands = {demand for demand in situation.demands if any(kind.meets(demand) for kind in kinds)}
-    used = {kind for kind in kinds if any(kind.meets(demand) for demand in met_demands)}
-    free = [printer for printer in situation.free if printer.capabilities in used]
+    used_kinds = {kind for kind in kinds if any(kind.meets(demand) for demand in met_demands)}
+    free = [printer for printer in situation.free if printer.capabilities in used_kinds]
     if not free:
         return {}
     inputs = MatchingInputs(

@@ -18,14 +18,14 @@ from farm.state import Books
 
 CLEARING_S = 900.0
 """Time to clear a bed, once somebody is present."""
-_PASSING = (
+_TEMPORARY_CODES = (
     None,
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
     HoldCode.FILAMENT_UNKNOWN,
     HoldCode.REEL_UNCERTAIN,
 )
-_FARTHEST_S = 15 * 86400.0  # if no plate starts within this time, none ever does
+_HORIZON_S = 15 * 86400.0  # if no plate starts within this time, none ever does
 _END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous ones in this order
 
 
@@ -44,7 +44,7 @@ class Forecast:
     """Slots in order of their start, and the plates that no printer can ever take."""
 
     slots: tuple[Slot, ...]
-    left: tuple[str, ...]
+    unprintable_plates: tuple[str, ...]
     ends_s: float  # end of the last slot; now if there is none
     lower_bound_s: float  # lower bound of the end for any order of the plates
 
@@ -53,7 +53,7 @@ class Forecast:
         return min((slot.starts_s for slot in self.slots), default=self.ends_s)
 
 
-def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
+def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by simulating the farm's decisions.
 
     Whenever a printer becomes free or has heated up, a job may use another printer, or hours change, plates
@@ -67,24 +67,28 @@ def forecast_prints(situation: Situation, bounded: bool = True) -> Forecast:
     ----------
     situation
         Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
-    bounded
-        Whether to compute a lower bound better than the present time.
+    has_bound
+        True if to compute a lower bound better than the present time.
     """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
-    coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _PASSING] or fleet
-    simulation = _Simulation(situation, coming)
+    coming_printers = [
+        p for p in fleet if ((hold := p.obstacle()) and hold.code) in _TEMPORARY_CODES
+    ] or fleet
+    simulation = _Simulation(situation, coming_printers)
     simulation.run()
     slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))
-    unplaced = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
+    unplaced_plates = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
     ends_s = max((slot.ends_s for slot in slots), default=now_s)
     bound_s = now_s
-    if bounded:
-        started = {slot.plate for slot in slots}
-        plates = [plate for plate in situation.by_priority if plate.id in started]
-        ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in coming}
-        bound_s = _compute_lower_bound_s(plates, _find_fitting(plates, coming), ready_s, rules, now_s)
-    return Forecast(tuple(slots), unplaced, ends_s, min(bound_s, ends_s))
+    if has_bound:
+        started_plates = {slot.plate for slot in slots}
+        plates = [plate for plate in situation.by_priority if plate.id in started_plates]
+        ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in coming_printers}
+        bound_s = _compute_lower_bound_s(
+            plates, _find_fitting(plates, coming_printers), ready_s, rules, now_s
+        )
+    return Forecast(tuple(slots), unplaced_plates, ends_s, min(bound_s, ends_s))
 
 
 class _Simulation:
@@ -100,19 +104,21 @@ class _Simulation:
             rank: {p.id: p for p in plates} for rank, plates in group_by_job(situation.by_priority).items()
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
-        self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with running ones
+        self._remaining = Counter(
+            plate.job for plate in situation.waiting
+        )  # prints by job, with running ones
         self._fleet = {printer.name: make_idle(printer) for printer in coming}
         self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned = Counter(plate.planned for plate in situation.waiting)
         self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
         self._heating = 0
         self._idle: set[str] = set()
-        self._stuck: set[str] = set()
+        self._blocked: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
         for printer in coming:
             # One that no plate can take starts nothing, but may be kept as a spare.
-            used = self._spares or any(map(printer.capabilities.meets, situation.demands))
-            self._add_printer(printer, bool(used))
+            is_used = self._spares or any(map(printer.capabilities.meets, situation.demands))
+            self._add_printer(printer, bool(is_used))
         starts_s = {p.not_before_s for p in situation.waiting if p.not_before_s is not None}
         for at_s in starts_s:
             self._push(at_s, _HOURS, "")
@@ -120,7 +126,7 @@ class _Simulation:
     def _add_printer(self, printer: FleetPrinter, used: bool) -> None:
         now_s = self._now_s
         if printer.booked:
-            self._left.update([printer.job] if printer.job is not None else [])
+            self._remaining.update([printer.job] if printer.job is not None else [])
             self._push(max(now_s, printer.free_s or now_s), _END, printer.job)
         if printer.heating:
             self._heating += 1
@@ -140,14 +146,14 @@ class _Simulation:
     def run(self) -> None:
         """Simulate until no plate waits, or no waiting plate can ever start."""
         self._match()
-        edge_s, give_up_s = self._find_next_edge_s(), self._now_s + _FARTHEST_S
+        edge_s, give_up_s = self._find_next_edge_s(), self._now_s + _HORIZON_S
         while self.queue:
             change_s = self._changes[0][0] if self._changes else math.inf
             if edge_s <= change_s:
                 if edge_s > give_up_s:
                     return
                 self._now_s = edge_s
-                self._stuck.clear()
+                self._blocked.clear()
                 edge_s = self._find_next_edge_s()
             elif change_s == math.inf:
                 return
@@ -155,7 +161,7 @@ class _Simulation:
                 self._now_s, kind, _, subject = heapq.heappop(self._changes)
                 self._apply(kind, subject)
             if self._match():
-                give_up_s = self._now_s + _FARTHEST_S
+                give_up_s = self._now_s + _HORIZON_S
 
     def _find_next_edge_s(self) -> float:
         edges = (self._rules.attended.edge_s(self._now_s), self._rules.quiet.edge_s(self._now_s))
@@ -169,21 +175,21 @@ class _Simulation:
         elif kind == _END and isinstance(subject, int):
             self._end_print(subject)
         elif kind == _HOURS:
-            self._stuck.clear()
+            self._blocked.clear()
 
     def _end_print(self, job: int) -> None:
-        self._left[job] -= 1
-        if not self._left[job] and self._spares.pop(job, 0):
-            self._stuck.clear()
+        self._remaining[job] -= 1
+        if not self._remaining[job] and self._spares.pop(job, 0):
+            self._blocked.clear()
         if job in self._places:
             self._places[job] += 1
-            self._stuck.clear()
+            self._blocked.clear()
 
     def _match(self) -> bool:
         """Start the plates that can start. Returns whether there was one."""
         if self._spares:
-            self._stuck.clear()  # the spares depend on the waiting plates
-        free = self._idle - self._stuck
+            self._blocked.clear()  # the spares depend on the waiting plates
+        free = self._idle - self._blocked
         max_heating = self._rules.max_heating
         starts = len(free) if max_heating is None else max(0, max_heating - self._heating)
         if not free or not starts:
@@ -200,12 +206,14 @@ class _Simulation:
             rules=self._rules,
             now_s=self._now_s,
         )
-        starting = match_plates(((rank, plates.values()) for rank, plates in self.queue.items()), inputs)
-        for name, plate in starting.items():
+        plates_by_printer = match_plates(
+            ((rank, plates.values()) for rank, plates in self.queue.items()), inputs
+        )
+        for name, plate in plates_by_printer.items():
             self._start(plate, name)
-        if len(starting) < starts:
-            self._stuck |= free - starting.keys()
-        return bool(starting)
+        if len(plates_by_printer) < starts:
+            self._blocked |= free - plates_by_printer.keys()
+        return bool(plates_by_printer)
 
     def _choose_spare_printers(self, planned: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
@@ -283,7 +291,7 @@ def _find_fitting(
 
 def _compute_lower_bound_s(
     plates: Sequence[WaitingPlate],
-    can: Mapping[str, Sequence[FleetPrinter]],
+    fitting: Mapping[str, Sequence[FleetPrinter]],
     ready_s: Mapping[str, float],
     rules: StartRules,
     now_s: float,
@@ -296,31 +304,31 @@ def _compute_lower_bound_s(
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}
     for plate in plates:
-        if not can[plate.id]:
+        if not fitting[plate.id]:
             continue
-        starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in can[plate.id]]
+        starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in fitting[plate.id]]
         ends = [at_s + compute_seconds_on(plate, p) for p, at_s in starts if at_s is not None]
         if not ends:
             continue
         bound_s = max(bound_s, min(ends))
-        names = frozenset(p.name for p in can[plate.id])
-        work_s[names] = work_s.get(names, 0.0) + min(compute_seconds_on(plate, p) for p in can[plate.id])
+        names = frozenset(p.name for p in fitting[plate.id])
+        work_s[names] = work_s.get(names, 0.0) + min(compute_seconds_on(plate, p) for p in fitting[plate.id])
     for names in work_s:
         total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
         bound_s = max(bound_s, _compute_filled_s(total_s, sorted(ready_s[name] for name in names)))
     return bound_s
 
 
-def _compute_filled_s(work_s: float, ready: Sequence[float]) -> float:
+def _compute_filled_s(work_s: float, ready_s: Sequence[float]) -> float:
     """Return the time at which machines that are ready at these times (ascending) finish this amount of
     work."""
-    level_s = ready[0]
-    for count, following in enumerate([*ready[1:], float("inf")], 1):
-        room_s = (following - level_s) * count
+    level_s = ready_s[0]
+    for count, next_s in enumerate([*ready_s[1:], float("inf")], 1):
+        room_s = (next_s - level_s) * count
         if work_s <= room_s:
             return level_s + work_s / count
         work_s -= room_s
-        level_s = following
+        level_s = next_s
     raise AssertionError("the last machine takes the remaining work")
 
 
@@ -351,7 +359,7 @@ class ForecastCache:
         """Return the end of each waiting plate that a printer can take, in seconds since the epoch."""
         old_s = now_s - self._at_s
         if old_s > self._min_interval_s and (books is not self._books or old_s > _MAX_AGE_S):
-            slots = forecast_prints(situation(), bounded=False).slots
+            slots = forecast_prints(situation(), has_bound=False).slots
             self._books, self._at_s = books, now_s
             self._ends_s = {slot.plate: slot.ends_s for slot in slots}
         return self._ends_s

@@ -22,8 +22,10 @@ def may_hold_back(books: Books, job: Job) -> bool:
         state = books.plate_state(plate)
         if state is PlateState.OUT_OF_ATTEMPTS:
             return True
-        last = books.prints[plate.prints[-1]] if plate.prints else None
-        if state is PlateState.WAITING and (plate.paused or (last is not None and last.fault in LOSSES)):
+        last_print = books.prints[plate.prints[-1]] if plate.prints else None
+        if state is PlateState.WAITING and (
+            plate.paused or (last_print is not None and last_print.fault in LOSSES)
+        ):
             return True
     return False
 
@@ -52,28 +54,30 @@ def find_plate_holds(
     dict
         The reason of each such plate, by its id.
     """
-    held = {}
-    printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
+    holds = {}
+    printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
     unreported = ""
-    if any(job.restored for job in printing):
-        used = (section.name for section in printers if section.enabled)
-        unreported = " ".join(name for name in used if _has_not_reported(books, name))
+    if any(job.restored for job in printing_jobs):
+        names = (section.name for section in printers if section.enabled)
+        unreported = " ".join(name for name in names if _has_not_reported(books, name))
     all_held = books.outage is not None
-    for job in printing:
+    for job in printing_jobs:
         if not (all_held or (unreported and job.restored) or may_hold(books, job)):
             continue
         for plate in books.plates_of(job):
             hold = _find_hold(books, job, plate, unreported if job.restored else "", now_s)
             if hold is not None:
-                held[plate.id] = hold
-    return held
+                holds[plate.id] = hold
+    return holds
 
 
 def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
     """Return the time at which the first hold for a printer that was just lost ends; infinity if there is
     none."""
-    lost = (books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST)
-    ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost)
+    lost_prints = (
+        books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST
+    )
+    ends_s = ((books.prints[name].ended_s or 0.0) + books.outage_window_s for name in lost_prints)
     return math.nextafter(min(ends_s, default=math.inf), math.inf)
 
 
@@ -132,15 +136,15 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     part = plate.parts[0]
-    if (stopped := find_stopped_print(plate, books.prints_of(plate))) is not None:
-        text = f"`farm estop` stopped it on {stopped.printer}: `farm resume {part}` prints it again"
+    if (stopped_print := find_stopped_print(plate, books.prints_of(plate))) is not None:
+        text = f"`farm estop` stopped it on {stopped_print.printer}: `farm resume {part}` prints it again"
         return Hold(code=HoldCode.STOPPED, text=text)
     if plate.paused:
         return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
-    last = books.prints[plate.prints[-1]] if plate.prints else None
-    lost_s = last.ended_s if last is not None and last.fault in LOSSES else None
-    if last is not None and lost_s is not None and abs(now_s - lost_s) <= books.outage_window_s:
-        text = f"{last.printer} was lost just now: waiting in case others are lost too"
+    last_print = books.prints[plate.prints[-1]] if plate.prints else None
+    lost_s = last_print.ended_s if last_print is not None and last_print.fault in LOSSES else None
+    if last_print is not None and lost_s is not None and abs(now_s - lost_s) <= books.outage_window_s:
+        text = f"{last_print.printer} was lost just now: waiting in case others are lost too"
         return Hold(code=HoldCode.JUST_LOST, text=text)
     return None
 
@@ -166,13 +170,13 @@ class HoldReasons:
     def __init__(
         self,
         situation: Situation,
-        given: frozenset[str],
+        assigned_plates: frozenset[str],
         spare_printers: frozenset[str],
         heating_limit: int | None,
     ) -> None:
-        self._situation, self._given, self._spare_printers, self._heating_limit = (
+        self._situation, self._assigned_plates, self._spare_printers, self._heating_limit = (
             situation,
-            given,
+            assigned_plates,
             spare_printers,
             heating_limit,
         )
@@ -180,9 +184,9 @@ class HoldReasons:
         self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
         self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by mismatches
-        self._busy: dict[tuple[str, ...], Hold | None] = {}
+        self._busy_holds: dict[tuple[str, ...], Hold | None] = {}
         self._idle_of: dict[tuple[str, ...], tuple[str, ...]] = {}
-        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - given
+        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_plates
 
     def make_job_limit_hold(self) -> Hold:
         return Hold(
@@ -192,20 +196,22 @@ class HoldReasons:
 
     def find(self, plate: WaitingPlate) -> Hold:
         """Return why a plate waits: preferably a reason that ends by itself, and how to end it sooner."""
-        lacking = tuple(
+        mismatches = tuple(
             capabilities
             for capabilities in self._capabilities
             if not plate.requirements.matches(capabilities)
         )
-        if lacking not in self._matching:
-            self._matching[lacking] = tuple(
-                n for n, p in self._situation.fleet.items() if p.capabilities not in lacking
+        if mismatches not in self._matching:
+            self._matching[mismatches] = tuple(
+                n for n, p in self._situation.fleet.items() if p.capabilities not in mismatches
             )
-        names = self._matching[lacking]
+        names = self._matching[mismatches]
         if not names:
-            required = plate.requirements.describe() or "no requirements"
-            return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {required}")
-        needs = plate.requirements.describe(lacking) if lacking else ""
+            requirements = plate.requirements.describe() or "no requirements"
+            return Hold(
+                code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {requirements}"
+            )
+        needs = plate.requirements.describe(mismatches) if mismatches else ""
         hold = self._find_shared_hold(plate, names)
         return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
 
@@ -226,9 +232,9 @@ class HoldReasons:
                 if reel_hold
                 else busy
             )
-        planned = self._obstacles.get(plate.planned) if plate.planned in names else None
+        planned_hold = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
-        return planned or reel_hold or first or _make_all_taken_hold()
+        return planned_hold or reel_hold or first or _make_all_taken_hold()
 
     def _list_idle(self, names: tuple[str, ...]) -> tuple[str, ...]:
         if names not in self._idle_of:
@@ -257,15 +263,15 @@ class HoldReasons:
 
     def _find_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
         """Return the hold for busy printers, with its end and how to start earlier."""
-        if names not in self._busy:
-            self._busy[names] = self._make_busy_hold(names)
-        return self._busy[names]
+        if names not in self._busy_holds:
+            self._busy_holds[names] = self._make_busy_hold(names)
+        return self._busy_holds[names]
 
     def _make_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
-            return _make_all_taken_hold() if any(n in self._given for n in names) else None
+            return _make_all_taken_hold() if any(n in self._assigned_plates for n in names) else None
         ends = [
             end
             for n in busy

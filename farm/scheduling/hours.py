@@ -12,7 +12,7 @@ from functools import lru_cache
 from farm.week_windows import DAYS, Window
 
 _HORIZON_DAYS = 15  # two weeks contain every span of weekly windows
-_ALWAYS_S = 8 * 86400.0  # longer spans have no gap: they never end
+_MAX_SPAN_S = 8 * 86400.0  # longer spans have no gap: they never end
 Span = tuple[float, float]
 
 
@@ -37,10 +37,10 @@ class Hours:
 
     def edge_s(self, at_s: float) -> float | None:
         """Return the next start or end of a window; None if there is none."""
-        current, following = self.span(at_s), self.following(at_s)
+        current, next_span = self.span(at_s), self.following(at_s)
         if current is not None:
             return None if math.isinf(current[1]) else current[1]
-        return following[0] if following is not None else None
+        return next_span[0] if next_span is not None else None
 
     def _list_spans_near(self, at_s: float) -> tuple[Span, ...]:
         day = datetime.fromtimestamp(at_s, self.zone).toordinal()
@@ -59,22 +59,24 @@ def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Sp
                 begins = datetime.combine(date, window.begins, zone)
                 ends = datetime.combine(date + next_day, window.ends, zone)
                 spans.append((begins.timestamp(), max(ends.timestamp(), ends.replace(fold=1).timestamp())))
-    return tuple((begin, math.inf if end - begin > _ALWAYS_S else end) for begin, end in _merge_spans(spans))
+    return tuple(
+        (begin, math.inf if end - begin > _MAX_SPAN_S else end) for begin, end in _merge_spans(spans)
+    )
 
 
 def _merge_spans(spans: Iterable[Span]) -> list[Span]:
-    merged: list[Span] = []
+    merged_spans: list[Span] = []
     for begin, end in sorted(spans):
         if end <= begin:
             continue  # skipped entirely by daylight saving
-        if merged and begin <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(merged[-1][1], end))
+        if merged_spans and begin <= merged_spans[-1][1]:
+            merged_spans[-1] = (merged_spans[-1][0], max(merged_spans[-1][1], end))
         else:
-            merged.append((begin, end))
-    return merged
+            merged_spans.append((begin, end))
+    return merged_spans
 
 
-_FARTHEST_S = 366 * 86400.0
+_HORIZON_S = 366 * 86400.0
 _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
@@ -103,7 +105,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
         raise ValueError(f"{text!r} is not a time{cause}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
-    if at_s > now_s + _FARTHEST_S:
+    if at_s > now_s + _HORIZON_S:
         raise ValueError(f"{text!r} is more than a year ahead: it is {now:%a %Y-%m-%d %H:%M}")
     return at_s
 

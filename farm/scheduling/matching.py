@@ -39,9 +39,9 @@ class Capabilities:
     material_kind: str | None = None
     named: str | None = None
 
-    def has_material(self, wanted: str | None) -> bool:
+    def has_material(self, material: str | None) -> bool:
         """Return whether the material is the one that is asked for, by its file's name or its kind."""
-        return wanted in (None, self.material, self.material_kind)
+        return material in (None, self.material, self.material_kind)
 
     @cached_property
     def height_mm(self) -> float:
@@ -172,12 +172,12 @@ class Requirements:
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            low = any(height > kind.height_mm + SLACK_MM for kind in lacking)
-            narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in lacking)
+            is_low = any(height > kind.height_mm + SLACK_MM for kind in lacking)
+            is_narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in lacking)
             if not lacking:
                 texts.append(f"{width} and {height:.0f} mm of height")
             else:
-                texts += [f"{height:.0f} mm of height"] * low + [width] * narrow
+                texts += [f"{height:.0f} mm of height"] * is_low + [width] * is_narrow
         return ", ".join(texts)
 
 
@@ -197,7 +197,7 @@ class WaitingPlate:
     time_factor: float = 1.0  # of the planned printer, in `expected_s`
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
-    tried: bool = False  # printed before: that failed, or its part is bad
+    is_repeat: bool = False  # printed before: that failed, or its part is bad
     places: int | None = None  # number of additional printers that its job may use now; None: no limit
     not_before_s: float | None = None
     glue_rank: int = 0  # place in the order in which the parts of its job are glued; 0: none

@@ -33,11 +33,11 @@ class FleetOrder:
     @classmethod
     def from_printers(cls, printers: Iterable[FleetPrinter]) -> FleetOrder:
         """Create the order of these printers."""
-        ordered = sorted(printers, key=lambda p: (p.capabilities.height_mm, p.name))
+        by_height = sorted(printers, key=lambda p: (p.capabilities.height_mm, p.name))
         numbers: dict[tuple[Capabilities, bool], int] = {}
         return cls(
-            {p.name: rank for rank, p in enumerate(ordered)},
-            {p.name: numbers.setdefault((p.capabilities, p.unattended), len(numbers)) for p in ordered},
+            {p.name: rank for rank, p in enumerate(by_height)},
+            {p.name: numbers.setdefault((p.capabilities, p.unattended), len(numbers)) for p in by_height},
         )
 
 
@@ -92,7 +92,7 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     matching = _Matching(inputs)
     max_starts = min(inputs.starts, len(inputs.free))
     places = dict(inputs.places)
-    unplaced: list[WaitingPlate] = []
+    unplaced_plates: list[WaitingPlate] = []
     for (*_, job), plates in queue:
         for plate in plates:
             if len(matching.taken) >= max_starts:
@@ -105,8 +105,8 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
                 if job in places:
                     places[job] -= 1
             elif plate.failed_on:
-                unplaced.append(plate)
-    for plate in unplaced:
+                unplaced_plates.append(plate)
+    for plate in unplaced_plates:
         if len(matching.taken) >= max_starts:
             break
         if places.get(plate.job) != 0 and matching.place_on_any(plate) and plate.job in places:
@@ -164,16 +164,16 @@ class _Matching:
                 return True
         return False
 
-    def _augment(self, plate: WaitingPlate, visited: set[str]) -> bool:
-        choices = [name for name in self._list_choices(plate) if name not in visited]
+    def _augment(self, plate: WaitingPlate, visited_printers: set[str]) -> bool:
+        choices = [name for name in self._list_choices(plate) if name not in visited_printers]
         for name in choices:
             if name not in self.taken:
                 self.taken[name] = plate
                 return True
         for name in choices:
-            if name not in visited:
-                visited.add(name)
-                if self._augment(self.taken[name], visited):
+            if name not in visited_printers:
+                visited_printers.add(name)
+                if self._augment(self.taken[name], visited_printers):
                     self.taken[name] = plate
                     return True
         return False
@@ -184,16 +184,16 @@ class _Matching:
             planned, rank = self._inputs.planned, self._rank
             names = self._list_capable(plate)
             if plate.failed_on:
-                unfailed = [name for name in names if name not in plate.failed_on]
-                names = unfailed if unfailed or not self._has_failed_everywhere(plate) else names
+                preferred = [name for name in names if name not in plate.failed_on]
+                names = preferred if preferred or not self._has_failed_everywhere(plate) else names
             names.sort(key=lambda name: (name != plate.planned, name in planned, rank[name]))
             self._choices_by_plate[plate.id] = names
         return self._choices_by_plate[plate.id]
 
     def _has_failed_everywhere(self, plate: WaitingPlate) -> bool:
         """Return whether a plate failed on every printer that matches."""
-        untried = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
-        return not any(plate.requirements.matches(p.capabilities) for p in untried)
+        other_printers = (p for p in self._inputs.fleet.values() if p.name not in plate.failed_on)
+        return not any(plate.requirements.matches(p.capabilities) for p in other_printers)
 
     def _list_capable(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""

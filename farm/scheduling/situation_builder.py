@@ -112,7 +112,10 @@ class SituationBuilder:
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobPlates]] = {}
-        self._named: tuple[object, frozenset[str]] = None, frozenset()  # printers that open jobs ask for
+        self._named_printers: tuple[object, frozenset[str]] = (
+            None,
+            frozenset(),
+        )  # printers that open jobs ask for
 
     def printers(
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
@@ -137,36 +140,38 @@ class SituationBuilder:
     def _describe(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
         available = None if report is None else summarise_availability(report)
-        named = section.name in self._find_named(books)
-        cached_inputs, described = self._printers.get(section.name, ((), None))
+        is_named = section.name in self._find_named(books)
+        cached_inputs, description = self._printers.get(section.name, ((), None))
         if (
-            described is not None
+            description is not None
             and cached_inputs[0] is section
             and cached_inputs[1] is entry
             and cached_inputs[2] is attempt
             and cached_inputs[3] == available
-            and cached_inputs[4] == named
+            and cached_inputs[4] == is_named
         ):
-            return described
-        described = _describe_printer(section, books, report, attempt, self._build_volumes)
-        if named:
-            described = replace(described, capabilities=replace(described.capabilities, named=section.name))
-        self._printers[section.name] = (section, entry, attempt, available, named), described
-        return described
+            return description
+        description = _describe_printer(section, books, report, attempt, self._build_volumes)
+        if is_named:
+            description = replace(
+                description, capabilities=replace(description.capabilities, named=section.name)
+            )
+        self._printers[section.name] = (section, entry, attempt, available, is_named), description
+        return description
 
     def _find_named(self, books: Books) -> frozenset[str]:
         """Return the printers that open jobs ask for by name."""
-        if self._named[0] is not books.jobs:
+        if self._named_printers[0] is not books.jobs:
             open_jobs = (job for job in books.jobs.values() if not job.state.ended)
             names = frozenset(name for job in open_jobs for name in job.options.only)
-            self._named = books.jobs, names
-        return self._named[1]
+            self._named_printers = books.jobs, names
+        return self._named_printers[1]
 
     def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
         """Describe the waiting plates of printing jobs, in the order in which they are served."""
-        printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-        printing.sort(key=lambda job: job.queue_rank)
-        plates_by_job = {job.id: self._describe_plates(books, job) for job in printing}
+        printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
+        printing_jobs.sort(key=lambda job: job.queue_rank)
+        plates_by_job = {job.id: self._describe_plates(books, job) for job in printing_jobs}
         self._jobs = {number: self._jobs[number] for number in plates_by_job}
         return tuple(chain.from_iterable(plates.waiting for plates in plates_by_job.values()))
 
@@ -176,15 +181,15 @@ class SituationBuilder:
 
     def _describe_plates(self, books: Books, job: Job) -> _JobPlates:
         revision = books.revision(job.id)
-        cached_inputs, described = self._jobs.get(job.id, (None, None))
-        if described is None or cached_inputs is not revision:
+        cached_inputs, descriptions = self._jobs.get(job.id, (None, None))
+        if descriptions is None or cached_inputs is not revision:
             states = ((plate, books.plate_state(plate)) for plate in books.plates_of(job))
             waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
-            described = _JobPlates(
+            descriptions = _JobPlates(
                 tuple(sorted(waiting, key=lambda plate: plate.priority_key)), may_hold_back(books, job)
             )
-            self._jobs[job.id] = revision, described
-        return described
+            self._jobs[job.id] = revision, descriptions
+        return descriptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +225,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
             places=None if printers is None else max(0, printers - sum(1 for _ in books.open_prints(job.id))),
-            tried=bool(plate.prints),
+            is_repeat=bool(plate.prints),
             not_before_s=job.not_before_s,
             glue_rank=min(_find_glue_ranks(plate, books), default=0),
         )

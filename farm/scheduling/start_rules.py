@@ -21,10 +21,10 @@ GRAMS_SHARE, MIN_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
 FIRST_LAYER_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
-ENDED_BEFORE_S = 900.0
+CLEARING_RESERVE_S = 900.0
 """Seconds of the attended hours reserved to cool and clear a print which has to end in them."""
-_FARTHEST_S = 15 * 86400.0
-_JUST_AFTER_S = 0.001  # a plate may still start exactly at its latest start
+_HORIZON_S = 15 * 86400.0
+_TOLERANCE_S = 0.001  # a plate may still start exactly at its latest start
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class StartWindow:
     attended_until_s
         End of the attended hours; minus infinity outside of them.
     unattended, first_layers_attended
-        Whether the printers may print unattended, and whether first layers must be attended.
+        True if the printers may print unattended; True if first layers must be attended.
     """
 
     at_s: float
@@ -73,7 +73,7 @@ class StartWindow:
         if at_s + plate.expected_s * LATE > self.quiet_s:
             return False
         if not self.unattended:
-            return at_s + (plate.expected_s * LATE + ENDED_BEFORE_S) <= self.attended_until_s
+            return at_s + (plate.expected_s * LATE + CLEARING_RESERVE_S) <= self.attended_until_s
         return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_until_s
 
 
@@ -117,7 +117,7 @@ class StartRules:
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             at_s = plate.not_before_s
             reason = self.hold_until_start(at_s, from_s)
-        while at_s < from_s + _FARTHEST_S:
+        while at_s < from_s + _HORIZON_S:
             for start in (
                 self._skip_quiet_hours(plate, at_s, from_s),
                 self._find_attended_start(plate, printer, at_s, from_s),
@@ -141,11 +141,11 @@ class StartRules:
     def start_window(self, unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
-        attended = self.attended.span(at_s)
+        attended_span = self.attended.span(at_s)
         return StartWindow(
             at_s=at_s,
             quiet_s=math.inf if quiet is None else quiet[0],
-            attended_until_s=-math.inf if attended is None else attended[1],
+            attended_until_s=-math.inf if attended_span is None else attended_span[1],
             unattended=unattended,
             first_layers_attended=self.first_layers_attended,
         )
@@ -186,7 +186,7 @@ class StartRules:
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return the seconds from its start in which a print needs a person; None if it needs none."""
         if not printer.unattended:
-            return plate.expected_s * LATE + ENDED_BEFORE_S
+            return plate.expected_s * LATE + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
@@ -197,15 +197,15 @@ class StartRules:
         self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
     ) -> Iterator[float]:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
-        quiet, attended = self.quiet.following(at_s), self.attended.span(at_s)
+        quiet, attended_span = self.quiet.following(at_s), self.attended.span(at_s)
         for plate in plates:
             before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
             for printer in printers:
                 needed_s = self._compute_attendance_s(plate, printer)
-                if needed_s is None or attended is None:
+                if needed_s is None or attended_span is None:
                     yield before_quiet_s
                 else:
-                    yield min(before_quiet_s, attended[1] - needed_s)
+                    yield min(before_quiet_s, attended_span[1] - needed_s)
 
     def next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
@@ -220,7 +220,7 @@ class StartRules:
         moments += [plate.not_before_s for plate in plates if plate.not_before_s is not None]
         if self.quiet.windows or self.attended.windows:
             moments += [
-                at_s + _JUST_AFTER_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
+                at_s + _TOLERANCE_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
             ]
         return min((at_s for at_s in moments if at_s is not None and at_s > now_s), default=math.inf)
 
@@ -229,7 +229,7 @@ class StartRules:
         span = self.attended.span(at_s)
         if printer.unattended or (span is not None and math.isinf(span[1])):
             return None
-        return at_s if span is None else span[1] - ENDED_BEFORE_S
+        return at_s if span is None else span[1] - CLEARING_RESERVE_S
 
     def unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
         """Return the reason why a printer may not continue printing now; None if it may."""

@@ -42,7 +42,9 @@ class Books:
     outage_window_s: float = WINDOW_S  # by the scale of the farm's clock
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
     _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer
-    _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # last ended print, by printer
+    _last_prints: Mapping[str, Print] = field(
+        default_factory=dict, compare=False
+    )  # last ended print, by printer
     _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # by job
 
     @classmethod
@@ -112,8 +114,12 @@ class Books:
 
     def print_to_judge(self, printer: str) -> Print | None:
         """Return the last print of a printer if it is done without a verdict; else None."""
-        last = self._last.get(printer)
-        return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
+        last_print = self._last_prints.get(printer)
+        return (
+            last_print
+            if last_print is not None and last_print.verdict is None and last_print.state is PrintState.DONE
+            else None
+        )
 
     def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
         """Yield the prints of a printer that were done after the backup, whose verdicts are unknown."""
@@ -127,12 +133,12 @@ class Books:
 
     def last_print_on(self, printer: str) -> Print | None:
         """Return the last ended print of a printer; None if there is none."""
-        return self._last.get(printer)
+        return self._last_prints.get(printer)
 
     def waiting_plates(self) -> Iterator[Plate]:
         """Yield the plates of printing jobs that wait, in order of submission."""
-        printing = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
-        for job in sorted(printing, key=lambda j: j.id):
+        printing_jobs = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
+        for job in sorted(printing_jobs, key=lambda j: j.id):
             yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
 
     def open_jobs(self) -> list[Job]:
@@ -156,23 +162,23 @@ def replace_fields(entity: E, **changes: object) -> E:
 
 def remove_keys(books: Books, names: Iterable[str]) -> Books:
     """Return the books without some keys; all other entities stay for ever."""
-    removed = set(names)
-    if not removed:
+    removed_keys = set(names)
+    if not removed_keys:
         return books
-    return replace(books, keys={name: key for name, key in books.keys.items() if name not in removed})
+    return replace(books, keys={name: key for name, key in books.keys.items() if name not in removed_keys})
 
 
 def put(books: Books, *entities: Entity) -> Books:
     """Return the books with these entities, which replace those of the same id."""
-    changed: dict[str, dict[object, Entity]] = {}
+    changed_entities: dict[str, dict[object, Entity]] = {}
     revisions: dict[int, object] = {}
 
     def table(kind: str) -> dict[object, Entity]:
-        return changed.setdefault(kind, dict(getattr(books, kind)))
+        return changed_entities.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
         kind, key = locate_entity(entity)
-        if changed.get(kind, getattr(books, kind)).get(key) is entity:
+        if changed_entities.get(kind, getattr(books, kind)).get(key) is entity:
             continue
         table(kind)[key] = entity
         if isinstance(entity, Job | Part | Plate | Print):
@@ -185,20 +191,20 @@ def put(books: Books, *entities: Entity) -> Books:
             open_print = table("_open_on").get(entity.printer)
             if isinstance(open_print, Print) and open_print.id == entity.id:
                 table("_open_on").pop(entity.printer)
-            if _has_ended_last(entity, table("_last").get(entity.printer)):
-                table("_last")[entity.printer] = entity
-    if not changed:
+            if _has_ended_last(entity, table("_last_prints").get(entity.printer)):
+                table("_last_prints")[entity.printer] = entity
+    if not changed_entities:
         return books
     if revisions:
         revisions = {**books._revisions, **revisions}
-    return replace(books, **changed, _revisions=revisions or books._revisions)  # type: ignore[arg-type]
+    return replace(books, **changed_entities, _revisions=revisions or books._revisions)  # type: ignore[arg-type]
 
 
-def _has_ended_last(attempt: Print, last: Entity | None) -> bool:
+def _has_ended_last(attempt: Print, last_print: Entity | None) -> bool:
     """Return whether an ended print is its printer's last; one that never started does not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
-    return not isinstance(last, Print) or _make_order_key(attempt) >= _make_order_key(last)
+    return not isinstance(last_print, Print) or _make_order_key(attempt) >= _make_order_key(last_print)
 
 
 def _make_order_key(attempt: Print) -> tuple[int, float]:

@@ -48,18 +48,18 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
 
 def _describe_failures(books: Books, job: Job) -> str:
     out_of_attempts = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
-    failed = list_charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
+    failures = list_charged_failures(out_of_attempts[0], books.prints_of(out_of_attempts[0]))
     more_plates = f" (and {len(out_of_attempts) - 1} more plates)" if len(out_of_attempts) > 1 else ""
     return (
-        f"plate {out_of_attempts[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
-        f"{failed[-1].reason or failed[-1].fault}{more_plates}"
+        f"plate {out_of_attempts[0].id} failed {len(failures)} times, last on {failures[-1].printer}: "
+        f"{failures[-1].reason or failures[-1].fault}{more_plates}"
     )
 
 
 def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
     """Return an open print with a cancel reason, and the instruction to its agent."""
-    stopped = replace_fields(attempt, cancel_reason=attempt.cancel_reason or reason)
-    return stopped, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
+    cancelled_print = replace_fields(attempt, cancel_reason=attempt.cancel_reason or reason)
+    return cancelled_print, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
 
 
 def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
@@ -77,11 +77,13 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     state = books.plate_state(plate)
     if state is PlateState.CANCELLED:
         return books, ()
-    stopped = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
+    cancellations = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
     if state is PlateState.GOOD:
-        return put(books, *(attempt for attempt, _ in stopped)), tuple(stop for _, stop in stopped)
-    books = put(books, replace_fields(plate, cancelled=True), *(attempt for attempt, _ in stopped))
-    return books, tuple(instruction for _, instruction in stopped)
+        return put(books, *(attempt for attempt, _ in cancellations)), tuple(
+            stop for _, stop in cancellations
+        )
+    books = put(books, replace_fields(plate, cancelled=True), *(attempt for attempt, _ in cancellations))
+    return books, tuple(instruction for _, instruction in cancellations)
 
 
 def end_job(books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:

@@ -60,10 +60,10 @@ _UPKEEP = (
     "PrinterAlarmed",
     "BedBecameUnknown",
 )
-_SEARCHED = 20_000
+_MAX_SEARCHED_ROWS = 20_000
 READ_UPKEEP = (
     f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event "
-    f"WHERE seq > (SELECT coalesce(max(seq), 0) FROM event) - {_SEARCHED} "
+    f"WHERE seq > (SELECT coalesce(max(seq), 0) FROM event) - {_MAX_SEARCHED_ROWS} "
     f"AND kind IN ({', '.join(repr(kind) for kind in _UPKEEP)}) AND json_extract(body, '$.printer') = ? "
     "ORDER BY seq DESC LIMIT ?"
 )

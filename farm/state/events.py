@@ -24,7 +24,7 @@ from farm.model.key_events import KeyRevoked as KeyRevoked
 from farm.model.key_events import SessionExtended as SessionExtended
 from farm.model.key_events import SessionOpened as SessionOpened
 
-A_PERSON = "a person"  # name for an unknown caller of a command
+UNKNOWN_CALLER = "a person"  # name for an unknown caller of a command
 
 
 class PrinterAdded(Event):
@@ -109,7 +109,7 @@ class JobFailed(Event):
 
 class JobCancelled(Event):
     job: int
-    by: str = A_PERSON
+    by: str = UNKNOWN_CALLER
 
 
 class JobPruned(Event):
@@ -165,7 +165,7 @@ class PauseRequested(Event):
 
     print_id: str
     wanted: bool
-    by: str = A_PERSON
+    by: str = UNKNOWN_CALLER
 
 
 class PrintWithdrawn(Event):
@@ -231,7 +231,7 @@ class JobMoved(Event):
 
     job: int
     before: int | None
-    by: str = A_PERSON
+    by: str = UNKNOWN_CALLER
 
 
 class JobRescheduled(Event):
@@ -239,7 +239,7 @@ class JobRescheduled(Event):
 
     job: int
     not_before_s: float | None
-    by: str = A_PERSON
+    by: str = UNKNOWN_CALLER
 
 
 class JobPaused(Event):
@@ -247,7 +247,7 @@ class JobPaused(Event):
 
     job: int
     wanted: bool
-    by: str = A_PERSON
+    by: str = UNKNOWN_CALLER
 
 
 class JobAssembled(Event):
@@ -255,7 +255,7 @@ class JobAssembled(Event):
 
     job: int
     minutes: float
-    by: str = A_PERSON
+    by: str = UNKNOWN_CALLER
 
 
 class MaintenanceStarted(Event):

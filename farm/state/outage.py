@@ -44,9 +44,7 @@ def find_common_losses(name: str, printers: Iterable[Printer], window_s: float =
     group, todo = {name}, [name]
     while todo:
         at_s = lost_at_s[todo.pop()]
-        neighbours = {
-            name_of_other for name_of_other, s in lost_at_s.items() if abs(s - at_s) <= window_s
-        } - group
+        neighbours = {other for other, s in lost_at_s.items() if abs(s - at_s) <= window_s} - group
         group |= neighbours
         todo += neighbours
     return tuple(sorted(group))

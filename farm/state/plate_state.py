@@ -35,14 +35,14 @@ def find_successful_print(prints: Iterable[Print]) -> Print | None:
 
 def find_stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
     """Return the print that `farm estop` stopped, if its plate still waits for a decision; else None."""
-    last = next(reversed(list(prints)), None)
-    return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
+    last_print = next(reversed(list(prints)), None)
+    return last_print if plate.paused and last_print is not None and last_print.fault == Fault.ESTOP else None
 
 
 def list_charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
     """Return the failures that count as attempts of a plate since its last reprint request."""
-    counted = frozenset(plate.prints[plate.counted_from :])
-    return [p for p in prints if p.id in counted and p.state is PrintState.FAILED and p.charged]
+    counted_ids = frozenset(plate.prints[plate.counted_from :])
+    return [p for p in prints if p.id in counted_ids and p.state is PrintState.FAILED and p.charged]
 
 
 def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:

@@ -269,5 +269,5 @@ def _is_waiting(books: Books, plate: Plate) -> bool:
 
 def _may_be_waiting(books: Books, plate: Plate) -> bool:
     """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
-    restored = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
-    return books.plate_state(plate) is PlateState.PRINTING and all(restored)
+    are_restored = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
+    return books.plate_state(plate) is PlateState.PRINTING and all(are_restored)

@@ -42,8 +42,8 @@ def apply_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
     if reel is None:
         return section
     kind = reel.kind or (section.material_kind if reel.material == section.material else None)
-    loaded = section.with_filament(reel.material, kind, reel.colour)
-    return loaded.model_copy(update={"nozzle_mm": reel.nozzle_mm})
+    new_section = section.with_filament(reel.material, kind, reel.colour)
+    return new_section.model_copy(update={"nozzle_mm": reel.nozzle_mm})
 
 
 def apply_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:

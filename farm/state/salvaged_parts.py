@@ -21,10 +21,18 @@ def name_part(books: Books, attempt: Print) -> str:
 
 def find_failed_print(books: Books, printer: str) -> Print | None:
     """Return the failed or cancelled print whose part is on a bed; None if there is none."""
-    last = books.last_print_on(printer)
-    if last is None or books.open_print_on(printer) is not None or books.printer(printer).bed is Bed.CLEAR:
+    last_print = books.last_print_on(printer)
+    if (
+        last_print is None
+        or books.open_print_on(printer) is not None
+        or books.printer(printer).bed is Bed.CLEAR
+    ):
         return None
-    return last if last.state in (PrintState.FAILED, PrintState.CANCELLED) and last.extruded else None
+    return (
+        last_print
+        if last_print.state in (PrintState.FAILED, PrintState.CANCELLED) and last_print.extruded
+        else None
+    )
 
 
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
@@ -82,7 +90,7 @@ def record_complete_part(books: Books, print_id: str, by: str, at_s: float) -> R
         grams=plate.grams,
     )
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
-    not_begun = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
-    stopped = [request_cancel(p, f"{name_part(books, attempt)} was confirmed good") for p in not_begun]
-    books = put(books, usable_part, replace_fields(printer, reel=reel), *(p for p, _ in stopped))
-    return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)
+    reprints = [p for p in _list_reprints(books, attempt) if p.state is PrintState.ASSIGNED]
+    cancellations = [request_cancel(p, f"{name_part(books, attempt)} was confirmed good") for p in reprints]
+    books = put(books, usable_part, replace_fields(printer, reel=reel), *(p for p, _ in cancellations))
+    return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in cancellations)

@@ -9,7 +9,7 @@ from farm.model import Bed, JobState, Print, PrintState
 from farm.state.books import Books
 from farm.state.plate_state import ATTEMPTS, PlateState, derive_job_state, list_charged_failures
 
-_SETTLED = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
+_DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 """States of a job that are derived from its plates alone."""
 _NOT_PLANNED = (JobState.QUEUED, JobState.PLANNING)
 
@@ -27,9 +27,9 @@ def validate_books(books: Books) -> list[str]:
     list of str
         A sentence for each contradiction, the entity first; empty if there is none.
     """
-    missing = list(_find_missing_entries(books))
-    if missing:  # the other checks need all entities
-        return missing
+    problems = list(_find_missing_entries(books))
+    if problems:  # the other checks need all entities
+        return problems
     checks = (_check_jobs, _check_plates, _check_prints, _check_printers, _check_outages)
     return [problem for check in checks for problem in check(books)]
 
@@ -62,10 +62,10 @@ def _check_jobs(books: Books) -> Iterator[str]:
                 yield f"job {job.id}: its plate {plate.id} is replaced by {' '.join(plate.replaced_by)}"
         if job.state in _NOT_PLANNED and job.plates:
             yield f"job {job.id}: it is {job.state} and has plates"
-        if job.state in _SETTLED and job.plates:
-            derived = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
-            if derived is not job.state:
-                yield f"job {job.id}: it is {job.state}, by its plates it is {derived}"
+        if job.state in _DERIVED_STATES and job.plates:
+            derived_state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
+            if derived_state is not job.state:
+                yield f"job {job.id}: it is {job.state}, by its plates it is {derived_state}"
         if job.state.ended and job.ended_s is None:
             yield f"job {job.id}: it is {job.state} and has no end"
 
@@ -112,22 +112,31 @@ def _check_printers(books: Books) -> Iterator[str]:
     for name, number in Counter(p.printer for p in books.open_prints()).items():
         if number > 1:
             yield f"printer {name}: it has {number} open prints"
-    extruding = {p.printer for p in books.open_prints() if p.extruded}
+    extruding_printers = {p.printer for p in books.open_prints() if p.extruded}
     for printer in books.printers.values():
         if printer.reel is not None and printer.reel.grams is not None and printer.reel.grams < 0.0:
             yield f"printer {printer.name}: its reel has {printer.reel.grams:g} g"
         if printer.bed is not Bed.CLEAR:
             continue
-        if printer.name in extruding:
+        if printer.name in extruding_printers:
             yield f"printer {printer.name}: its bed is clear under a print that extrudes"
-        last = books.last_print_on(printer.name)
-        if last is not None and last.extruded and last.state is PrintState.DONE and last.verdict is None:
-            yield f"printer {printer.name}: its bed is clear, and print {last.id} on it is not judged"
-        if printer.name not in extruding and printer.alarm is not None and printer.attention_reason is None:
+        last_print = books.last_print_on(printer.name)
+        if (
+            last_print is not None
+            and last_print.extruded
+            and last_print.state is PrintState.DONE
+            and last_print.verdict is None
+        ):
+            yield f"printer {printer.name}: its bed is clear, and print {last_print.id} on it is not judged"
+        if (
+            printer.name not in extruding_printers
+            and printer.alarm is not None
+            and printer.attention_reason is None
+        ):
             yield f"printer {printer.name}: it has an alarm, and no inspection is requested"
 
 
 def _check_outages(books: Books) -> Iterator[str]:
-    unconfirmed = [outage.id for outage in books.outages.values() if outage.confirmed_s is None]
-    if len(unconfirmed) > 1:
-        yield f"the farm: outages {' and '.join(map(str, unconfirmed))} are not confirmed, there can be one"
+    open_outages = [outage.id for outage in books.outages.values() if outage.confirmed_s is None]
+    if len(open_outages) > 1:
+        yield f"the farm: outages {' and '.join(map(str, open_outages))} are not confirmed, there can be one"

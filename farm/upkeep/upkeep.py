@@ -48,7 +48,7 @@ log = logging.getLogger(__name__)
 
 MAX_EVENTS = 500_000
 """Events that are kept at most, about 300 MB; a print has about ten."""
-THE_FARM = "the farm"
+FARM_CALLER = "the farm"
 _DRAWING = Limit("drawing the parts of an old job", 1800.0)  # a worker may first have to compile its code
 _store_part_pictures = Deferred("farm.upkeep.part_pictures:store_part_pictures")
 _DAY_S = 86400.0
@@ -83,9 +83,9 @@ class Upkeep:
         """Finish the deletions of an earlier daemon, in the background."""
         self._spawn(self._finish())
 
-    def tidy(self, backup: Path) -> None:
+    def clean_up(self, backup: Path) -> None:
         """Delete what is no longer kept after a nightly backup, in the background."""
-        self._spawn(self._run(backup, THE_FARM))
+        self._spawn(self._run(backup, FARM_CALLER))
 
     async def measure(self) -> None:
         """Warn people if the disk is full within two nights, or no longer."""
@@ -122,7 +122,7 @@ class Upkeep:
 
     # -- command ----------------------------------------------------------------------------------------
 
-    async def prune(self, by: str, dry_run: bool) -> api.Pruned:
+    async def prune(self, by: str, dry_run: bool) -> api.PruneResponse:
         """Back up, then delete what is no longer kept; or with `dry_run` only list it.
 
         Raises
@@ -144,47 +144,49 @@ class Upkeep:
                 log.error("%s; jobs that ended before %s are pruned", error, backup)
             return await self._run(backup, by)
 
-    async def _preview(self, now_s: float) -> api.Pruned:
+    async def _preview(self, now_s: float) -> api.PruneResponse:
         """List what a run would delete now."""
         books = self._controller.books
         files = await asyncio.to_thread(list_files, self._state.files)
         numbers = self._select(files, books, now_s)
         changed_books = books
         for number in numbers:
-            changed_books, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=THE_FARM), changed_books)
+            changed_books, _ = apply(ev.JobPruned(at_s=now_s, job=number, by=FARM_CALLER), changed_books)
         wall_s = time.time()
-        released = {
+        released_files = {
             name
             for names, min_age_s in self._list_deletions(files, changed_books)
             for name in names
             if wall_s - files[name].stored_s >= min_age_s
         }
         last_old_event = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
-        return api.Pruned(
+        return api.PruneResponse(
             dry_run=True,
             jobs=[self._describe(books.jobs[number], files, books) for number in numbers],
-            freed_bytes=sum(files[name].size_bytes for name in released),
-            stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in released),
+            freed_bytes=sum(files[name].size_bytes for name in released_files),
+            stored_bytes=sum(file.size_bytes for name, file in files.items() if name not in released_files),
             events=self._store.count_events(last_old_event),
         )
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    async def _run(self, backup: Path, by: str) -> api.Pruned:
+    async def _run(self, backup: Path, by: str) -> api.PruneResponse:
         """Delete what is no longer kept after a verified backup."""
         started_s = time.monotonic()
         events = await self._compact_events(backup)
         jobs = await self._prune_jobs(parse_backup_time_s(backup), by)
-        freed = await self._finish()
+        freed_bytes = await self._finish()
         files = await asyncio.to_thread(list_files, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         log.info(
             "%s pruned, %d bytes freed, %d events deleted in %.1f s",
-            *(format_count(len(jobs), "job"), freed, events, time.monotonic() - started_s),
+            *(format_count(len(jobs), "job"), freed_bytes, events, time.monotonic() - started_s),
         )
         await self.measure()
-        stored = sum(file.size_bytes for file in files.values())
-        return api.Pruned(dry_run=False, jobs=jobs, freed_bytes=freed, stored_bytes=stored, events=events)
+        stored_bytes = sum(file.size_bytes for file in files.values())
+        return api.PruneResponse(
+            dry_run=False, jobs=jobs, freed_bytes=freed_bytes, stored_bytes=stored_bytes, events=events
+        )
 
     async def _compact_events(self, backup: Path) -> int:
         """Delete old events, a few at a time; returns how many. The audit of the kept days stays."""
@@ -193,26 +195,26 @@ class Upkeep:
         if not last:
             return 0
         self._controller.handle(ev.EventsCompacted(at_s=now_s, last=last, backup=backup.name))
-        deleted = 0
+        deleted_count = 0
         while batch := self._store.delete_events(last):
-            deleted += batch
+            deleted_count += batch
             await asyncio.sleep(0)  # agents and people are served in between
         self._store.release_space()
-        return deleted
+        return deleted_count
 
     async def _prune_jobs(self, backup_s: float, by: str) -> list[api.PrunedJob]:
         """Commit the jobs whose files are deleted, one after the other, with pictures of their parts."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
-        pruned = []
+        pruned_jobs = []
         for number in self._select(files, controller.books, controller.clock.now(), backup_s):
             job = controller.books.job(number)
             pictures = await self._draw_parts(job)
             if find_need(controller.books, controller.books.job(number)) is None:  # still
-                pruned.append(self._describe(job, files, controller.books))
+                pruned_jobs.append(self._describe(job, files, controller.books))
                 at_s = controller.clock.now()
                 controller.handle(ev.JobPruned(at_s=at_s, job=number, by=by, part_pictures=pictures))
-        return pruned
+        return pruned_jobs
 
     async def _draw_parts(self, job: Job) -> dict[str, str]:
         parts = self._controller.books.parts
@@ -238,12 +240,12 @@ class Upkeep:
         files = await asyncio.to_thread(list_files, folder)
         for number in list_lost_jobs(controller.books, files):
             log.warning("job %d: its files are gone; it counts as pruned", number, extra={"job": number})
-            controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=THE_FARM))
-        freed = 0
+            controller.handle(ev.JobPruned(at_s=controller.clock.now(), job=number, by=FARM_CALLER))
+        freed_bytes = 0
         for names, min_age_s in self._list_deletions(files, controller.books):
-            freed += await asyncio.to_thread(delete_files, folder, names, time.time(), min_age_s)
+            freed_bytes += await asyncio.to_thread(delete_files, folder, names, time.time(), min_age_s)
         await asyncio.to_thread(unlink_missing_files, self._state.jobs)
-        return freed
+        return freed_bytes
 
     def _list_deletions(
         self, files: dict[str, StoredFile], books: Books

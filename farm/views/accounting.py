@@ -57,7 +57,7 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
     """Count the plates of a job, and add up the time and filament wasted."""
     states = [books.plate_state(plate) for plate in books.plates_of(job)]
     numbers = [books.parts[plate.parts[0]].copy_number for plate in books.plates_of(job)]
-    unfinished = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED}
+    unfinished_copies = {n for n, state in zip(numbers, states, strict=True) if state not in _PRINTED}
     waste = [
         (compute_duration_s(attempt), attempt.grams)
         for attempt in books.prints_of_job(job)
@@ -66,7 +66,7 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
     return JobSummary(
         printed=sum(map(states.count, _PRINTED)),
         good=states.count(PlateState.GOOD),
-        printed_copies=len(set(numbers) - unfinished),
+        printed_copies=len(set(numbers) - unfinished_copies),
         wasted_s=sum(s for s, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )
@@ -81,21 +81,23 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
         Prints that include all that ended in that time.
     """
     since_s = now_s - NIGHT_S
-    ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
-    if not ended:
+    ended_prints = [
+        p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None
+    ]
+    if not ended_prints:
         return None
-    printed_plates = {p.plate for p in ended if not is_wasted(p)}
-    failed = {p.plate for p in ended if p.state is PrintState.FAILED} - printed_plates
-    failed = {name for name in failed if not books.plates[name].replaced_by}  # pieces wait
-    printing = {p.plate for p in books.open_prints()} - printed_plates
-    waiting = {plate.id for plate in books.waiting_plates()} - printed_plates - failed
-    grams = [(is_wasted(p), p.grams) for p in ended]
+    printed_plates = {p.plate for p in ended_prints if not is_wasted(p)}
+    failed_plates = {p.plate for p in ended_prints if p.state is PrintState.FAILED} - printed_plates
+    failed_plates = {name for name in failed_plates if not books.plates[name].replaced_by}  # pieces wait
+    printing_plates = {p.plate for p in books.open_prints()} - printed_plates
+    waiting_plates = {plate.id for plate in books.waiting_plates()} - printed_plates - failed_plates
+    grams = [(is_wasted(p), p.grams) for p in ended_prints]
     return NightSummary(
         since_s=since_s,
         printed=len(printed_plates),
-        failed=len(failed - printing),
-        printing=len(printing),
-        waiting=len(waiting),
+        failed=len(failed_plates - printing_plates),
+        printing=len(printing_plates),
+        waiting=len(waiting_plates),
         grams=sum(used for wasted, used in grams if not wasted),
         wasted_grams=sum(used for wasted, used in grams if wasted),
     )

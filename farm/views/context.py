@@ -22,7 +22,7 @@ class ViewContext:
     state: StateFolder
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
-    startup_over: bool = True  # the farm has been running long enough for printers to connect
+    is_started: bool = True  # the farm has been running long enough for printers to connect
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # why plates wait, now
@@ -49,8 +49,8 @@ class ViewContext:
 
     def reported_print(self, attempt: Print) -> AgentPrint | None:
         """Return the report of the printer's agent on a print, if it has one."""
-        reported = self.snapshot(attempt.printer).print
-        return reported if reported is not None and reported.print_id == attempt.id else None
+        report = self.snapshot(attempt.printer).print
+        return report if report is not None and report.print_id == attempt.id else None
 
     def remaining_s(self, attempt: Print) -> float:
         """Estimate the remaining time of an open print, in seconds.
@@ -59,7 +59,7 @@ class ViewContext:
         """
         plate = self.books.plates[attempt.plate]
         factor = self.books.printer(attempt.printer).time_factor
-        reported = self.reported_print(attempt)
-        if reported is not None and reported.progress_s > 0:
-            return max(0.0, plate.sliced_s - reported.progress_s) * factor
+        report = self.reported_print(attempt)
+        if report is not None and report.progress_s > 0:
+            return max(0.0, plate.sliced_s - report.progress_s) * factor
         return max(0.0, plate.compute_expected_s(factor) - (self.now_s - (attempt.started_s or self.now_s)))

@@ -18,14 +18,14 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
     A printed job is open until all its parts have a verdict. Dry runs that have ended are left out.
     """
-    unfinished: list[Job] = []
-    ended: list[Job] = []
+    open_jobs: list[Job] = []
+    ended_jobs: list[Job] = []
     for job in books.jobs.values():
         if job.options.dry_run and job.state.ended:
             continue
-        (ended if job.state.ended and job.state is not JobState.PRINTED else unfinished).append(job)
+        (ended_jobs if job.state.ended and job.state is not JobState.PRINTED else open_jobs).append(job)
     return sorted(
-        [*unfinished, *sorted(ended, key=lambda job: job.id)[-ENDED_SHOWN:]], key=lambda job: job.id
+        [*open_jobs, *sorted(ended_jobs, key=lambda job: job.id)[-ENDED_SHOWN:]], key=lambda job: job.id
     )
 
 
@@ -50,28 +50,28 @@ def list_history(
     context: ViewContext, job: int | None = None, printer: str | None = None, last: int = 100
 ) -> list[api.HistoryRow]:
     """List the prints that ended last, of one job or printer or of all, oldest first."""
-    ended = [
+    ended_prints = [
         attempt
         for attempt in context.books.prints.values()
         if attempt.state.ended and job in (None, attempt.job) and printer in (None, attempt.printer)
     ]
-    ended.sort(key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
-    return [describe_ended_print(context, attempt) for attempt in ended[-last:]]
+    ended_prints.sort(key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))
+    return [describe_ended_print(context, attempt) for attempt in ended_prints[-last:]]
 
 
 def list_prints(
     context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, last: int
 ) -> list[api.PrintRow]:
     """List the prints that were started last, open ones too, in the order of their start."""
-    found = [
+    prints = [
         attempt
         for attempt in context.books.prints.values()
         if job in (None, attempt.job)
         and printer in (None, attempt.printer)
         and state in (None, attempt.shown_state)
     ]
-    found.sort(key=lambda attempt: (attempt.assigned_s, attempt.number))
-    return [_print_row(context, attempt) for attempt in found[-last:]]
+    prints.sort(key=lambda attempt: (attempt.assigned_s, attempt.number))
+    return [_print_row(context, attempt) for attempt in prints[-last:]]
 
 
 def _print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
@@ -83,9 +83,9 @@ def _print_row(context: ViewContext, attempt: Print) -> api.PrintRow:
 
 def list_jobs(context: ViewContext, state: JobState | None, last: int) -> list[api.JobRow]:
     """List the jobs that were submitted last, in order of submission."""
-    found = [job for job in context.books.jobs.values() if state in (None, job.state)]
-    found.sort(key=lambda job: job.id)
-    return [_make_job_row(context, job) for job in found[-last:]]
+    jobs = [job for job in context.books.jobs.values() if state in (None, job.state)]
+    jobs.sort(key=lambda job: job.id)
+    return [_make_job_row(context, job) for job in jobs[-last:]]
 
 
 def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:

@@ -72,11 +72,11 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     """Measure the times of a job."""
     plates, prints = list(context.books.plates_of(job)), context.books.prints_of_job(job)
     runs = tuple(list_runs(job, prints, context.now_s))
-    printed = job.state in (JobState.PRINTED, JobState.DONE)
+    is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     elapsed_s = sum(run.length_s for run in runs) if runs else None
     remaining_s = None if job.state is not JobState.PRINTING else _estimate_remaining_s(context, plates)
-    makespan_s, end_s = None, job.ended_s if printed else None
-    if printed:
+    makespan_s, end_s = None, job.ended_s if is_printed else None
+    if is_printed:
         makespan_s = elapsed_s or job.expected_s
     elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
         makespan_s = job.expected_s
@@ -106,8 +106,8 @@ def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
     print belongs to the run in which its printer was chosen.
     """
     since_s = float("-inf")
-    closed = [(reopening.ended_s, reopening.reopened_s) for reopening in job.reopenings]
-    for ended_s, until_s in [*closed, (job.ended_s, float("inf"))]:
+    closed_runs = [(reopening.ended_s, reopening.reopened_s) for reopening in job.reopenings]
+    for ended_s, until_s in [*closed_runs, (job.ended_s, float("inf"))]:
         run_prints = [p for p in prints if since_s <= p.assigned_s < until_s]
         started_s = [p.started_s for p in run_prints if p.started_s is not None]
         since_s = until_s
@@ -122,16 +122,16 @@ def _compute_utilisation(
     books: Books, job: Job, plates: Sequence[Plate], runs: Sequence[Run], makespan_s: float
 ) -> float | None:
     """Return the printing time of a job's plates over that of the printers used in each run."""
-    unfinished = [p for p in plates if books.plate_state(p) in _UNFINISHED]
+    unfinished_plates = [p for p in plates if books.plate_state(p) in _UNFINISHED]
     successes = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
-    busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished)
-    ended = [run for run in runs if not run.open]
-    available_s = sum(len(run.printers) * run.length_s for run in ended)
+    busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
+    ended_runs = [run for run in runs if not run.open]
+    available_s = sum(len(run.printers) * run.length_s for run in ended_runs)
     if not job.state.ended:
-        present = frozenset().union(*(run.printers for run in runs if run.open))
-        planned = frozenset(p.printer for p in unfinished if not p.prints)
-        used = present | planned or frozenset(p.printer for p in unfinished)
-        available_s += len(used) * max(0.0, makespan_s - sum(run.length_s for run in ended))
+        present_printers = frozenset().union(*(run.printers for run in runs if run.open))
+        planned_printers = frozenset(p.printer for p in unfinished_plates if not p.prints)
+        used_printers = present_printers | planned_printers or frozenset(p.printer for p in unfinished_plates)
+        available_s += len(used_printers) * max(0.0, makespan_s - sum(run.length_s for run in ended_runs))
     return busy_s / available_s if available_s else None
 
 
@@ -141,8 +141,8 @@ def _estimate_growth_s(
     """Estimate the seconds that the runs will last longer: a new one begins when its first print starts."""
     if any(run.open for run in runs):
         return remaining_s
-    waiting = (p for p in plates if context.books.plate_state(p) in _UNFINISHED)
-    return min(remaining_s, sum(plate.expected_s for plate in waiting))
+    waiting_plates = (p for p in plates if context.books.plate_state(p) in _UNFINISHED)
+    return min(remaining_s, sum(plate.expected_s for plate in waiting_plates))
 
 
 def _estimate_remaining_s(context: ViewContext, plates: Sequence[Plate]) -> float:
@@ -180,7 +180,7 @@ class AssemblyTimes:
 
 
 def measure_assembly(job: Job, printed_s: float | None, ratio: float) -> AssemblyTimes:
-    """Measure or foresee the gluing of a job.
+    """Measure or estimate the time of gluing a job.
 
     Parameters
     ----------

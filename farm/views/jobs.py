@@ -28,7 +28,7 @@ _TEMPORARY_HOLDS = {
     HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.BEING_RECUT, HoldCode.BEING_REPLANNED,
 }  # fmt: skip
 
-_PLANNED_NOW = (JobState.PLANNING, JobState.PRINTING)
+_LIVE_STATES = (JobState.PLANNING, JobState.PRINTING)
 """States in which a job may be planned: for the first time, or again before it starts."""
 
 
@@ -49,7 +49,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         paused=job.paused,
         exit_code=int(_find_exit_code(job)),
         hold=context.job_hold(job),
-        progress=context.progress.get(job.id) if job.state in _PLANNED_NOW else None,
+        progress=context.progress.get(job.id) if job.state in _LIVE_STATES else None,
         now=context.format_time(context.now_s) or "",
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
@@ -114,14 +114,16 @@ def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bo
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:
-        waiting = [job.hold]
-        printing = any(True for _ in context.books.open_prints())
+        holds = [job.hold]
+        has_open_prints = any(True for _ in context.books.open_prints())
     elif job.state is JobState.PRINTING:
-        waiting = [context.plate_hold(plate) for plate in plates]
-        printing = any(True for _ in context.books.open_prints(job.id))
+        holds = [context.plate_hold(plate) for plate in plates]
+        has_open_prints = any(True for _ in context.books.open_prints(job.id))
     else:
         return False
-    return not printing and any(hold is not None and hold.code not in _TEMPORARY_HOLDS for hold in waiting)
+    return not has_open_prints and any(
+        hold is not None and hold.code not in _TEMPORARY_HOLDS for hold in holds
+    )
 
 
 def _make_part_view(context: ViewContext, name: str, files: str | None) -> api.PartView:
@@ -158,11 +160,11 @@ def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
 
 
 def _make_still_view(context: ViewContext, attempt: Print, still: Still) -> api.StillView:
-    pruned = context.books.jobs[attempt.job].pruned_s is not None
+    is_pruned = context.books.jobs[attempt.job].pruned_s is not None
     return api.StillView(
         moment=still.moment,
         taken=context.format_time(still.at_s) or "",
-        file=_make_file_path(None if pruned else str(context.state.files), still.file),
+        file=_make_file_path(None if is_pruned else str(context.state.files), still.file),
     )
 
 

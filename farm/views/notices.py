@@ -13,7 +13,7 @@ from farm.state import BY_PEOPLE, Books
 from farm.text import format_duration
 from farm.views.host_losses import describe_lost_hosts, group_host_losses
 
-_LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
+_UNFINISHED_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +79,12 @@ def _list_jobs(books: Books) -> Iterator[Notice]:
 
 def _list_parts(books: Books) -> Iterator[Notice]:
     for attempt in books.prints.values():
-        failed = attempt.state is PrintState.FAILED and attempt.fault not in BY_PEOPLE
-        if not failed or attempt.ended_s is None or _is_in_outage(books, attempt.printer, attempt.ended_s):
+        has_failed = attempt.state is PrintState.FAILED and attempt.fault not in BY_PEOPLE
+        if (
+            not has_failed
+            or attempt.ended_s is None
+            or _is_in_outage(books, attempt.printer, attempt.ended_s)
+        ):
             continue
         part = books.plates[attempt.plate].parts[0]
         reason = attempt.reason or attempt.fault
@@ -91,12 +95,12 @@ def _list_losses(books: Books) -> Iterator[Notice]:
     for outage in books.outages.values():
         text = f"{' '.join(outage.printers)} were lost at the same time; nothing starts before `farm resume`"
         yield Notice(f"outage {outage.id}", outage.at_s, text)
-    with_a_print = {(p.printer, p.ended_s) for p in books.prints.values() if p.state is PrintState.FAILED}
+    print_losses = {(p.printer, p.ended_s) for p in books.prints.values() if p.state is PrintState.FAILED}
     for printer in books.printers.values():
         name, disconnected_at_s = printer.name, printer.disconnected_at_s
         if (
             disconnected_at_s is None
-            or (name, disconnected_at_s) in with_a_print
+            or (name, disconnected_at_s) in print_losses
             or _is_in_outage(books, name, disconnected_at_s)
         ):
             continue
@@ -123,7 +127,7 @@ def _list_restored(books: Books) -> Iterator[Notice]:
 def _list_all_ended(books: Books) -> Iterator[Notice]:
     jobs = [job for job in books.jobs.values() if not job.options.dry_run]
     ended_s = max((job.ended_s for job in jobs if job.ended_s is not None), default=None)
-    if ended_s is not None and not any(job.state in _LEFT_TO_DO for job in jobs):
+    if ended_s is not None and not any(job.state in _UNFINISHED_STATES for job in jobs):
         yield Notice(f"nothing left {ended_s:.0f}", ended_s, "all jobs have ended")
 
 

@@ -79,16 +79,16 @@ def _describe_reel(section: PrinterSection, entry: Printer) -> api.Reel:
 def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     plate = context.books.plates[attempt.plate]
     remaining_s = context.remaining_s(attempt)
-    reported = context.reported_print(attempt)
+    report = context.reported_print(attempt)
     return api.PrintProgress(
-        **(reported or PrintReadings()).readings(),
+        **(report or PrintReadings()).readings(),
         job=attempt.job,
         plate=attempt.plate,
         state=attempt.shown_state,
         progress=min(1.0, max(0.0, 1 - remaining_s / plate.expected_s)),
         remaining_s=remaining_s,
         layers=plate.layers,
-        pause_ends=context.format_time(reported.pause_ends_s if reported else None),
+        pause_ends=context.format_time(report.pause_ends_s if report else None),
     )
 
 

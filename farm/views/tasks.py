@@ -54,19 +54,19 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
     if outage is not None:
         tasks.append(_describe_outage(context, outage))
     tasks += _list_host_tasks(context)
-    occupied = []
+    occupied_printers = []
     for section in context.fleet.printers:
         printer_tasks = list(_list_printer_tasks(context, section, section.name in lost_printers))
         tasks += printer_tasks
         if not printer_tasks and _needs_clearing(context, section.name) and section.name not in lost_printers:
-            occupied.append(section.name)
-    if occupied:
-        occupied, names = _sort_by_use(context, occupied)
-        beds = format_count(len(occupied), "bed")
+            occupied_printers.append(section.name)
+    if occupied_printers:
+        occupied_printers, names = _sort_by_use(context, occupied_printers)
+        beds = format_count(len(occupied_printers), "bed")
         text = f"clear {beds}: {' '.join(names)}, then `farm cleared PRINTER`"
-        has_parts = names != occupied and len(names) <= _MAX_PARTS_NAMED
+        has_parts = names != occupied_printers and len(names) <= _MAX_PARTS_NAMED
         brief = " ".join(names) if has_parts else ""
-        tasks.append(api.Todo(code="clear", printers=occupied, text=text, brief=brief))
+        tasks.append(api.Todo(code="clear", printers=occupied_printers, text=text, brief=brief))
     return [
         *sorted(tasks, key=lambda task: _ORDER[task.code]),
         *list_requests(context.books, context.plate_holds),
@@ -108,7 +108,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
     Parameters
     ----------
     lost
-        Whether it is part of an outage, which is one task for all of its printers, as is a lost host.
+        True if it is part of an outage, which is one task for all of its printers, as is a lost host.
     """
     name = section.name
     entry, snapshot = context.books.printer(name), context.snapshot(name)
@@ -135,11 +135,11 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         ask = _ask_whole(context, name)
         since_text, times = "", list[TextTime]()
         if attention is not None and entry.attention_since_s is not None:
-            at, now = (
+            moment, now = (
                 datetime.fromtimestamp(moment_s, context.fleet.zone)
                 for moment_s in (entry.attention_since_s, context.now_s)
             )
-            since = TextTime(text=format_recent(at, now), at=at.isoformat("T", "seconds"))
+            since = TextTime(text=format_recent(moment, now), at=moment.isoformat("T", "seconds"))
             since_text, times = f" ({since.text})", [since]
         text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
         whole = _find_whole_part(context, name)
@@ -147,13 +147,13 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         good = {} if whole is None else {name: whole}
         yield api.Todo(code="look", printers=[name], text=text, brief=brief, good=good, times=times)
     elif attempt is not None:
-        left_s, zone = context.remaining_s(attempt), context.fleet.zone
-        yield from list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
+        remaining_s, zone = context.remaining_s(attempt), context.fleet.zone
+        yield from list_deadlines(attempt, context.reported_print(attempt), remaining_s, context.now_s, zone)
 
 
 def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:
-    connecting = snapshot.link in (Link.STARTING, Link.CONNECTING)
-    return snapshot.link is Link.ABSENT or (connecting and context.startup_over)
+    is_connecting = snapshot.link in (Link.STARTING, Link.CONNECTING)
+    return snapshot.link is Link.ABSENT or (is_connecting and context.is_started)
 
 
 def _needs_clearing(context: ViewContext, printer: str) -> bool:
@@ -171,11 +171,11 @@ def _find_whole_part(context: ViewContext, printer: str) -> str | None:
 def _sort_by_use(context: ViewContext, printers: list[str]) -> tuple[list[str], list[str]]:
     """Sort printers by the order in which the parts on them are glued; name these parts in a second list."""
     on_bed = {name: _find_part_on_bed(context.books, name) for name in printers}
-    none = (math.inf, 0, 0)
+    unknown_rank = (math.inf, 0, 0)
 
     def rank(name: str) -> tuple[float, int, int]:
         part = on_bed[name]
-        return none if part is None else (part.job, part.copy_number, part.glue_rank or 0)
+        return unknown_rank if part is None else (part.job, part.copy_number, part.glue_rank or 0)
 
     order = sorted(printers, key=rank)
     parts = {name: part for name in order if (part := on_bed[name]) is not None and part.glue_rank}
@@ -258,16 +258,16 @@ def list_requests(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Tod
 
 
 def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
-    held = [job for job in books.jobs.values() if job.state is JobState.HELD]
-    restored = [job.id for job in held if job.restored]
-    if restored:
-        jobs = f"job{'s' * (len(restored) > 1)} {' '.join(map(str, restored))}"
+    held_jobs = [job for job in books.jobs.values() if job.state is JobState.HELD]
+    restored_jobs = [job.id for job in held_jobs if job.restored]
+    if restored_jobs:
+        jobs = f"job{'s' * (len(restored_jobs) > 1)} {' '.join(map(str, restored_jobs))}"
         text = (
             f"the database was restored from a backup: check which parts of {jobs} were printed since, "
             "`farm cancel JOB/PART` those, then `farm approve JOB`"
         )
-        yield api.Todo(code="restored", printers=[], text=text, jobs=restored)
-    for job in held:
+        yield api.Todo(code="restored", printers=[], text=text, jobs=restored_jobs)
+    for job in held_jobs:
         if not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
             subject = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"

@@ -42,10 +42,10 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
         describe_plates((p for p in plates.values() if books.plate_state(p) is PlateState.WAITING), books)
     )
     other_plates = tuple(plate for plate in situation.waiting if plate.job != number)
-    forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), bounded=False)
+    forecast = forecast_prints(situation.with_waiting((*other_plates, *own_plates)), has_bound=False)
     bound_s = forecast_prints(situation.with_waiting(own_plates)).lower_bound_s
-    expected = [slot for slot in forecast.slots if slot.plate in plates]
-    slots = [*_list_started_slots(plates.values(), books), *expected]
+    expected_slots = [slot for slot in forecast.slots if slot.plate in plates]
+    slots = [*_list_started_slots(plates.values(), books), *expected_slots]
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
     begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
     end_s = max((slot.ends_s for slot in slots), default=context.now_s)
@@ -54,7 +54,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
         now=context.format_time(context.now_s) or "",
         plan=job.plan or "",
         slots=[_make_slot_view(slot, plates[slot.plate], context) for slot in slots],
-        left=[name for name in forecast.left if name in plates],
+        left=[name for name in forecast.unprintable_plates if name in plates],
         notices=list(job.repairs),
         makespan_s=end_s - begin_s,
         lower_bound_s=max(0.0, min(bound_s, end_s) - begin_s),

@@ -181,15 +181,15 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
-        judged = self._judge(scope)
-        if not isinstance(judged, Refusal):
-            is_allowed = partial(self._is_valid, judged)
-            state = {**scope.get("state", {}), "person": judged, "is_allowed": is_allowed}
+        decision = self._judge(scope)
+        if not isinstance(decision, Refusal):
+            is_allowed = partial(self._is_valid, decision)
+            state = {**scope.get("state", {}), "person": decision, "is_allowed": is_allowed}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
-        response = self._answer(judged, scope["path"], Headers(scope=scope))
+        response = self._answer(decision, scope["path"], Headers(scope=scope))
         response.headers["connection"] = "close"  # the rest of its body is not read
-        if judged.status == 401:
+        if decision.status == 401:
             response.headers["www-authenticate"] = "Bearer"
         await response(scope, receive, send_with_headers)
 
@@ -236,12 +236,12 @@ class Guard:
         holder = self._callers.find(headers, address)
         if isinstance(holder, Refusal):
             return holder
-        needed = find_role(method, path)
-        if needed is None:
+        needed_role = find_role(method, path)
+        if needed_role is None:
             return Refusal(404, f"there is nothing at {path} for {method}")
         key = holder.key
-        if not holder.role.allows(needed):
-            return Refusal(403, f"this needs a key with the role {needed}; {key.name} has {holder.role}")
+        if not holder.role.allows(needed_role):
+            return Refusal(403, f"this needs a key with the role {needed_role}; {key.name} has {holder.role}")
         if holder.has_session:
             refusal = check_page(method, *site)
             if refusal is not None:

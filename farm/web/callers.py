@@ -29,7 +29,7 @@ class KeyHolder:
     key
         The key or session.
     role
-        What the caller may do now.
+        Role that the caller has now.
     """
 
     key: Key
@@ -80,14 +80,14 @@ class CallerFinder:
     Parameters
     ----------
     services
-        Have the keys and sessions, the farm's clock, and the roles of users.
+        Source of the keys and sessions, the farm's clock, and the roles of users.
     cookie
         The cookie of sessions.
     """
 
     def __init__(self, services: Services, cookie: SessionCookie) -> None:
         self._services, self._controller, self._cookie = services, services.controller, cookie
-        self._wrong = WrongKeys()
+        self._wrong_keys = WrongKeys()
 
     def find(self, headers: Mapping[str, str], address: str) -> KeyHolder | Refusal:
         """Find the caller with a valid key or session; a key counts more than a session.
@@ -116,9 +116,9 @@ class CallerFinder:
             return (
                 KeyHolder(key, role) if role else Refusal(403, f"this host has no user {key.name} any more")
             )
-        refusal = self._wrong.check(address, now_s)
+        refusal = self._wrong_keys.check(address, now_s)
         if refusal is None:
-            self._wrong.add(address, now_s)
+            self._wrong_keys.add(address, now_s)
             log.warning("a wrong, expired or revoked %s from %s", kind, address)
         if refusal is None and kind is KeyKind.SESSION:
             return Refusal(401, "this session has ended: `farm web` on the farm's host opens another")

@@ -23,7 +23,7 @@ class SessionCookie:
     port
         The server's port, in the cookie's name: browsers do not separate cookies by port.
     is_encrypted
-        Whether browsers reach the farm by HTTPS.
+        True if browsers reach the farm by HTTPS.
     """
 
     port: int

@@ -65,10 +65,10 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
     if method in _SAFE_METHODS:
         return None
     if fetch_site is not None:
-        allowed = fetch_site in _OWN_SITE
+        is_allowed = fetch_site in _OWN_SITE
     else:
-        allowed = origin is None or origin in (f"http://{host}", f"https://{host}")
-    return None if allowed else Refusal(403, "this request comes from a page of another site")
+        is_allowed = origin is None or origin in (f"http://{host}", f"https://{host}")
+    return None if is_allowed else Refusal(403, "this request comes from a page of another site")
 
 
 def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:

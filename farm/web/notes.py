@@ -21,7 +21,7 @@ class Reader:
     name, role
         The name of a user or a key, and what it may do.
     has_session
-        Whether the reader can log out.
+        True if the reader can log out.
     """
 
     name: str

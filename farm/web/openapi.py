@@ -1,4 +1,4 @@
-"""Description of the network's routes in the form of OpenAPI 3.1, true of what is served. Pure."""
+"""OpenAPI 3.1 description of the routes that the network serves. Pure."""
 
 from __future__ import annotations
 

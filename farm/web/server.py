@@ -21,7 +21,7 @@ from farm.web.guard import MAX_HEAD_BYTES
 
 log = logging.getLogger(__name__)
 
-_KEYS_S = 1.0  # between two looks for a valid key
+_KEYS_S = 1.0  # between two checks for a valid key
 _RETRY_S = 10.0  # between two attempts to listen
 _BACKLOG = 128
 _GRACE_S = 3  # for requests that are under way when the daemon ends
@@ -95,15 +95,15 @@ class NetworkServer:
             await asyncio.sleep(_KEYS_S)
         while True:
             try:
-                listening = self._listen()
+                listener = self._listen()
                 break
             except OSError as error:
                 self._report(error.strerror or str(error))
                 await asyncio.sleep(_RETRY_S)
         self._report(None)
         self._server = AddressLimitedServer(self._config, self._limit)
-        with listening:
-            await self._server.serve(sockets=[listening])
+        with listener:
+            await self._server.serve(sockets=[listener])
 
     def _listen(self) -> socket.socket:
         """Load the certificate and open the socket. Raises OSError."""
@@ -116,19 +116,19 @@ class NetworkServer:
                 raise OSError(f"the certificate{pair} cannot be used ({error})") from error
         host, port = self._section.address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        listening = socket.socket(family, socket.SOCK_STREAM)
+        listener = socket.socket(family, socket.SOCK_STREAM)
         try:
-            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if family == socket.AF_INET6:
                 with suppress(OSError):
-                    listening.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, int(host != "::"))
-            listening.bind((host, port))
-            listening.listen(_BACKLOG)
-            listening.setblocking(False)
+                    listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, int(host != "::"))
+            listener.bind((host, port))
+            listener.listen(_BACKLOG)
+            listener.setblocking(False)
         except OSError:
-            listening.close()
+            listener.close()
             raise
-        return listening
+        return listener
 
     def _report(self, problem: str | None) -> None:
         if problem is None:

@@ -61,7 +61,7 @@ def test_plugged_device_is_named_by_its_socket_and_the_fleet(tmp_path: Path):
 def test_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
     assert commission(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").state
-    assert memory.board.reset_verified == str(printer) and memory.board.opened is not None
+    assert memory.board.reset_verified == str(printer) and memory.board.device_id is not None
 
 
 @pytest.mark.system

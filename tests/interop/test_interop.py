@@ -72,7 +72,7 @@ def stream(
     with octoprint(folder, *injected, firmware=firmware) as port:
         until_s = time.monotonic() + PATIENCE_S
         link.on_opened(clock.now())
-        while not faults and not (connected and link.drained):
+        while not faults and not (connected and link.is_drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed_lines} lines"
             wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
             try:

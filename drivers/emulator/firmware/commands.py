@@ -113,21 +113,21 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     if f is not None and f > 0.0:
         machine.feedrate_mm_s = f / 60.0
     start = tuple(machine.position)
-    goal = list(start)
+    target = list(start)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
         number = read_value(line, letter)
         if number is not None:
             relative = machine.relative or (axis == 3 and machine.relative_e)
-            goal[axis] = start[axis] + number if relative else number
+            target[axis] = start[axis] + number if relative else number
     centre_x, centre_y = start[0] + i, start[1] + j
-    to_x, to_y = goal[0] - centre_x, goal[1] - centre_y
-    turn = math.atan2(-i * to_y + j * to_x, -i * to_x - j * to_y)
+    to_x, to_y = target[0] - centre_x, target[1] - centre_y
+    angle_rad = math.atan2(-i * to_y + j * to_x, -i * to_x - j * to_y)
     if read_value(line, b"G") == 2:
-        turn = turn - 2 * math.pi if turn >= 0 else turn
+        angle_rad = angle_rad - 2 * math.pi if angle_rad >= 0 else angle_rad
     else:
-        turn = turn + 2 * math.pi if turn <= 0 else turn
+        angle_rad = angle_rad + 2 * math.pi if angle_rad <= 0 else angle_rad
     radius_mm = math.hypot(i, j)
-    distance_mm = math.hypot(turn * radius_mm, goal[2] - start[2])
+    distance_mm = math.hypot(angle_rad * radius_mm, target[2] - start[2])
     chords = max(1, min(ARC_MAX_CHORDS, int(distance_mm / ARC_SEGMENT_MM)))
     first = math.atan2(-j, -i)
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
@@ -135,13 +135,13 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
         part = k / chords
         machine.linear(
             None,
-            centre_x + radius_mm * math.cos(first + turn * part),
-            centre_y + radius_mm * math.sin(first + turn * part),
-            start[2] + (goal[2] - start[2]) * part,
-            start[3] + (goal[3] - start[3]) * part,
+            centre_x + radius_mm * math.cos(first + angle_rad * part),
+            centre_y + radius_mm * math.sin(first + angle_rad * part),
+            start[2] + (target[2] - start[2]) * part,
+            start[3] + (target[3] - start[3]) * part,
             now_s,
         )
-    machine.linear(None, goal[0], goal[1], goal[2], goal[3], now_s)
+    machine.linear(None, target[0], target[1], target[2], target[3], now_s)
     machine.relative, machine.relative_e = modes
 
 
@@ -217,13 +217,13 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; a report each second."""
     nozzle = machine.board.nozzle
     set_nozzle(machine, line, now_s)
-    heating = nozzle.temperature_c(now_s) < nozzle.target_c
+    is_heating = nozzle.temperature_c(now_s) < nozzle.target_c
     report_s, arrival_s = now_s + REPORT_S, math.inf
     while True:
         is_c, target_c = nozzle.temperature_c(now_s), nozzle.target_c
         if arrival_s == math.inf:
-            arrived = is_c >= target_c - WINDOW_C if heating else is_c <= target_c + WINDOW_C
-            if arrived:
+            is_reached = is_c >= target_c - WINDOW_C if is_heating else is_c <= target_c + WINDOW_C
+            if is_reached:
                 arrival_s = now_s
         elif target_c > 0.0 and abs(is_c - target_c) > HYSTERESIS_C:
             arrival_s = now_s
@@ -235,10 +235,10 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
             report_s = now_s + REPORT_S
         if arrival_s < math.inf:
             next_s = arrival_s + RESIDENCY_S
-        elif heating:
-            next_s = now_s + nozzle.seconds_to(target_c - WINDOW_C, now_s)
+        elif is_heating:
+            next_s = now_s + nozzle.compute_heating_s(target_c - WINDOW_C, now_s)
         else:
-            next_s = now_s + nozzle.seconds_down_to(target_c + WINDOW_C, now_s)
+            next_s = now_s + nozzle.compute_cooling_s(target_c + WINDOW_C, now_s)
         now_s = min(report_s, max(next_s, now_s + 0.001))
         yield now_s
 
@@ -253,7 +253,7 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
             nozzle_c = machine.board.nozzle.temperature_c(now_s)
             machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.bed_c(now_s)))
             report_s = now_s + REPORT_S
-        arrive_s = now_s + bed.seconds_to(bed.target_c - WINDOW_C, now_s)
+        arrive_s = now_s + bed.compute_heating_s(bed.target_c - WINDOW_C, now_s)
         now_s = min(report_s, max(arrive_s, now_s + 0.001))
         yield now_s
 
@@ -287,13 +287,17 @@ def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     # No newline at its end: the ok follows on the same line, as in the firmware.
     x, y, z, _ = machine.planner.position(now_s)
     home = machine.board.profile.home_mm
-    states = [b"TRIGGERED" if touched else b"open" for touched in (x < home[0], y > home[1], z > home[2])]
+    states = [
+        b"TRIGGERED" if is_pressed else b"open" for is_pressed in (x < home[0], y > home[1], z > home[2])
+    ]
     machine.say(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (states[0], states[1], states[2]))
 
 
 def report_card(machine: Machine, line: bytes, now_s: float) -> None:
-    at = machine.sd_progress(now_s)
-    machine.say(b"SD printing byte %d/%d\n" % at if at is not None else b"Not SD printing\nCard error:1\n")
+    progress = machine.sd_progress(now_s)
+    machine.say(
+        b"SD printing byte %d/%d\n" % progress if progress is not None else b"Not SD printing\nCard error:1\n"
+    )
 
 
 def list_card(machine: Machine, line: bytes, now_s: float) -> None:

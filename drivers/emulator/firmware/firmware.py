@@ -52,7 +52,7 @@ class EmulatedFirmware(Listener):
         self.board = EmulatedBoard(profile, faults)
         self.resets = -1  # the boot at power on does not count
         self._due: dict[int, list[str]] = {}
-        for name, line in faults.due.items():
+        for name, line in faults.line_counts.items():
             self._due.setdefault(line, []).append(name)
         self._asleep_until_s = -math.inf
         self._before_reset = (0, 0.0, 0.0)  # moves, time of moves and starvation before the last reset
@@ -104,13 +104,13 @@ class EmulatedFirmware(Listener):
             if not self._is_busy():
                 self._time_s = now_s
             self._store(data, now_s)
-        if not self._out:
+        if not self._output:
             return b""
-        out = b"".join(self._out)
-        self._out.clear()
+        answers = b"".join(self._output)
+        self._output.clear()
         if self.phase is Phase.MUTE:
             return b""
-        return out if self.noise is None else self.noise.carry(out)
+        return answers if self.noise is None else self.noise.carry(answers)
 
     def deadline_s(self, slack_s: float = 0.0) -> float:
         """Return the latest time for the next `feed`; infinite if nothing is due.
@@ -225,10 +225,10 @@ class EmulatedFirmware(Listener):
     def _store(self, data: bytes, now_s: float) -> None:
         """Store bytes in the ring buffer; those that do not fit are lost."""
         while data:
-            unread = self._receiver.put(data)
-            if len(unread) == len(data):
+            overflow = self._receiver.put(data)
+            if len(overflow) == len(data):
                 return
-            data = unread
+            data = overflow
             self._run_main_loop(now_s)
 
     # --- lines ---

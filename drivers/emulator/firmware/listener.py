@@ -60,7 +60,7 @@ class Listener(ABC):
         self._faults = faults
         self._affects_lines = faults.affects_lines
         self._sampler = FaultSampler(faults, rng)
-        self._out: list[bytes] = []
+        self._output: list[bytes] = []
         self._time_s = 0.0
         self._drop_input()
 
@@ -106,7 +106,7 @@ class Listener(ABC):
         if self.noise is not None:
             self.noise.check_accepted(self._last_number, move[0])
         if self.dialect.acknowledges_read_moves:
-            self._out.append(wording.OK)
+            self._output.append(wording.OK)
         machine.planner.advance(self._time_s)
         machine.linear(
             None if f is None else float(f),
@@ -199,7 +199,7 @@ class Listener(ABC):
     # --- messages ---
 
     def _say(self, text: bytes) -> None:
-        self._out.append(text)
+        self._output.append(text)
 
     def _finish_command(self) -> None:
         """Acknowledge a finished command (``ClearToSend``)."""

@@ -27,10 +27,10 @@ _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d)
 
 def read_value(line: bytes, letter: bytes) -> float | None:
     """Parse the number after the first such letter in the line (``code_seen``); 0 without digits."""
-    at = line.find(letter)
-    if at < 0:
+    value = line.find(letter)
+    if value < 0:
         return None
-    match = _NUMBER.match(line, at + 1)
+    match = _NUMBER.match(line, value + 1)
     return float(match[1]) if match else 0.0
 
 
@@ -123,23 +123,23 @@ class Machine:
         """Queue one straight move; None if the line lacks the axis. F in mm/min."""
         if f is not None and f > 0.0:
             self.feedrate_mm_s = f / 60.0
-        at, top, relative = self.position, self.top_mm, self.relative
-        x0, y0, z0, e0 = at
+        value, top, relative = self.position, self.top_mm, self.relative
+        x0, y0, z0, e0 = value
         x = x0 if x is None else (x0 + x if relative else x)
         y = y0 if y is None else (y0 + y if relative else y)
         z = z0 if z is None else (z0 + z if relative else z)
         e = e0 if e is None else (e0 + e if relative or self.relative_e else e)
-        at[0] = x = 0.0 if x < 0.0 else (x if x < top[0] else top[0])
-        at[1] = y = 0.0 if y < 0.0 else (y if y < top[1] else top[1])
-        at[2] = z = 0.0 if z < 0.0 else (z if z < top[2] else top[2])
-        at[3] = e
+        value[0] = x = 0.0 if x < 0.0 else (x if x < top[0] else top[0])
+        value[1] = y = 0.0 if y < 0.0 else (y if y < top[1] else top[1])
+        value[2] = z = 0.0 if z < 0.0 else (z if z < top[2] else top[2])
+        value[3] = e
         rate = self.feedrate_mm_s
         if x != x0 or y != y0:
             rate *= self.feed_factor
         self.queue(x, y, z, e - e0, rate, now_s)
 
     def queue(self, x: float, y: float, z: float, de: float, rate_mm_s: float, now_s: float) -> None:
-        """Queue a move to the position already in `at`; `de` is its extrusion in mm."""
+        """Queue a move to the position already in `position`; `de` is its extrusion in mm."""
         planner, shift = self.planner, self.shift
         if de:
             extruded_mm = self._limit_extrusion(de, now_s)
@@ -199,7 +199,7 @@ class Machine:
         x, y, z, _ = self.planner.stop(now_s)
         home, top = self.board.profile.home_mm, self.top_mm
         ends = [home[axis] or top[axis] for axis in range(3)]  # an endstop at the top is the limit
-        x, y, z = (min(max(at, 0.0), end) for at, end in zip((x, y, z), ends, strict=True))
+        x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends, strict=True))
         self.board.head_mm = (x, y, z)
         self.board.heaters_off(now_s)
 
@@ -219,7 +219,7 @@ class Machine:
         if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):
             self.trip_s, self.trip_message = now_s + DEAD_HEATER_S, self.fault_messages.dead_heater
         elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
-            self.trip_s = now_s + nozzle.seconds_to(NOZZLE_MAX_C, now_s)
+            self.trip_s = now_s + nozzle.compute_heating_s(NOZZLE_MAX_C, now_s)
             self.trip_message = self.fault_messages.nozzle_maxtemp
 
     def heat_bed(self, target_c: float, now_s: float) -> None:

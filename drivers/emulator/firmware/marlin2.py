@@ -65,8 +65,10 @@ def settings(limits: Limits, levelled: int = 0) -> bytes:
 
 def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
     """Answer ``M114``: the end of the planned moves, in mm and in steps."""
-    x, y, z, e = (at + 0.0 if abs(at) >= 0.005 else 0.0 for at in machine.position)
-    counts = [round(at * per) for at, per in zip((x, y, z), machine.limits.steps_per_mm, strict=False)]
+    x, y, z, e = (value + 0.0 if abs(value) >= 0.005 else 0.0 for value in machine.position)
+    counts = [
+        round(value * steps) for value, steps in zip((x, y, z), machine.limits.steps_per_mm, strict=False)
+    ]
     machine.say(b"X:%.2f Y:%.2f Z:%.2f E:%.2f Count X:%d Y:%d Z:%d\n" % (x, y, z, e, *counts))
 
 

@@ -98,7 +98,7 @@ class Planner:
         self._head = start  # position at which the executing block began
         self._on_move = on_move
         self._blocks: list[Block] = []
-        self._fixed = 1  # number of front blocks whose entry speed is final
+        self._final_count = 1  # number of front blocks whose entry speed is final
         self._begin_s = 0.0  # of the executing block
         self._end_s = 0.0
         self._ramps = (0.0, 0.0, 0.0, 0.0)  # of the executing block: entry, top speed; seconds up, at top
@@ -152,10 +152,10 @@ class Planner:
             if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= MIN_STEPS:
                 mm = abs(de) or mm
         per_s = feedrate_mm_s / mm
-        queued = len(self._blocks)
-        if self._slowdown and 1 < queued < CAPACITY // 2 and per_s > 1.0 / SHORT_S:
+        queue_length = len(self._blocks)
+        if self._slowdown and 1 < queue_length < CAPACITY // 2 and per_s > 1.0 / SHORT_S:
             duration_s = 1.0 / per_s
-            per_s = 1.0 / (duration_s + 2.0 * (SHORT_S - duration_s) / queued)
+            per_s = 1.0 / (duration_s + 2.0 * (SHORT_S - duration_s) / queue_length)
         if dz or feedrate_mm_s > 200.0 or abs(de) > mm * 0.1:
             for d, max_mm_s in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
                 if abs(d) * per_s > max_mm_s:
@@ -208,12 +208,14 @@ class Planner:
     def _limit_acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:
         """Limit the acceleration as the firmware does: by steps, relative to the axis with most steps."""
         limits = self.limits
-        steps = [abs(d) * per for d, per in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
+        steps = [abs(d) * per_mm for d, per_mm in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
         max_steps = max(steps)
         rate = a * max_steps / mm
-        for count, per, bound in zip(steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True):
-            if rate * count > bound * per * max_steps:
-                rate = bound * per
+        for count, per_mm, limit_mm_s2 in zip(
+            steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True
+        ):
+            if rate * count > limit_mm_s2 * per_mm * max_steps:
+                rate = limit_mm_s2 * per_mm
         return rate * mm / max_steps
 
     def _limit_junction_speed(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
@@ -233,12 +235,12 @@ class Planner:
             if jerk > limits.jerk_e_mm_s:
                 factor = min(factor, limits.jerk_e_mm_s / jerk)
             return min(self._v, v * factor)
-        safe = min(v, limits.jerk_xy_mm_s / 2)
+        safe_mm_s = min(v, limits.jerk_xy_mm_s / 2)
         if abs(vz) > limits.jerk_z_mm_s / 2:
-            safe = min(safe, limits.jerk_z_mm_s / 2)
+            safe_mm_s = min(safe_mm_s, limits.jerk_z_mm_s / 2)
         if abs(ve) > limits.jerk_e_mm_s / 2:
-            safe = min(safe, limits.jerk_e_mm_s / 2)
-        return safe
+            safe_mm_s = min(safe_mm_s, limits.jerk_e_mm_s / 2)
+        return safe_mm_s
 
     def _append(self, block: Block, now_s: float) -> None:
         blocks = self._blocks
@@ -247,18 +249,18 @@ class Planner:
         if last == 0:
             self._begin(now_s)
             return
-        at = last
+        index = last
         entry_2 = block.entry_2
-        while at > self._fixed:  # reverse: the highest speed from which the following moves can brake
-            previous = blocks[at - 1]
+        while index > self._final_count:  # reverse: the highest speed from which later moves can brake
+            previous = blocks[index - 1]
             if previous.entry_2 >= previous.max_entry_2:
                 break
             entry_2 = min(previous.max_entry_2, entry_2 + previous.gain_2)
             if entry_2 <= previous.entry_2:
                 break
             previous.entry_2 = entry_2
-            at -= 1
-        for i in range(at, last + 1):  # forward: the highest speed that the preceding moves can reach
+            index -= 1
+        for i in range(index, last + 1):  # forward: the highest speed that the preceding moves can reach
             previous = blocks[i - 1]
             reach_2 = previous.entry_2 + previous.gain_2
             if blocks[i].entry_2 > reach_2:
@@ -270,10 +272,10 @@ class Planner:
         block = blocks[0]
         if len(blocks) > 1:
             exit_2 = blocks[1].entry_2
-            self._fixed = 2
+            self._final_count = 2
         else:
             exit_2 = min(STANDSTILL_MM_S, block.v) ** 2
-            self._fixed = 1
+            self._final_count = 1
         v0 = math.sqrt(block.entry_2)
         v1 = math.sqrt(exit_2)
         top, a = block.v, block.a

@@ -50,7 +50,7 @@ class EmulatedBoard:
         self.filament_end_mm = -profile.parked_mm  # as after the end code or the printer's own menu
         self.bed_clear = True
         self.changes = 0
-        self._on_bed_mm = 0.0
+        self._bed_filament_mm = 0.0
 
     def feed_filament(self, e_mm: float, z_mm: float) -> None:
         """Feed filament by `e_mm` in a move that ends with the head at `z_mm`."""
@@ -58,8 +58,8 @@ class EmulatedBoard:
         end_mm = self.filament_end_mm + e_mm
         if end_mm > 0.0:
             if self.bed_clear and z_mm < self.profile.top_mm - CHANGE_HEIGHT_MM:
-                self._on_bed_mm += end_mm
-                if self._on_bed_mm > OOZE_MM:
+                self._bed_filament_mm += end_mm
+                if self._bed_filament_mm > OOZE_MM:
                     self.bed_clear = False
                     self.changes += 1
             end_mm = 0.0
@@ -67,7 +67,7 @@ class EmulatedBoard:
 
     def clear_bed(self) -> None:
         """Clear the bed, as a person does."""
-        self._on_bed_mm = 0.0
+        self._bed_filament_mm = 0.0
         self.bed_clear = True
         self.changes += 1
 

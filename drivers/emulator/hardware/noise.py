@@ -40,17 +40,17 @@ class Noise:
         if len(data) <= self._gap:
             self._gap -= len(data)
             return data
-        out = bytearray()
-        at = 0
-        while at + self._gap < len(data):
-            out += data[at : at + self._gap]
-            at += self._gap
-            out += self._damage(data[at])
-            at += 1
+        received = bytearray()
+        start = 0
+        while start + self._gap < len(data):
+            received += data[start : start + self._gap]
+            start += self._gap
+            received += self._damage(data[start])
+            start += 1
             self._gap = self._draw_gap()
-        out += data[at:]
-        self._gap -= len(data) - at
-        return bytes(out)
+        received += data[start:]
+        self._gap -= len(data) - start
+        return bytes(received)
 
     def carry_to_board(self, data: bytes) -> bytes:
         """Return bytes from the host as the board receives them."""
@@ -66,10 +66,10 @@ class Noise:
 
         Two doubled spaces leave the checksum as it was, and the firmware skips them.
         """
-        sent = self._sent.get(b"%d" % number)
-        if sent is None and self._unfinished.startswith(b"N%d " % number):
-            sent = self._unfinished.partition(b"*")[0]
-        if sent is not None and sent.split() != line.partition(b"*")[0].split():
+        sent_line = self._sent.get(b"%d" % number)
+        if sent_line is None and self._unfinished.startswith(b"N%d " % number):
+            sent_line = self._unfinished.partition(b"*")[0]
+        if sent_line is not None and sent_line.split() != line.partition(b"*")[0].split():
             self.altered += 1
 
     def forget(self) -> None:
@@ -79,8 +79,8 @@ class Noise:
 
     def _damage(self, byte: int) -> bytes:
         self.damaged += 1
-        flipped, lost, _ = self._share
-        roll = self._rng.random() * self._rate
-        if roll < flipped:
+        flip_share, loss_share, _ = self._share
+        sample = self._rng.random() * self._rate
+        if sample < flip_share:
             return bytes((byte ^ 1 << self._rng.randrange(8),))
-        return b"" if roll < flipped + lost else bytes((byte, byte))
+        return b"" if sample < flip_share + loss_share else bytes((byte, byte))

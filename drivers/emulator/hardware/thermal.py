@@ -82,13 +82,13 @@ class Heater:
             return FULL_POWER
         return round(FULL_POWER * (self.target_c - AMBIENT_C) / self.model.gain_c)
 
-    def seconds_to(self, temperature_c: float, now_s: float) -> float:
+    def compute_heating_s(self, temperature_c: float, now_s: float) -> float:
         """Compute the seconds at full power to reach a temperature; infinite if it is out of reach."""
         if self.dead:
             return math.inf if self.temperature_c(now_s) < temperature_c else 0.0
-        return self.model.seconds_to(temperature_c, self.temperature_c(now_s), AMBIENT_C)
+        return self.model.compute_heating_s(temperature_c, self.temperature_c(now_s), AMBIENT_C)
 
-    def seconds_down_to(self, temperature_c: float, now_s: float) -> float:
+    def compute_cooling_s(self, temperature_c: float, now_s: float) -> float:
         """Compute the seconds without power to cool to a temperature; infinite if it is out of reach."""
         start_c = self.temperature_c(now_s)
         if start_c <= temperature_c:
@@ -106,9 +106,9 @@ class Heater:
         if self.dead:
             self._approach(now_s - self._s, powered=False)
             return
-        below = self._temperature_c < target_c
-        self._approach(now_s - self._s, powered=below)
-        if (self._temperature_c >= target_c) == below:
+        is_below = self._temperature_c < target_c
+        self._approach(now_s - self._s, powered=is_below)
+        if (self._temperature_c >= target_c) == is_below:
             self._temperature_c = target_c  # it was reached meanwhile, and held since
 
     def _switch(self, now_s: float) -> None:

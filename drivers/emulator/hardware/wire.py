@@ -24,10 +24,10 @@ class Wire:
 
     def take(self, now_s: float) -> bytes:
         """Return the bytes that have arrived by now."""
-        arrived = []
+        arrived_bytes = []
         while self._under_way and self._under_way[0][0] <= now_s:
-            arrived.append(self._under_way.popleft()[1])
-        return b"".join(arrived)
+            arrived_bytes.append(self._under_way.popleft()[1])
+        return b"".join(arrived_bytes)
 
     def due_s(self) -> float:
         """Return the arrival time of the next bytes; infinite if none are in transit."""

@@ -25,7 +25,7 @@ class NetworkAddress:
     ----------
     scheme
         `http` or `https`.
-    place
+    netloc
         Name or IP address, with the port if there is one.
     path
         Start of each path, without a slash at its end: for a daemon behind a proxy.
@@ -34,12 +34,12 @@ class NetworkAddress:
     """
 
     scheme: str
-    place: str
+    netloc: str
     path: str
     key: str
 
     def __str__(self) -> str:
-        return f"{self.scheme}://{self.place}{self.path}"
+        return f"{self.scheme}://{self.netloc}{self.path}"
 
 
 Address = Path | NetworkAddress
@@ -81,7 +81,7 @@ def open_connection(address: Address, connect_s: float, answer_s: float) -> HTTP
     if isinstance(address, Path):
         return SocketConnection(address, connect_s, answer_s)
     kind = HTTPSConnection if address.scheme == "https" else HTTPConnection
-    return kind(address.place, timeout=answer_s, blocksize=_CHUNK)
+    return kind(address.netloc, timeout=answer_s, blocksize=_CHUNK)
 
 
 def make_headers(address: Address) -> dict[str, str]:

@@ -63,8 +63,8 @@ class Client:
     def cancel(self, number: int) -> api.JobStatus:
         return self._ask(api.JobStatus, "POST", f"/jobs/{number}/cancel")
 
-    def cleared(self, printer: str, request: api.ClearedRequest) -> api.Cleared:
-        return self._ask(api.Cleared, "POST", f"/printers/{printer}/cleared", body=request)
+    def cleared(self, printer: str, request: api.ClearedRequest) -> api.ClearedResponse:
+        return self._ask(api.ClearedResponse, "POST", f"/printers/{printer}/cleared", body=request)
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:
         filters = {"job": job, "printer": printer, "last": last}
@@ -75,7 +75,7 @@ class Client:
         """Send a command about a job, a part or a printer; return the name of its target."""
         body = None if why is None else api.Reason(why=why)
         answer = self._call("POST", path, body=body)
-        return _validate(api.Named, answer).name if answer else ""
+        return _validate(api.NameResponse, answer).name if answer else ""
 
     def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
         return self._ask(api.Reel, "POST", f"/printers/{printer}/load", body=request)
@@ -111,10 +111,10 @@ class Client:
         """Download a file of a job, and pass it on in chunks."""
         self._call("GET", f"/jobs/{number}/files/{name}", write=write)
 
-    def prune(self, dry_run: bool) -> api.Pruned:
+    def prune(self, dry_run: bool) -> api.PruneResponse:
         """Delete what is no longer kept, or list it; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
-        return _validate(api.Pruned, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
+        return _validate(api.PruneResponse, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
 
     def keys(self) -> api.Keys:
         return self._ask(api.Keys, "GET", "/keys")
@@ -125,8 +125,8 @@ class Client:
     def revoke_key(self, name: str) -> None:
         self._call("POST", f"/keys/{name}/revoke")
 
-    def grant_key(self, code: str, grant: api.AppKeyGrant) -> api.Named:
-        return self._ask(api.Named, "POST", f"/keys/requests/{code}/grant", body=grant)
+    def grant_key(self, code: str, grant: api.AppKeyGrant) -> api.NameResponse:
+        return self._ask(api.NameResponse, "POST", f"/keys/requests/{code}/grant", body=grant)
 
     def deny_key(self, code: str) -> None:
         self._call("POST", f"/keys/requests/{code}/deny")
@@ -146,7 +146,7 @@ class Client:
         options: JobOptions,
         retry_s: float = 60.0,
         report: Callable[[api.UploadView], None] = lambda _: None,
-    ) -> api.Submitted:
+    ) -> api.SubmitResponse:
         """Upload a model; retry for `retry_s` with the same request id while the daemon is away.
 
         Parameters
@@ -176,27 +176,27 @@ class Client:
 
     def _upload(
         self, model: Path, params: Mapping[str, str], report: Callable[[api.UploadView], None]
-    ) -> api.Submitted:
+    ) -> api.SubmitResponse:
         """Upload a model once, and wait as long as the daemon reports its progress."""
-        submitted: Future[Any] = Future()
+        result: Future[Any] = Future()
 
         def send() -> None:
             try:
                 with model.open("rb") as file:
                     answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
-                submitted.set_result(answer)
+                result.set_result(answer)
             except BaseException as error:
-                submitted.set_exception(error)
+                result.set_exception(error)
 
         Thread(target=send, daemon=True).start()  # Ctrl-C does not wait for it
         last_answer_s = time.monotonic()
         while True:
             with suppress(TimeoutError):
-                return _validate(api.Submitted, submitted.result(_POLL_S))
+                return _validate(api.SubmitResponse, result.result(_POLL_S))
             try:
                 report(self._ask(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
             except DaemonUnreachable:
-                if time.monotonic() - last_answer_s > self._answer_s and not submitted.done():
+                if time.monotonic() - last_answer_s > self._answer_s and not result.done():
                     raise
             except FarmError:  # not started yet, or finished; or the daemon is older than this command
                 last_answer_s = time.monotonic()

@@ -42,14 +42,14 @@ def up(
     _warn(fleet, places)
     client = Client(places.socket)
     try:
-        running = client.status()
+        status = client.status()
     except DaemonUnreachable:
         _start_daemon(places, client)
-        running = client.status()
-        printers = format_count(len(running.printers), "printer")
-        print(f"farm {running.daemon.version} is up: {printers}, pid {running.daemon.pid}")
+        status = client.status()
+        printers = format_count(len(status.printers), "printer")
+        print(f"farm {status.daemon.version} is up: {printers}, pid {status.daemon.pid}")
     else:
-        print(f"farm {running.daemon.version} is already up: pid {running.daemon.pid}")
+        print(f"farm {status.daemon.version} is already up: pid {status.daemon.pid}")
     for name in replace or ():
         client.send_command(f"/printers/{name}/replace")
         print(f"{name}: its agent is replaced")

@@ -85,25 +85,26 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
     if not targets and fleet_error is not None:
         raise fleet_error
     names = list(printers)
-    chosen_targets = {name: targets[name] for name in names or targets if name in targets}
+    used_targets = {name: targets[name] for name in names or targets if name in targets}
     report = serialise_reports(report)
-    unconfirmed, moving = [], []
-    for result in _run_stops(chosen_targets, report):
+    hot_printers, moving_printers = [], []
+    for result in _run_stops(used_targets, report):
         report(_describe_outcome(result, began_s))
         if not result.seen_off:
-            unconfirmed.append(result.printer)
-        elif not result.still:
-            moving.append(result.printer)
+            hot_printers.append(result.printer)
+        elif not result.is_still:
+            moving_printers.append(result.printer)
     unknown = [name for name in names if name not in targets]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
-    if unconfirmed:
+    if hot_printers:
         raise FarmError(
-            f"heaters not confirmed off: {' '.join(sorted(unconfirmed))}: switch these printers off by hand"
+            f"heaters not confirmed off: {' '.join(sorted(hot_printers))}: switch these printers off by hand"
         )
-    if moving:
+    if moving_printers:
         raise FarmError(
-            f"standstill not confirmed: {' '.join(sorted(moving))}: check whether these printers still move"
+            f"standstill not confirmed: {' '.join(sorted(moving_printers))}: "
+            "check whether these printers still move"
         )
 
 
@@ -141,8 +142,8 @@ def _describe_outcome(result: StopResult, began_s: float) -> StopReport:
         printer=result.printer,
         text=result.text,
         seen_off=result.seen_off,
-        still=result.still,
-        reset_after_s=None if result.cut_s is None else round(result.cut_s - began_s, 3),
+        still=result.is_still,
+        reset_after_s=None if result.reset_s is None else round(result.reset_s - began_s, 3),
     )
 
 

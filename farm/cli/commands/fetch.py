@@ -35,14 +35,14 @@ def fetch(
     from farm.cli.job_report import render_report  # slow to load
 
     client, folder = connect(places), out or Path(f"job-{job}")
-    fetched = fetch_files(client, job, folder, force)
-    present_count = len(fetched.by_name) - len(fetched.written)
+    result = fetch_files(client, job, folder, force)
+    present_count = len(result.by_name) - len(result.written)
     print(
-        f"{folder}: {format_count(len(fetched.written), 'file')} of job {job} fetched"
+        f"{folder}: {format_count(len(result.written), 'file')} of job {job} fetched"
         + (f", {present_count} already there" if present_count else "")
     )
     report = folder / _REPORT
-    text = render_report(client, job, fetched.find).text
+    text = render_report(client, job, result.find).text
     try:
         with report.open("w" if force else "x", encoding="utf-8") as file:
             file.write(text)

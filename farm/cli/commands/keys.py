@@ -69,8 +69,8 @@ def key(
         client.revoke_key(name)
         print(f"the key {name} is revoked")
     elif action is KeyAction.GRANT:
-        granted = client.grant_key(name, api.AppKeyGrant(role=role, days=_parse_days(expires)))
-        print(f"the program gets the key {granted.name} ({role})")
+        new_key = client.grant_key(name, api.AppKeyGrant(role=role, days=_parse_days(expires)))
+        print(f"the program gets the key {new_key.name} ({role})")
     elif action is KeyAction.DENY:
         client.deny_key(name)
         print(f"the program with the code {name} gets no key")
@@ -79,12 +79,12 @@ def key(
 
 
 def _add(client: Client, request: api.KeyRequest, json: bool) -> None:
-    added = client.add_key(request)
+    new_key = client.add_key(request)
     if json:
-        print_json(added)
+        print_json(new_key)
         return
-    print(added.text)
-    print_notice(f"this key for {request.name} ({request.role}) is shown only now; its id is {added.id}")
+    print(new_key.text)
+    print_notice(f"this key for {request.name} ({request.role}) is shown only now; its id is {new_key.id}")
     network = client.keys().network
     if network.address is None:
         print_notice(
@@ -100,8 +100,8 @@ def _list(answer: api.Keys, json: bool) -> None:
         return
     network = answer.network
     print(f"network: {network.address or 'off'}{f' (closed: {network.problem})' if network.problem else ''}")
-    for asking in answer.requests:
-        print(f"{asking.app} at {asking.address} asks for a key: farm key grant {asking.code}, or deny")
+    for request in answer.requests:
+        print(f"{request.app} at {request.address} asks for a key: farm key grant {request.code}, or deny")
     if not answer.keys:
         print("no key; `farm key add NAME` adds one")
         return
@@ -110,8 +110,10 @@ def _list(answer: api.Keys, json: bool) -> None:
         end = f"valid until {format_time(key.expires, answer.now)}" if key.expires else "valid"
         session = key.kind is KeyKind.SESSION
         state = ("ended" if session else "revoked") if key.revoked else end if key.valid else "expired"
-        added, used = (format_time(time, answer.now) for time in (key.created, key.used))
-        rows.append((key.id, key.name, str(key.kind), str(key.role), state, used, f"{added} by {key.by}"))
+        created_text, used_text = (format_time(time, answer.now) for time in (key.created, key.used))
+        rows.append(
+            (key.id, key.name, str(key.kind), str(key.role), state, used_text, f"{created_text} by {key.by}")
+        )
     screen = open_console()
     for line in lay_out_table(_COLUMNS, rows, read_terminal_width(screen)):
         screen.print(line)

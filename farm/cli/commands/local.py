@@ -178,9 +178,9 @@ def slice_model(
     for line in (*report["repairs"], *report["warnings"]):
         print(f"  {line}")
     amount = format_filament(report["grams"], report["filament_mm"], report.get("price"))
-    printing, total = format_duration(report["print_time_s"]), format_duration(report["estimated_s"])
+    print_time, total_time = format_duration(report["print_time_s"]), format_duration(report["estimated_s"])
     print(
-        f"{out}: {printing} (with heating {total}), {amount}, "
+        f"{out}: {print_time} (with heating {total_time}), {amount}, "
         f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
 

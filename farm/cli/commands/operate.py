@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from farm.api import AssembledRequest, Cleared, ClearedRequest, LoadRequest, PrinterView
+from farm.api import AssembledRequest, ClearedRequest, ClearedResponse, LoadRequest, PrinterView
 from farm.cli import completion
 from farm.cli.client import connect
 from farm.cli.display import print_json
-from farm.cli.options import Job, Json, Printer, Why, with_farm
+from farm.cli.options import Job, Json, Printer, ReasonOption, with_farm
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
@@ -22,7 +22,7 @@ from farm.wording import describe_material
 Targets = Annotated[
     list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).", autocompletion=completion.targets)
 ]
-Resumed = Annotated[
+OptionalTargets = Annotated[
     list[str] | None,
     typer.Argument(
         help="Printers, jobs (3) or parts (3/p01); none: the whole farm after an outage.",
@@ -102,7 +102,7 @@ def cleared(
         print("; ".join((f"{printer}: bed clear", *_describe_part(request, answer))))
 
 
-def _describe_part(request: ClearedRequest, answer: Cleared) -> list[str]:
+def _describe_part(request: ClearedRequest, answer: ClearedResponse) -> list[str]:
     """Describe what happens to the part that was on the bed."""
     if request.bad and answer.again is None:
         return ["its part was cancelled and is not printed again"]
@@ -117,7 +117,7 @@ def _describe_part(request: ClearedRequest, answer: Cleared) -> list[str]:
 
 
 @with_farm
-def fail(places: Places, printer: Printer, why: Why = "") -> None:
+def fail(places: Places, printer: Printer, why: ReasonOption = "") -> None:
     """End a failing print safely, and print its part again."""
     connect(places).send_command(f"/printers/{printer}/fail", why)
     print(
@@ -132,7 +132,7 @@ def reprint(
     part: Annotated[
         str, typer.Argument(help="The part, as shown by `farm status JOB`.", autocompletion=completion.parts)
     ],
-    why: Why = "",
+    why: ReasonOption = "",
 ) -> None:
     """Print a part again, at any time and whatever its state."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
@@ -154,8 +154,8 @@ def cancel(
         )
         return
     answer = client.cancel(int(target))
-    printing = sorted({plate.printer for plate in answer.job.plates if plate.printing})
-    print(f"job {target} is cancelled{_describe_ending(printing)}")
+    printers = sorted({plate.printer for plate in answer.job.plates if plate.printing})
+    print(f"job {target} is cancelled{_describe_ending(printers)}")
 
 
 def _describe_ending(printing: list[str]) -> str:
@@ -182,12 +182,15 @@ def pause(places: Places, targets: Targets) -> None:
 
 
 @with_farm
-def resume(places: Places, targets: Resumed = None) -> None:
+def resume(places: Places, targets: OptionalTargets = None) -> None:
     """Resume what was paused; without a name, the whole farm after an outage."""
     client = connect(places)
     if not targets:
-        lost = client.send_command("/outage/confirm")
-        print(f"the farm continues; inspect the lost printers ({lost}), then `farm cleared PRINTER` for each")
+        printers = client.send_command("/outage/confirm")
+        print(
+            f"the farm continues; inspect the lost printers ({printers}), "
+            "then `farm cleared PRINTER` for each"
+        )
     for target in targets or ():
         client.send_command(f"{find_target_path(target)}/resume")
         print(f"{_format_target(target)}: resumed")
@@ -231,7 +234,7 @@ def load(
 def maintenance(
     places: Places,
     printer: Printer,
-    why: Why = "",
+    why: ReasonOption = "",
     done: Annotated[bool, typer.Option("--done", help="Put it back into use.")] = False,
 ) -> None:
     """Take a printer out of use after its current print, or put it back into use (--done)."""

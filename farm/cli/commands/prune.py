@@ -35,7 +35,7 @@ def prune(
         print(line)
 
 
-def describe_prune(answer: api.Pruned) -> list[str]:
+def describe_prune(answer: api.PruneResponse) -> list[str]:
     """Describe in lines what was deleted, or would be."""
     lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in answer.jobs]
     jobs = format_count(len(answer.jobs), "job")

@@ -1,4 +1,4 @@
-"""`farm status`, `farm history`, `farm report` and `farm hosts`: what is, and what was."""
+"""`farm status`, `farm history`, `farm report` and `farm hosts`: the present state and the past."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from farm.text import format_count, format_duration, format_mass
 from farm.wording import format_deviation, format_time
 
 _REFRESH_S = 1.0
-_ALL = 100_000
+_MAX_ROWS = 100_000
 _HISTORY = (
     Column("ENDED"),
     Column("PRINTER"),
@@ -104,7 +104,7 @@ def history(
     printer: Annotated[
         str | None, typer.Option(help="Only prints on this printer.", autocompletion=completion.printers)
     ] = None,
-    last: Annotated[int, typer.Option(min=1, max=_ALL, help="Number of prints.")] = 30,
+    last: Annotated[int, typer.Option(min=1, max=_MAX_ROWS, help="Number of prints.")] = 30,
     json: Json = False,
 ) -> None:
     """List the latest prints: duration, deviation from the plan, filament and outcome."""
@@ -116,10 +116,10 @@ def history(
         print("no print has ended")
         return
     rows, now = [], answer.now
-    noted = any(row.note for row in answer.prints)
+    has_notes = any(row.note for row in answer.prints)
     for row in answer.prints:
-        printed = row.state == "done" and row.expected_s
-        deviation = format_deviation(row.took_s / row.expected_s - 1) if printed else ""
+        is_printed = row.state == "done" and row.expected_s
+        deviation = format_deviation(row.took_s / row.expected_s - 1) if is_printed else ""
         reason = row.why if row.verdict else row.reason or row.fault
         outcome = str(row.verdict or row.state) + (f": {reason}" if reason and row.wasted else "")
         used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
@@ -130,16 +130,16 @@ def history(
         )
         name = row.name[:20]
         cells = (ended, row.printer, row.part, name, duration, deviation, used, submitter, outcome)
-        rows.append((*cells, row.note or "") if noted else cells)
+        rows.append((*cells, row.note or "") if has_notes else cells)
     screen = open_console()
-    columns = (*_HISTORY, _NOTE) if noted else _HISTORY
+    columns = (*_HISTORY, _NOTE) if has_notes else _HISTORY
     for line in lay_out_table(columns, rows, read_terminal_width(screen)):
         screen.print(line)
-    wasted = [row for row in answer.prints if row.wasted]
-    grams = sum(row.grams for row in wasted)
+    wasted_rows = [row for row in answer.prints if row.wasted]
+    grams = sum(row.grams for row in wasted_rows)
     screen.print(
-        f"{format_count(len(answer.prints), 'print')}, {len(wasted)} of them wasted: "
-        f"{format_duration(sum(row.took_s for row in wasted))}, {format_mass(grams)}"
+        f"{format_count(len(answer.prints), 'print')}, {len(wasted_rows)} of them wasted: "
+        f"{format_duration(sum(row.took_s for row in wasted_rows))}, {format_mass(grams)}"
     )
 
 
@@ -160,8 +160,8 @@ def report(
         page = render_report(client, job, find_local)
     else:
         with TemporaryDirectory() as folder:
-            fetched = fetch_files(client, job, Path(folder), select=is_picture)
-            page = render_report(client, job, fetched.find)
+            result = fetch_files(client, job, Path(folder), select=is_picture)
+            page = render_report(client, job, result.find)
     try:
         target.write_text(page.text, encoding="utf-8")
     except OSError as error:

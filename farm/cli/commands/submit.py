@@ -134,10 +134,10 @@ def approve(
 ) -> None:
     """Release a held job, to print exactly as planned."""
     client = connect(places)
-    held = client.job(job).job
-    if not held.plates:
-        raise Refused(f"job {job} has no plan yet: it is {held.state}")
+    job_view = client.job(job).job
+    if not job_view.plates:
+        raise Refused(f"job {job} has no plan yet: it is {job_view.state}")
     timeline = client.timeline(job)
-    client.approve(job, api.ApproveRequest(plan=plan or held.plan or ""))
+    client.approve(job, api.ApproveRequest(plan=plan or job_view.plan or ""))
     show_timeline(timeline)
-    print(f"job {job} is approved: plan {held.plan or 'without a number'}")
+    print(f"job {job} is approved: plan {job_view.plan or 'without a number'}")

@@ -28,11 +28,11 @@ def web(
     """
     client = Client(places.socket)
     if end_all:
-        ended = client.end_sessions()
+        answer = client.end_sessions()
         if json:
-            print_json(ended)
+            print_json(answer)
         else:
-            print(f"{format_count(ended.ended, 'session')} ended")
+            print(f"{format_count(answer.ended, 'session')} ended")
         return
     link = client.make_login_link()
     if json:

@@ -28,13 +28,13 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
         printers times makespan.
     """
     parts = report["parts"]
-    ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
+    part_range = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
     return [
         *([" ".join(report["repairs"])] if report["repairs"] else []),
         *_summarise_times(report, printers),
         *_summarise_assembly(report),
         *_summarise_warnings(report),
-        f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json, instructions.html",
+        f"In {out}: {part_range}, assembly.png, assembly.glb, decomposition.json, instructions.html",
     ]
 
 
@@ -54,19 +54,19 @@ def _summarise_times(report: dict[str, Any], printers: int) -> list[str]:
             f"slowest; {amount}"
         )
     gap = f"at most {report['gap']:.0%} above the lower bound"
-    askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
+    rotation = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
     grid_note = " for cuts along its grid" if report["cells"] else ""
-    return [*lines, f"By {report['engine']}{askew}: {gap}{grid_note}"]
+    return [*lines, f"By {report['engine']}{rotation}: {gap}{grid_note}"]
 
 
 def _summarise_assembly(report: dict[str, Any]) -> list[str]:
     lines = []
-    glued = [joint for joint in report["joints"] if joint["glued"]]
-    if glued:
-        small = min(glued, key=lambda joint: float(joint["area_mm2"]))
+    glued_joints = [joint for joint in report["joints"] if joint["glued"]]
+    if glued_joints:
+        smallest = min(glued_joints, key=lambda joint: float(joint["area_mm2"]))
         lines.append(
-            f"{format_count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
-            f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
+            f"{format_count(len(glued_joints), 'joint')}; the smallest, {smallest['a']} to {smallest['b']}, "
+            f"has {smallest['area_mm2']:.0f} mm2 of glue area and is {smallest['width_mm']:.1f} mm wide"
         )
     steps = report["assembly"]["steps"]
     if steps:
@@ -83,10 +83,10 @@ def _summarise_assembly(report: dict[str, Any]) -> list[str]:
 
 def _summarise_warnings(report: dict[str, Any]) -> list[str]:
     """Summarise the first three things to check, in one line; none where there is nothing."""
-    falling = [part["id"] for part in report["parts"] if not part["stands"]]
+    unstable_parts = [part["id"] for part in report["parts"] if not part["stands"]]
     warnings = [
         *(f"{fault['part']} {fault['what']}" for fault in report["faults"]),
-        *(f"{part} may fall over while it is printed" for part in falling),
+        *(f"{part} may fall over while it is printed" for part in unstable_parts),
         *report["connectors"]["failures"],
         *(text for text in (report["thin_rims"], report["small_feet"]) if text),
     ]

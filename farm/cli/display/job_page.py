@@ -116,8 +116,8 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
 
 def _list_changes(view: api.JobView) -> list[str]:
     """List the changes that the farm made to the model."""
-    scaled = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
-    return [*view.repairs, *scaled]
+    scale_notes = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
+    return [*view.repairs, *scale_notes]
 
 
 def _format_change(line: str) -> Text:
@@ -137,8 +137,8 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(("planning", format_planning(view.progress)))
     if view.plan is not None and view.state == JobState.HELD:
         rows.append(("plan", view.plan))
-    if cached := sum(plate.cached for plate in view.plates):
-        rows.append(("slices", format_cached(cached)))
+    if cached_count := sum(plate.cached for plate in view.plates):
+        rows.append(("slices", format_cached(cached_count)))
     rows += _list_times(view)
     if view.wasted_s > 0:
         rows.append(("wasted", f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"))
@@ -146,8 +146,10 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
         amount = format_filament(view.grams, view.filament_mm, view.price, view.currency)
         rows.append(("filament", amount))
     if view.starved_share is not None and view.starved_share > _MIN_STARVED_SHARE:
-        waited = f"simulated printers waited {100 * view.starved_share:.1f} % of the time for this computer"
-        rows.append(("times not valid", waited))
+        wait_note = (
+            f"simulated printers waited {100 * view.starved_share:.1f} % of the time for this computer"
+        )
+        rows.append(("times not valid", wait_note))
     return rows
 
 
@@ -158,12 +160,12 @@ def _list_times(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(("parallel printing time, expected", format_duration(view.estimated_s)))
     if view.elapsed_s is not None:
         is_printed = view.state in (JobState.PRINTED, JobState.DONE)
-        ended = "parallel printing time, actual" if is_printed else "printed for"
+        label = "parallel printing time, actual" if is_printed else "printed for"
         deviation = ""
         if is_printed and view.estimated_s:
             deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} vs expected)"
         rows.append(
-            (ended if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
+            (label if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
         )
     if len(view.runs) > 1:
         rows.append(("printed in runs", format_runs(view.runs, view.now)))
@@ -188,7 +190,7 @@ def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
     plates = {plate.id: plate for plate in view.plates}
     for part in view.parts_by_use:
         plate = plates[part.plate]
-        last = part.own_prints[-1] if part.own_prints else None
+        last_print = part.own_prints[-1] if part.own_prints else None
         rows.append(
             (
                 part.id,
@@ -196,8 +198,8 @@ def _lay_out_parts(view: api.JobView, width: int | None) -> list[Text]:
                 plate.printer,
                 _format_part_state(part),
                 format_duration(plate.estimated_s),
-                format_time(last.started if last else None, now),
-                format_time(last.ended if last else None, now),
+                format_time(last_print.started if last_print else None, now),
+                format_time(last_print.ended if last_print else None, now),
                 format_filament(plate.grams, plate.filament_mm, plate.price, view.currency),
             )
         )
@@ -209,8 +211,10 @@ def _format_part_state(part: api.PartView) -> str:
     prints = part.own_prints
     if not prints:
         return "waiting"
-    last = prints[-1]
-    state = str(part.verdict) if part.verdict and last.state == PrintState.DONE else str(last.state)
+    last_print = prints[-1]
+    state = (
+        str(part.verdict) if part.verdict and last_print.state == PrintState.DONE else str(last_print.state)
+    )
     attempt = f", attempt {len(prints)}" if len(prints) > 1 else ""
     return state + attempt
 

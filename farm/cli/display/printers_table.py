@@ -43,16 +43,18 @@ def rank_urgency(printer: api.PrinterView) -> float:
 
 def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
     part, ends, deviation = "", "", ""
-    state, last = _STATES.get(printer.state, printer.state), printer.last
+    state, last_print = _STATES.get(printer.state, printer.state), printer.last
     if printer.print is not None:
         part = printer.print.plate
         ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
-    elif last is not None and printer.bed != Bed.CLEAR:
-        ended = "-" if last.ended is None else format_recent(parse_time(last.ended), parse_time(now))
-        part, ends = last.plate, f"at {ended}"
-        deviation = format_deviation(last.off) if last.off is not None else ""
+    elif last_print is not None and printer.bed != Bed.CLEAR:
+        ended = (
+            "-" if last_print.ended is None else format_recent(parse_time(last_print.ended), parse_time(now))
+        )
+        part, ends = last_print.plate, f"at {ended}"
+        deviation = format_deviation(last_print.off) if last_print.off is not None else ""
         if state == "idle":
-            state = "remove" if last.state == PrintState.DONE else "to clear"
+            state = "remove" if last_print.state == PrintState.DONE else "to clear"
     return (
         printer.name,
         state,

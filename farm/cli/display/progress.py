@@ -110,14 +110,14 @@ class ProgressLines:
     def __init__(self, screen: Console, quiet: bool) -> None:
         self._screen = screen
         self._quiet = quiet
-        self._said: set[str] = set()
+        self._printed_lines: set[str] = set()
 
     def update(self, view: api.JobView) -> None:
         """Print the changes since the last call."""
         if view.waits_for_person:
             holds = [view.hold, *(plate.hold for plate in view.plates)]
             for text in sorted({hold.text for hold in holds if hold is not None}):
-                self._print_once(f"waits for you: {text}", loud=True)
+                self._print_once(f"waits for you: {text}", is_urgent=True)
         elif view.hold is not None and view.state == JobState.QUEUED:
             self._print_once(f"waits: {view.hold.text}")
         if view.progress is not None:
@@ -125,10 +125,10 @@ class ProgressLines:
         if view.estimated_s is not None:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = format_count(len(view.parts), "part")
-            cached = sum(plate.cached for plate in view.plates)
-            sliced = f"; {format_cached(cached)}" if cached else ""
+            cached_count = sum(plate.cached for plate in view.plates)
+            cache_note = f"; {format_cached(cached_count)}" if cached_count else ""
             self._print_once(
-                f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{sliced}"
+                f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{cache_note}"
             )
         if view.printed:
             self._print_once(f"printed {view.printed} of {len(view.plates)} parts")
@@ -136,9 +136,9 @@ class ProgressLines:
             if attempt.state == PrintState.FAILED:
                 self._print_once(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
 
-    def _print_once(self, line: str, loud: bool = False) -> None:
-        if line not in self._said and (loud or not self._quiet):
-            self._said.add(line)
+    def _print_once(self, line: str, is_urgent: bool = False) -> None:
+        if line not in self._printed_lines and (is_urgent or not self._quiet):
+            self._printed_lines.add(line)
             self._screen.print(f"  {line}")
 
 
@@ -148,8 +148,10 @@ def _format_step(progress: PlanProgress) -> str:
         return f"slicing {format_count(progress.of, 'plate')}"
     if progress.step is PlanStep.DECOMPOSING and progress.share is not None:
         quarters = math.floor(4 * progress.share)
-        left_s = None if quarters == 0 else progress.remaining_s
-        return format_planning(progress.model_copy(update={"share": quarters / 4, "remaining_s": left_s}))
+        remaining_s = None if quarters == 0 else progress.remaining_s
+        return format_planning(
+            progress.model_copy(update={"share": quarters / 4, "remaining_s": remaining_s})
+        )
     return format_planning(progress)
 
 

@@ -57,16 +57,16 @@ def render_status(view: api.Status, width: int | None = None, height: int | None
 
 def _list_blocks(view: api.Status, width: int | None, height: int | None) -> list[Block]:
     """List the blocks of the page; for a `height`, with one line a job, and the printers with tasks first."""
-    now, brief = view.fleet.now, height is not None
-    live = [job for job in view.jobs if not _is_over(job)]
-    ended = [job for job in view.jobs if _is_over(job)]
+    time, brief = view.fleet.now, height is not None
+    open_jobs = [job for job in view.jobs if not _is_over(job)]
+    ended_jobs = [job for job in view.jobs if _is_over(job)]
     printers = view.printers
     if height is not None and len(printers) > height - _OTHER_LINES:
         printers = sorted(printers, key=rank_urgency)
-    headings, *table = lay_out_printers(printers, now, width)
+    headings, *table = lay_out_printers(printers, time, width)
     max_lines = 1 if brief else None  # lines of a job
-    live_lines = [line for lines in _list_live_lines(live, now, width) for line in lines[:max_lines]]
-    over_lines = [line for job in ended for line in _list_job_lines(job, now, width)[:max_lines]]
+    live_lines = [line for lines in _list_live_lines(open_jobs, time, width) for line in lines[:max_lines]]
+    ended_lines = [line for job in ended_jobs for line in _list_job_lines(job, time, width)[:max_lines]]
     night = [] if view.night is None else _fold_texts("NIGHT", [format_night(view.night)], "", width)
     cluster = [] if view.cluster is None else _fold_texts("COMPUTE", [view.cluster.text], "", width)
     return [
@@ -74,11 +74,11 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
         Block(_list_task_lines(view.todo, width), rank=1, least=4),
         Block(night, rank=4, least=1),
         Block(live_lines, rank=3, noun="job" if brief else "line", least=4),
-        Block(_list_wait_lines(live, width), rank=5, least=2),
+        Block(_list_wait_lines(open_jobs, width), rank=5, least=2),
         Block(cluster, rank=4, least=1),
         Block([headings], rank=2, least=1),
         Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", least=8),
-        Block(over_lines, rank=6, noun="ended job" if brief else "line"),
+        Block(ended_lines, rank=6, noun="ended job" if brief else "line"),
     ]
 
 
@@ -96,18 +96,18 @@ def _format_title(fleet: api.FleetView) -> Text:
 
 def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
     """List all tasks of people, on as few lines as possible."""
-    unlabelled = [item for item in todo if item.code not in _TASK_LABELS]
+    other_tasks = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
         f"clear {format_count(len(item.printers), 'bed')}: {item.brief or shorten_names(item.printers)}"
         if item.code == "clear"
         else item.text
-        for item in sorted(unlabelled, key=lambda item: item.code == "clear")
+        for item in sorted(other_tasks, key=lambda item: item.code == "clear")
     ]
     for code, label in _TASK_LABELS.items():
         briefs = _list_briefs(item for item in todo if item.code == code)
-        together = f"{label}: {', '.join(briefs)}"
-        fits = _INDENT + len(together) <= (width or _PIPE_WIDTH)
-        tasks += [together] if briefs and fits else [f"{label}: {brief}" for brief in briefs]
+        line = f"{label}: {', '.join(briefs)}"
+        fits = _INDENT + len(line) <= (width or _PIPE_WIDTH)
+        tasks += [line] if briefs and fits else [f"{label}: {brief}" for brief in briefs]
     if not tasks:
         return _fold_texts("DO NOW", ["nothing"], "", width)
     return _fold_texts("DO NOW", tasks, _TASK_GAP, width, URGENT)
@@ -130,16 +130,16 @@ def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
 
 
 def _fold_texts(
-    head: str, texts: Sequence[str], gap: str, width: int | None, style: str = HEADING, body: str = ""
+    label: str, texts: Sequence[str], separator: str, width: int | None, style: str = HEADING, body: str = ""
 ) -> list[Text]:
     """Put texts side by side on as few lines as possible, and break those that are longer than a line."""
     lines: list[str] = []
     for text in texts:
-        if lines and _INDENT + len(lines[-1]) + len(gap) + len(text) <= (width or _PIPE_WIDTH):
-            lines[-1] += gap + text
+        if lines and _INDENT + len(lines[-1]) + len(separator) + len(text) <= (width or _PIPE_WIDTH):
+            lines[-1] += separator + text
         else:
             lines.append(text)
-    line_heads = [head, *[""] * len(lines)]
+    line_heads = [label, *[""] * len(lines)]
     return [
         line
         for line_head, text in zip(line_heads, lines, strict=False)
@@ -164,12 +164,14 @@ def format_night(view: api.NightView) -> str:
 
 def _list_live_lines(jobs: Sequence[api.JobView], now: str, width: int | None) -> Iterator[list[Text]]:
     """Yield the lines of each open job; queued jobs that wait for the same share theirs."""
-    waiting: dict[str, list[api.JobView]] = {}
+    jobs_by_hold: dict[str, list[api.JobView]] = {}
     for job in jobs:
         if _waits_in_queue(job) and job.hold is not None:
-            waiting.setdefault(job.hold.text, []).append(job)
+            jobs_by_hold.setdefault(job.hold.text, []).append(job)
     for job in jobs:
-        same_hold = waiting.get(job.hold.text, []) if _waits_in_queue(job) and job.hold is not None else []
+        same_hold = (
+            jobs_by_hold.get(job.hold.text, []) if _waits_in_queue(job) and job.hold is not None else []
+        )
         if len(same_hold) < 2:
             yield _list_job_lines(job, now, width)
         elif job is same_hold[0]:

@@ -112,18 +112,18 @@ def _fit_widths(
     def spare(widths: Sequence[int]) -> int:
         return width - sum(widths[i] for i in visible) - _GAP * (len(visible) - 1)
 
-    leave_out = [i for i in order if columns[i].rank > 0]
-    while spare(full if any(empty[i] for i in leave_out) else least) < 0:
-        if not leave_out:
+    removable = [i for i in order if columns[i].rank > 0]
+    while spare(full if any(empty[i] for i in removable) else least) < 0:
+        if not removable:
             return None
-        visible.remove(leave_out.pop(0))
-    fitted = [least[i] if i in visible else 0 for i, _ in enumerate(columns)]
-    free_width = spare(fitted)
+        visible.remove(removable.pop(0))
+    fitted_widths = [least[i] if i in visible else 0 for i, _ in enumerate(columns)]
+    free_width = spare(fitted_widths)
     for i in sorted(visible, key=lambda i: columns[i].rank):
-        added = min(free_width, full[i] - fitted[i])
-        fitted[i] += added
-        free_width -= added
-    return fitted
+        extra = min(free_width, full[i] - fitted_widths[i])
+        fitted_widths[i] += extra
+        free_width -= extra
+    return fitted_widths
 
 
 def _join_row(cells: Sequence[str], widths: Sequence[int], style: str) -> Text:

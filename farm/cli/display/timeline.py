@@ -84,8 +84,8 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> li
         cells = [" "] * width
         for slot in (other for other in slots if other.printer == printer):
             first, last = (
-                round((parse_time(iso) - begin).total_seconds() / total_s * width)
-                for iso in (slot.starts, slot.ends)
+                round((parse_time(time) - begin).total_seconds() / total_s * width)
+                for time in (slot.starts, slot.ends)
             )
             first = min(first, width - 1)
             bar = slot.plate.rpartition("/")[2].center(max(1, last - first), "-")

@@ -13,7 +13,7 @@ from farm.errors import NoSuchThing, Refused
 _CODE_LENGTH = 4
 _TOKEN_BYTES = 24
 _MAX_APP_LENGTH = 30  # characters
-_OTHER = re.compile(r"[^A-Za-z0-9._-]+")
+_FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
 REQUEST_S = 300.0
@@ -33,7 +33,7 @@ class AppKeyRequest:
     address
         The address that it came from.
     ends_s
-        When it is forgotten.
+        Time at which it is forgotten.
     key
         Text of the granted key, until the program has fetched it.
     """
@@ -53,13 +53,13 @@ class AppKeyRequests:
 
     def add(self, app: str, address: str, now_s: float) -> str:
         """Add a request, and return its token. Raises Refused if there are too many."""
-        waiting = self.list_open(now_s)
+        open_requests = self.list_open(now_s)
         if (
-            len(waiting) >= MAX_REQUESTS
-            or sum(request.address == address for request in waiting) >= MAX_REQUESTS_PER_ADDRESS
+            len(open_requests) >= MAX_REQUESTS
+            or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
         ):
             raise Refused("too many programs ask for a key: wait for five minutes, or paste one")
-        name = _OTHER.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
+        name = _FORBIDDEN.sub(" ", app).strip(" ._-")[:_MAX_APP_LENGTH].strip() or "app"
         code = "".join(secrets.choice(CODE_LETTERS) for _ in range(_CODE_LENGTH))
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_S)
@@ -74,10 +74,10 @@ class AppKeyRequests:
 
     def find_open(self, code: str, now_s: float) -> AppKeyRequest:
         """Return the unanswered request with a code. Raises NoSuchThing."""
-        found = next((request for request in self.list_open(now_s) if request.code == code), None)
-        if found is None:
+        app_request = next((request for request in self.list_open(now_s) if request.code == code), None)
+        if app_request is None:
             raise NoSuchThing(f"no program asks for a key with the code {code}; `farm key` lists them")
-        return found
+        return app_request
 
     def grant(self, code: str, grant: api.AppKeyGrant, by: str, keys: KeyCommands, now_s: float) -> str:
         """Add a key for the program that asked with a code, and return the key's name.
@@ -89,16 +89,16 @@ class AppKeyRequests:
         Refused
             If a valid key has the same name.
         """
-        asking = self.find_open(code, now_s)
-        request = api.KeyRequest(name=f"{asking.app} {code}", role=grant.role, days=grant.days)
-        asking.key = keys.add(request, by).text
-        return request.name
+        app_request = self.find_open(code, now_s)
+        key_request = api.KeyRequest(name=f"{app_request.app} {code}", role=grant.role, days=grant.days)
+        app_request.key = keys.add(key_request, by).text
+        return key_request.name
 
     def deny(self, code: str, now_s: float) -> None:
         """Remove a request. Raises NoSuchThing."""
-        denied = self.find_open(code, now_s)
+        denied_request = self.find_open(code, now_s)
         self._requests = {
-            token: request for token, request in self._requests.items() if request is not denied
+            token: request for token, request in self._requests.items() if request is not denied_request
         }
 
     def take_key(self, token: str, now_s: float) -> str | None:

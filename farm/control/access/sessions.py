@@ -56,7 +56,7 @@ def find_session_end(created_s: float, now_s: float, scale: float, key: Key | No
     Parameters
     ----------
     created_s, now_s
-        When it was opened, and now, on the farm's clock.
+        Time at which it was opened, and the present time, on the farm's clock.
     scale
         Farm seconds in a wall second.
     key
@@ -85,15 +85,15 @@ class SessionCommands:
         """
         clock = self._controller.clock
         now_s = clock.now()
-        waiting = {digest: link for digest, link in self._links.items() if now_s < link.end_s}
-        user_links = [digest for digest, link in waiting.items() if link.user == user]
+        open_links = {digest: link for digest, link in self._links.items() if now_s < link.end_s}
+        user_links = [digest for digest, link in open_links.items() if link.user == user]
         for digest in user_links[: max(0, len(user_links) - _MAX_LINKS + 1)]:
-            del waiting[digest]
-        if len(waiting) >= _MAX_LINKS_TOTAL:
-            del waiting[next(iter(waiting))]
+            del open_links[digest]
+        if len(open_links) >= _MAX_LINKS_TOTAL:
+            del open_links[next(iter(open_links))]
         token = secrets.token_urlsafe(_TOKEN_BYTES)
-        waiting[digest_key(token)] = LoginLink(user, role, now_s + LINK_S * clock.scale)
-        self._links = waiting
+        open_links[digest_key(token)] = LoginLink(user, role, now_s + LINK_S * clock.scale)
+        self._links = open_links
         return token
 
     def find_link(self, token: str) -> LoginLink:

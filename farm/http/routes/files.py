@@ -67,8 +67,8 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     NoSuchThing
         If there is no such job, or it has no such file any more.
     """
-    stored = name_stored_files(services.controller.books, number).get(name)
-    if stored is not None and await asyncio.to_thread((path := services.state.files / stored).is_file):
+    file_name = name_stored_files(services.controller.books, number).get(name)
+    if file_name is not None and await asyncio.to_thread((path := services.state.files / file_name).is_file):
         return path
     raise NoSuchThing(f"job {number} has no file {name!r}: it may have been pruned")
 
@@ -76,8 +76,8 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
 def _measure(folder: Path, names: dict[str, str]) -> list[api.FileView]:
     """Return the files that are there, with their sizes; a stored file is named by its SHA-256."""
     rows = []
-    for name, stored in names.items():
+    for name, file_name in names.items():
         with suppress(FileNotFoundError):
-            size = (folder / stored).stat().st_size
-            rows.append(api.FileView(name=name, size=size, sha256=Path(stored).stem))
+            size = (folder / file_name).stat().st_size
+            rows.append(api.FileView(name=name, size=size, sha256=Path(file_name).stem))
     return rows

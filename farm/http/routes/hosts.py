@@ -26,9 +26,9 @@ def host_routes(services: Services) -> APIRouter:
 
     @router.post("/hosts/update")
     async def update_agents(by: OperatorName) -> api.HostUpdate:
-        outdated = () if services.hosts is None else services.hosts.begin_update(by)
-        if not outdated:
+        hosts = () if services.hosts is None else services.hosts.begin_update(by)
+        if not hosts:
             raise Refused("no connected host has agents of another version than its service")
-        return api.HostUpdate(hosts=list(outdated))
+        return api.HostUpdate(hosts=list(hosts))
 
     return router

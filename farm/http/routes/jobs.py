@@ -75,19 +75,19 @@ def part_routes(parts: PartCommands) -> APIRouter:
     router = APIRouter()
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
-    async def reprint_part(number: int, part: str, request: api.Reason, by: CallerName) -> api.Named:
-        return api.Named(name=parts.reprint(number, part, request.why or "reprint requested", by))
+    async def reprint_part(number: int, part: str, request: api.Reason, by: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.reprint(number, part, request.why or "reprint requested", by))
 
     @router.post("/jobs/{number}/parts/{part}/cancel")
-    async def cancel_part(number: int, part: str, by: CallerName) -> api.Named:
-        return api.Named(name=parts.cancel(number, part, by))
+    async def cancel_part(number: int, part: str, by: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.cancel(number, part, by))
 
     @router.post("/jobs/{number}/parts/{part}/pause")
-    async def pause_part(number: int, part: str, by: CallerName) -> api.Named:
-        return api.Named(name=parts.pause(number, part, True, by))
+    async def pause_part(number: int, part: str, by: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.pause(number, part, True, by))
 
     @router.post("/jobs/{number}/parts/{part}/resume")
-    async def resume_part(number: int, part: str, by: CallerName) -> api.Named:
-        return api.Named(name=parts.pause(number, part, False, by))
+    async def resume_part(number: int, part: str, by: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.pause(number, part, False, by))
 
     return router

@@ -41,8 +41,8 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
         keys.revoke(name, by)
 
     @router.post("/keys/requests/{code}/grant")
-    async def grant_key(code: str, grant: api.AppKeyGrant, by: OperatorName) -> api.Named:
-        return api.Named(name=services.app_key_requests.grant(code, grant, by, keys, time.monotonic()))
+    async def grant_key(code: str, grant: api.AppKeyGrant, by: OperatorName) -> api.NameResponse:
+        return api.NameResponse(name=services.app_key_requests.grant(code, grant, by, keys, time.monotonic()))
 
     @router.post("/keys/requests/{code}/deny")
     async def deny_key(code: str, _: OperatorName) -> None:

@@ -16,7 +16,7 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
     router = APIRouter()
 
     @router.post("/printers/{name}/cleared")
-    async def clear_bed(name: str, request: api.ClearedRequest, by: OperatorName) -> api.Cleared:
+    async def clear_bed(name: str, request: api.ClearedRequest, by: OperatorName) -> api.ClearedResponse:
         return printers.clear_bed(name, request, by)
 
     @router.post("/printers/{name}/load")
@@ -37,8 +37,8 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
         printers.fail_print(name, request.why or "failed by a user", by)
 
     @router.post("/printers/{name}/cancel")
-    async def cancel_print(name: str, by: CallerName) -> api.Named:
-        return api.Named(name=parts.cancel_on(name, by))
+    async def cancel_print(name: str, by: CallerName) -> api.NameResponse:
+        return api.NameResponse(name=parts.cancel_on(name, by))
 
     @router.post("/printers/{name}/maintenance")
     async def begin_maintenance(name: str, request: api.Reason, by: CallerName) -> None:
@@ -55,7 +55,7 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
         await services.replace_agent(name)
 
     @router.post("/outage/confirm")
-    async def confirm_outage(by: OperatorName) -> api.Named:
-        return api.Named(name=printers.confirm_outage(by))
+    async def confirm_outage(by: OperatorName) -> api.NameResponse:
+        return api.NameResponse(name=printers.confirm_outage(by))
 
     return router

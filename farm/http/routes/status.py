@@ -78,7 +78,7 @@ def status_routes(services: Services) -> APIRouter:
         return api.Jobs(now=context.format_time(context.now_s) or "", jobs=list_jobs(context, state, last))
 
     @router.post("/prune")
-    async def prune(request: api.PruneRequest, by: OperatorName) -> api.Pruned:
+    async def prune(request: api.PruneRequest, by: OperatorName) -> api.PruneResponse:
         return await services.prune(by, request.dry_run)
 
     @router.post("/down")
@@ -98,16 +98,16 @@ def _refuse_while_busy(services: Services) -> None:
         raise Refused(
             f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
         )
-    planning = services.controller.planning.list_running(books)
-    if planning:
-        jobs = " ".join(f"job {number}" for number in planning)
+    planning_jobs = services.controller.planning.list_running(books)
+    if planning_jobs:
+        jobs = " ".join(f"job {number}" for number in planning_jobs)
         raise Refused(
             f"being planned: {jobs}; use --wait to finish planning, or --now to plan again after `farm up`"
         )
-    inspected = ", ".join(services.inspections.values())
-    if inspected:
+    models = ", ".join(services.inspections.values())
+    if models:
         raise Refused(
-            f"being checked: {inspected}; use --wait to accept what can be printed, or --now to refuse it"
+            f"being checked: {models}; use --wait to accept what can be printed, or --now to refuse it"
         )
 
 

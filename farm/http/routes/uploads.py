@@ -32,18 +32,20 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         size: Annotated[int, Query(ge=0)],
         by: CallerName,
         options: str = "{}",
-    ) -> api.Submitted:
-        wanted = parse_options(options)
-        known = jobs.find_submission(request_id)
-        if known is not None:
-            return api.Submitted(job=known, again=True)
-        jobs.check_submission(wanted)
+    ) -> api.SubmitResponse:
+        job_options = parse_options(options)
+        earlier_job = jobs.find_submission(request_id)
+        if earlier_job is not None:
+            return api.SubmitResponse(job=earlier_job, again=True)
+        jobs.check_submission(job_options)
         fleet = services.controller.fleet
-        wanted = await asyncio.to_thread(name_filament, wanted, fleet.printers, fleet.fleet.materials)
+        job_options = await asyncio.to_thread(
+            name_filament, job_options, fleet.printers, fleet.fleet.materials
+        )
         name = clean_name(name)
-        model = await uploads.receive_model(request.stream(), request_id, name, size, wanted)
-        number, is_repeated = jobs.submit(request_id, name, model, wanted, by)
-        return api.Submitted(job=number, again=is_repeated, notices=jobs.find_excess(wanted))
+        model = await uploads.receive_model(request.stream(), request_id, name, size, job_options)
+        number, is_repeated = jobs.submit(request_id, name, model, job_options, by)
+        return api.SubmitResponse(job=number, again=is_repeated, notices=jobs.find_excess(job_options))
 
     @router.get("/uploads/{request_id}")
     async def upload(request_id: str) -> api.UploadView:

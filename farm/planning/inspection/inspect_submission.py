@@ -102,8 +102,8 @@ def inspect_model(
     )
     x, y, z = map(float, model.extents_mm)
     size = ModelSize(extents_mm=(x, y, z), faces=len(faces))
-    stored = store_file(files, temporary)
-    return InspectedSubmission(stored, tuple(model.repairs), float(model.scale), size=size)
+    file_name = store_file(files, temporary)
+    return InspectedSubmission(file_name, tuple(model.repairs), float(model.scale), size=size)
 
 
 def read_inspected(path: Path) -> Model:

@@ -89,28 +89,30 @@ def choose_material(
         If there is none, or several; the message lists what this printer can print.
     """
     kinds = list_kinds(resources)
-    requested = parse_material(text, kinds)
-    if requested is None:
+    named_material = parse_material(text, kinds)
+    if named_material is None:
         printable = _describe_printable(printer, nozzle_mm, kinds, resources)
         raise BadSetting(f"{text}: there is no such material{printable}")
-    if requested.name in kinds:
-        return requested
-    of_kind = [name for name, kind in kinds.items() if kind == requested.kind]
+    if named_material.name in kinds:
+        return named_material
+    of_kind = [name for name, kind in kinds.items() if kind == named_material.kind]
     generic = [name for name in of_kind if name.startswith(_GENERIC)]
     candidates: list[str] = []
     for names in (generic, of_kind):
         candidates = candidates or [name for name in names if _can_print(name, printer, nozzle_mm, resources)]
     if len(candidates) == 1:
-        return NamedMaterial(candidates[0], requested.kind, requested.colour)
+        return NamedMaterial(candidates[0], named_material.kind, named_material.colour)
     if candidates:
-        raise BadSetting(f"{requested.kind}: there are several; name one of {', '.join(candidates)}")
+        raise BadSetting(f"{named_material.kind}: there are several; name one of {', '.join(candidates)}")
     raise BadSetting(
-        f"{requested.kind}: Cura has no profile for it on the {printer.title} with a nozzle of "
+        f"{named_material.kind}: Cura has no profile for it on the {printer.title} with a nozzle of "
         f"{nozzle_mm:g} mm{_describe_printable(printer, nozzle_mm, kinds, resources)}"
     )
 
 
-def name_filament(options: JobOptions, printers: Sequence[PrinterSection], own: Path | None) -> JobOptions:
+def name_filament(
+    options: JobOptions, printers: Sequence[PrinterSection], own_materials: Path | None
+) -> JobOptions:
     """Replace the material that a person asked for by its kind or the name of its file, and find its colour.
 
     Parameters
@@ -119,7 +121,7 @@ def name_filament(options: JobOptions, printers: Sequence[PrinterSection], own: 
         The options of a job as submitted.
     printers
         The fleet.
-    own
+    own_materials
         Folder of own materials.
 
     Raises
@@ -129,9 +131,12 @@ def name_filament(options: JobOptions, printers: Sequence[PrinterSection], own: 
     """
     if options.material is not None:
         with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
-            requested = parse_material(options.material, list_kinds(find_resources(own=own)))
-            if requested is not None:
-                filament = {"material": requested.name, "colour": options.colour or requested.colour}
+            named_material = parse_material(options.material, list_kinds(find_resources(own=own_materials)))
+            if named_material is not None:
+                filament = {
+                    "material": named_material.name,
+                    "colour": options.colour or named_material.colour,
+                }
                 options = options.model_copy(update=filament)
     list_matching_printers(printers, options)
     return options

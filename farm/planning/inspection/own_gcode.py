@@ -26,7 +26,7 @@ from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept
 from slicing.settings import EngineSettings, find_resources
 
 SUFFIXES = (".gcode", ".g", ".gco")
-_PACKED = {
+_UNPACKING_ADVICE = {
     ".gz": "unpack it with gunzip",
     ".zip": "unpack it first",
     ".bgcode": "let your slicer write plain G-code (PrusaSlicer: switch binary G-code off)",
@@ -49,9 +49,9 @@ def is_gcode(name: str) -> bool:
         If it is compressed or packed G-code.
     """
     lower = name.lower()
-    packing = next((suffix for suffix in _PACKED if lower.endswith(suffix)), None)
+    packing = next((suffix for suffix in _UNPACKING_ADVICE if lower.endswith(suffix)), None)
     if packing is not None and (packing in (".bgcode", ".ufp") or _is_plain(lower.removesuffix(packing))):
-        raise FarmError(f"{name}: {_PACKED[packing]}, and submit that", ErrorCode.GCODE)
+        raise FarmError(f"{name}: {_UNPACKING_ADVICE[packing]}, and submit that", ErrorCode.GCODE)
     return _is_plain(lower)
 
 
@@ -71,13 +71,13 @@ def inspect_gcode(
         with the line and the reason, `no_fit` if it fits no matching printer.
     """
     _check_options(options)
-    matching = list_matching_printers(printers, options)
-    accepted = _rewrite(path, matching[0], _find_common_nozzle_mm(matching), name)
-    section = _find_fitting_printer(matching, accepted, name)
+    matching_printers = list_matching_printers(printers, options)
+    accepted = _rewrite(path, matching_printers[0], _find_common_nozzle_mm(matching_printers), name)
+    section = _find_fitting_printer(matching_printers, accepted, name)
     requirements = _measure_needs(accepted, section)
-    stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    stored.hardlink_to(path)  # the upload is kept for another worker if this one dies
-    return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, requirements)
+    target = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
+    target.hardlink_to(path)  # the upload is kept for another worker if this one dies
+    return InspectedSubmission(store_file(files, target), _list_notices(accepted, section), 1.0, requirements)
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:

@@ -127,8 +127,8 @@ def decompose_to_folder(
     empty_for_parts(out)
     with translate_errors(), ThreadPoolExecutor(os.cpu_count()) as executor:
         resources = find_resources()
-        wanted = SettingsRequest(build_slicing_printer(profile), request.quality, supported=True)
-        settings = resolve_settings(wanted, resources)
+        settings_request = SettingsRequest(build_slicing_printer(profile), request.quality, supported=True)
+        settings = resolve_settings(settings_request, resources)
         model = load_model(
             path,
             scale=request.scale,
@@ -138,7 +138,7 @@ def decompose_to_folder(
         cost = CostModel.from_recipe(replace(build_recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         decomposition = _decompose(model, list_model_sizes(room, settings), request, options, cost, executor)
         if request.sliced:
-            with_brim = replace(wanted, overrides={"brim_width": f"{request.brim_mm:g}"})
+            with_brim = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
             slicer = PartSlicer(with_brim, resources, room, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
                 sliced = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))

@@ -73,9 +73,9 @@ def slice_on_cluster(
 def _run(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
     """Run a function on the cluster, or here without one."""
 
-    own = _ThisProcess(cluster.on_notice)
+    local_pool = _ThisProcess(cluster.on_notice)
     with translate_errors():
-        pool = connect_cluster(own, cluster.scheduler, cluster.certificates)
+        pool = connect_cluster(local_pool, cluster.scheduler, cluster.certificates)
 
     async def run() -> dict[str, Any]:
         pool.start()

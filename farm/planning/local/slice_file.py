@@ -224,12 +224,12 @@ def check_writable(out: Path, model: Path) -> None:
             raise _make_write_error(out, "it is a folder")
         if out.exists() and model.exists() and out.samefile(model):
             raise _make_write_error(out, "it is the model")
-        existing = next(place for place in (out, *out.absolute().parents) if place.exists())
-        if existing is not out and not existing.is_dir():
-            raise _make_write_error(out, f"{existing} is no folder")
+        parent = next(place for place in (out, *out.absolute().parents) if place.exists())
+        if parent is not out and not parent.is_dir():
+            raise _make_write_error(out, f"{parent} is no folder")
     except OSError as error:
         raise _make_write_error(out, error.strerror) from error
-    if not os.access(existing, os.W_OK):
+    if not os.access(parent, os.W_OK):
         raise _make_write_error(out, "no permission")
 
 

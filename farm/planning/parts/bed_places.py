@@ -31,7 +31,7 @@ class Bed:
         placement = place((width, depth, height), self.room)
         if placement is None:
             return None
-        return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.turned)
+        return BedPlace(self.size_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
 
 
 def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resources) -> dict[str, Bed]:

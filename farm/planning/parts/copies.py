@@ -39,9 +39,9 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
     rounds = parts = 0
     while parts < max_parts:
         rounds += 1
-        fitting = min(max_parts, rounds * printers // copies)
-        if fitting > parts:
-            parts = fitting
+        part_count = min(max_parts, rounds * printers // copies)
+        if part_count > parts:
+            parts = part_count
             yield rounds, parts
 
 
@@ -105,24 +105,24 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
     loads_s: dict[str, float] = defaultdict(float)
     plates: dict[str, Plate] = {}
     for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
-        takers = [section for section in printers if _can_print(section, plate)]
-        choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in takers] or [plate]
+        candidates = [section for section in printers if _can_print(section, plate)]
+        choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in candidates] or [plate]
         for number in range(1, task.options.copies + 1):
-            copied = min(
+            busy_printer = min(
                 choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
             )
-            loads_s[copied.printer] += copied.expected_s
+            loads_s[busy_printer.printer] += busy_printer.expected_s
             name = _name_copy(plate.id, number)
             parts = tuple(_name_copy(part, number) for part in plate.parts)
-            plates[name] = copied.model_copy(update={"id": name, "parts": parts})
+            plates[name] = busy_printer.model_copy(update={"id": name, "parts": parts})
     return plates, loads_s
 
 
 def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:
     """Choose as many printers as the job may use, first those of the plan."""
-    used = {plate.printer for plate in plan.plates}
-    printers = sorted(task.printers, key=lambda section: section.name not in used)
-    return printers[: max(len(used), task.options.printers or len(printers))]
+    used_printers = {plate.printer for plate in plan.plates}
+    printers = sorted(task.printers, key=lambda section: section.name not in used_printers)
+    return printers[: max(len(used_printers), task.options.printers or len(printers))]
 
 
 def _can_print(section: PrinterSection, plate: Plate) -> bool:

@@ -194,13 +194,15 @@ class ModelCutter:
         copies, printers = task.options.copies, len(task.printers)
         limit_s = None if task.within_s is None else task.within_s / LATE_SHARE
         has_count = task.options.printers is not None and limit_s is None
-        whole = None if has_count and copies < printers else self.cut_for_one()
-        if whole is not None and (limit_s is None or whole.makespan_s * -(-copies // printers) <= limit_s):
-            return whole
-        most, fewest = len(self.rooms), 0
-        by_kind = sorted(range(most), key=lambda i: self.rooms[i].boxes)
-        for rounds, parts in iterate_part_counts(copies, printers, most):
-            if parts < fewest and parts < most:
+        one_part = None if has_count and copies < printers else self.cut_for_one()
+        if one_part is not None and (
+            limit_s is None or one_part.makespan_s * -(-copies // printers) <= limit_s
+        ):
+            return one_part
+        part_limit, least_parts = len(self.rooms), 0
+        by_kind = sorted(range(part_limit), key=lambda i: self.rooms[i].boxes)
+        for rounds, parts in iterate_part_counts(copies, printers, part_limit):
+            if parts < least_parts and parts < part_limit:
                 continue
             share = sorted(choose_spaced(by_kind, parts))  # the fastest first, as in `rooms`
             cutter = replace(self, rooms=[self.rooms[i] for i in share])
@@ -209,9 +211,9 @@ class ModelCutter:
                     return cutter.cut_for_all()
                 return cutter.cut_for_worthwhile(None if limit_s is None else limit_s / rounds)
             except NoFit as error:
-                if parts == most:
+                if parts == part_limit:
                     raise
-                fewest = error.printers_needed or 0
+                least_parts = error.printers_needed or 0
         raise AssertionError("the last attempt has all printers")
 
     def cut_in_time(self, within_s: float) -> Decomposition:

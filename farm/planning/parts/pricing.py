@@ -73,9 +73,9 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
     )
 
 
-def select_connectors(wanted: ConnectorOptions, quality: str) -> ConnectorOptions:
+def select_connectors(connectors: ConnectorOptions, quality: str) -> ConnectorOptions:
     """Return the pins and marks of parts in a quality: none where parts are as in the paper."""
-    return ConnectorOptions() if quality in ("paper", "paper-hidden") else wanted
+    return ConnectorOptions() if quality in ("paper", "paper-hidden") else connectors
 
 
 def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
@@ -86,8 +86,8 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
     prelude_s
         Seconds of a plate apart from its layers: heat-up, start and end code.
     """
-    extruder, shared = settings.extruder, settings.global_
-    connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
+    extruder, global_settings = settings.extruder, settings.global_
+    is_connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
     return Recipe(
         layer_height_mm=settings.layer_height_mm,
         line_width_mm=settings.line_width_mm,
@@ -97,7 +97,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         bed_layers_saved=settings.bottom_layers - settings.hidden.bed_layers,
         top_layers_saved=settings.top_layers - settings.hidden.top_layers,
         infill_line_distance_mm=settings.infill_line_distance_mm,
-        infill_connected=connected,
+        infill_connected=is_connected,
         infill_steps=int(extruder["gradual_infill_steps"]),
         infill_step_mm=float(extruder["gradual_infill_step_height"]),
         support_line_distance_mm=settings.support_line_distance_mm,
@@ -107,11 +107,11 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         skin_mm_s=settings.speed_topbottom_mm_s,
         support_mm_s=settings.speed_support_mm_s,
         support_angle_deg=settings.support_angle_deg,
-        brim_mm=settings.brim_width_mm if shared["adhesion_type"] == "brim" else 0.0,
+        brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
-        speeding_layers=int(float(shared["speed_slowdown_layers"])),
+        speeding_layers=int(float(global_settings["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
-        acceleration_mm_s2=float(shared["machine_acceleration"]),
+        acceleration_mm_s2=float(global_settings["machine_acceleration"]),
         min_layer_s=float(extruder["cool_min_layer_time"]),
         shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
         prelude_s=prelude_s,
@@ -125,5 +125,5 @@ def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> Cos
 
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
     """Return the ratio of the estimated times of a 50 mm cube at two printers' settings."""
-    sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
-    return cost.price_s(sums, size) / reference.price_s(sums, size)
+    cube_sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
+    return cost.price_s(cube_sums, size) / reference.price_s(cube_sums, size)

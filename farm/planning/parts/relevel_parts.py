@@ -55,7 +55,7 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
     ]
     model = read_inspected(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        relevelled = relevel_planes(model, decomposition, part_times_s, cost, threads)
-        if relevelled is None:
+        new_decomposition = relevel_planes(model, decomposition, part_times_s, cost, threads)
+        if new_decomposition is None:
             return None
-        return write_decomposed(relevelled, model, folder)
+        return write_decomposed(new_decomposition, model, folder)

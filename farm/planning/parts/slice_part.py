@@ -38,9 +38,9 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         raise FarmError(
             f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
         )
-    placed = task.out.with_suffix(".placed.stl")
+    placed_stl = task.out.with_suffix(".placed.stl")
     mesh.apply_transform(_transform(mesh, placement, scale))
-    mesh.export(placed)
+    mesh.export(placed_stl)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
         for box in task.room
@@ -49,7 +49,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     with translate_errors():
         settings = resolve_slice_settings(task, extents[2])
         request = PlateRequest(
-            stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
+            stl=placed_stl, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
         )
         return slice_plate(request, progress)
 
@@ -75,7 +75,7 @@ def _transform(
     """
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)
-    if placement.turned:
+    if placement.is_turned:
         transform[:2, :2] = ((0.0, -1.0), (1.0, 0.0))
     transform[:3, :3] *= scale
     transform[:3, 3] = -transform[:3, :3] @ (centre[0], centre[1], mesh.bounds[0][2])

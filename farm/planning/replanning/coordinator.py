@@ -63,11 +63,12 @@ class ReplanCoordinator:
 
     def without_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
         """Return the assignments without those to reserved printers, for jobs that have not started."""
-        reserved = self.reserved_printers
+        reserved_printers = self.reserved_printers
         return [
             assignment
             for assignment in assignments
-            if assignment.printer not in reserved or books.has_started(books.plates[assignment.plate].job)
+            if assignment.printer not in reserved_printers
+            or books.has_started(books.plates[assignment.plate].job)
         ]
 
     def clock_set(self) -> None:
@@ -87,7 +88,7 @@ class ReplanCoordinator:
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield the plates that have just failed and are to be cut instead of assigned."""
-        for view in [view for view in situation.waiting if view.tried]:
+        for view in [view for view in situation.waiting if view.is_repeat]:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
             if key in self._examined or not _has_failed(books, plate) or not _may_be_replanned(books, plate):
@@ -112,9 +113,9 @@ class ReplanCoordinator:
         if not situation.waiting:
             return
         self._search_due_s = situation.now_s + _SEARCH_S * situation.time_scale
-        reserved = self.reserved_printers
-        free = [printer for printer in situation.free if printer.name not in reserved]
-        kinds = {printer.capabilities for printer in free}
+        reserved_printers = self.reserved_printers
+        free_printers = [printer for printer in situation.free if printer.name not in reserved_printers]
+        kinds = {printer.capabilities for printer in free_printers}
         demands = {
             demand for demand in situation.demands if any(policy.is_other_kind(demand, k) for k in kinds)
         }
@@ -122,17 +123,17 @@ class ReplanCoordinator:
         ends = policy.ExpectedEnds(situation)
         for view in [view for view in situation.by_priority if view.demand in demands]:
             plate = books.plates[view.id]
-            if not free or view.id in self._running or not _may_be_replanned(books, plate):
+            if not free_printers or view.id in self._running or not _may_be_replanned(books, plate):
                 continue
             if view.id not in holds or not policy.waits_for_its_printer_kind(holds[view.id].code):
                 continue
-            candidates = [p for p in free if self._is_candidate(plate, view, p, situation)]
+            candidates = [p for p in free_printers if self._is_candidate(plate, view, p, situation)]
             if candidates:
                 self.next_search_s = self._search_due_s
             reslice = policy.choose_reslice(view, situation, candidates, ends)
             if reslice is not None:
                 yield self._start(plate, (reslice.printer,), cut=False)
-                free = [p for p in free if p.name != reslice.printer]
+                free_printers = [p for p in free_printers if p.name != reslice.printer]
 
     def _is_candidate(
         self,
@@ -141,8 +142,8 @@ class ReplanCoordinator:
         printer: FleetPrinter,
         situation: Situation,
     ) -> bool:
-        untried = _make_attempt_key(plate, printer.capabilities) not in self._attempted
-        return untried and (
+        is_untried = _make_attempt_key(plate, printer.capabilities) not in self._attempted
+        return is_untried and (
             printer.name not in situation.spare_printers or takes_spare(view, situation.fleet)
         )
 
@@ -197,9 +198,9 @@ class ReplanCoordinator:
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
         new = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
         unchanged_plates = tuple(other for other in situation.waiting if other.id != plate.id)
-        replanned = situation.with_waiting((*unchanged_plates, *new))
+        new_situation = situation.with_waiting((*unchanged_plates, *new))
         ends_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
-        after_s = max(policy.compute_expected_end_s(piece_plate, replanned) for piece_plate in new)
+        after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new)
         after_s += policy.JOIN_S * len(new) if cut else 0.0
         return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
 
@@ -220,10 +221,10 @@ def _make_attempt_key(plate: Plate, capabilities: Capabilities) -> _AttemptKey:
 
 
 def _has_failed(books: Books, plate: Plate) -> bool:
-    last = books.prints[plate.prints[-1]] if plate.prints else None
-    if last is None:
+    last_print = books.prints[plate.prints[-1]] if plate.prints else None
+    if last_print is None:
         return False
-    return last.state is PrintState.FAILED or last.verdict is Verdict.BAD
+    return last_print.state is PrintState.FAILED or last_print.verdict is Verdict.BAD
 
 
 def _may_be_replanned(books: Books, plate: Plate) -> bool:

@@ -40,9 +40,9 @@ def cut_part(task: ReplanTask) -> Pieces:
     with translate_errors():
         resources = find_resources()
     rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources)
-    wanted = build_decompose_options(task.options, task.printers)
-    connectors = replace(wanted.connectors, taken_mm=read_taken_mm(task))
-    options = replace(wanted, interior=Interior.KEEP, connectors=connectors)  # no hollows
+    job_options = build_decompose_options(task.options, task.printers)
+    connectors = replace(job_options.connectors, taken_mm=read_taken_mm(task))
+    options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # no hollows
     whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
     try:
         decomposition = decompose_auto(whole, rooms, options, cost)

@@ -91,7 +91,7 @@ class ExpectedEnds:
                 for p in situation.printers
             )
             situation = situation.with_printers(tuple(inspected))
-        return {slot.plate: slot.ends_s for slot in forecast_prints(situation, bounded=False).slots}
+        return {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
 
 
 def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:

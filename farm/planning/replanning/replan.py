@@ -99,9 +99,9 @@ def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
     FarmError
         `slice` if walls are too thin for this printer but were not for the first.
     """
-    unprinted = sliced.result.unprinted
-    if len(unprinted) > len(task.plate.warnings):
-        raise FarmError(f"{task.part.id}: {unprinted[0]}", ErrorCode.SLICE)
+    thin_walls = sliced.result.unprinted
+    if len(thin_walls) > len(task.plate.warnings):
+        raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
     plate = book_plate(names, sliced, task.time_factors.get(sliced.printer.name, 1.0), task.files)
     return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
@@ -116,12 +116,12 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
         parts.append(book_part(names, piece.part, task.files, cut_from=task.part))
         plates.append(book_plate(names, piece, task.time_factors.get(piece.printer.name, 1.0), task.files))
-    shared = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
-    stored = (store_file(task.files, path) for path in shared)
-    return ReplannedPlate(tuple(parts), tuple(plates), *stored)
+    files = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
+    file_names = (store_file(task.files, path) for path in files)
+    return ReplannedPlate(tuple(parts), tuple(plates), *file_names)
 
 
 def make_next_plate_id(plate: str) -> str:
     """Return the id of the next plate with the same part: 3/07, 3/07-2, 3/07-3."""
-    numbered = re.fullmatch(r"(.*)-(\d+)", plate)
-    return f"{numbered[1]}-{int(numbered[2]) + 1}" if numbered else f"{plate}-2"
+    match = re.fullmatch(r"(.*)-(\d+)", plate)
+    return f"{match[1]}-{int(match[2]) + 1}" if match else f"{plate}-2"

@@ -16,7 +16,7 @@ from farm.scheduling import Requirements, Situation, WaitingPlate, forecast_prin
 
 MAX_REVISIONS = 3
 """Largest number of plans that replace the first one."""
-MORE_SHARE = 0.15
+CUT_GROWTH_SHARE = 0.15
 """Share by which the printing time of all parts grows if a model is cut into more of them, at most."""
 
 
@@ -71,8 +71,10 @@ def choose_revision(
         return None
     plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
-    revised = situation.with_waiting((*(p for p in situation.waiting if p.id not in plate_ids), *plates))
-    is_final = _find_best(replace(job, plates=plates, planned_for=best), revised, sets) is None
+    new_situation = situation.with_waiting(
+        (*(p for p in situation.waiting if p.id not in plate_ids), *plates)
+    )
+    is_final = _find_best(replace(job, plates=plates, planned_for=best), new_situation, sets) is None
     return best if is_final else None
 
 
@@ -118,7 +120,7 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
     """Estimate the plates of a plan for these printers: equal parts, one for each."""
     first = job.plates[0]
     layers_s = sum((p.expected_s - p.heating_s) / p.time_factor for p in job.plates)
-    work_ratio = 1.0 + MORE_SHARE if len(names) > len(job.plates) else 1.0
+    work_ratio = 1.0 + CUT_GROWTH_SHARE if len(names) > len(job.plates) else 1.0
     part_plate = replace(
         first,
         requirements=job.requirements,
@@ -127,12 +129,12 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
         time_factor=1.0,
     )
     return tuple(
-        replace(part_plate, id=f"{job.number}/revised-{at:02d}", planned=name)
-        for at, name in enumerate(names)
+        replace(part_plate, id=f"{job.number}/revised-{index:02d}", planned=name)
+        for index, name in enumerate(names)
     )
 
 
 def find_end_s(plates: set[str], situation: Situation) -> float:
     """Return the time at which the last of these plates ends; infinity if one of them never starts."""
-    slots = {slot.plate: slot.ends_s for slot in forecast_prints(situation, bounded=False).slots}
+    slots = {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
     return max((slots.get(plate, math.inf) for plate in plates), default=situation.now_s)

@@ -105,13 +105,13 @@ class PlanRevisions:
             Returns the free printers that are reserved, each with its purpose.
         """
         changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
-        waiting = _find_unstarted(books, situation, changeable) if changeable else {}
-        if not waiting:
+        plates_by_job = _find_unstarted(books, situation, changeable) if changeable else {}
+        if not plates_by_job:
             return
         reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
         plate_by_printer = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
-        starting = {books.plates[plate].job for plate in plate_by_printer.values()}
-        for number, plates in waiting.items():
+        starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
+        for number, plates in plates_by_job.items():
             job = books.job(number)
             own_uses = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
             taken_printers = {
@@ -119,14 +119,16 @@ class PlanRevisions:
                 for name, use in (*reservations.items(), *plate_by_printer.items())
                 if use not in own_uses
             }
-            idle, coming = _list_candidates(job, situation, taken_printers)
-            key = (number, job.plan, frozenset(idle), frozenset(coming))
-            due = number in starting or not set(job.planned_for) <= set(coming)
+            idle, coming_printers = _list_candidates(job, situation, taken_printers)
+            key = (number, job.plan, frozenset(idle), frozenset(coming_printers))
+            due = number in starting_jobs or not set(job.planned_for) <= set(coming_printers)
             if not due or key in self._examined or self.is_running(number):
                 continue
-            self._examined = {examined for examined in self._examined if examined[0] in changeable} | {key}
+            self._examined = {
+                attempt_key for attempt_key in self._examined if attempt_key[0] in changeable
+            } | {key}
             candidate = _describe(job, plates, situation, ratio)
-            names = choose_revision(candidate, situation, (idle, coming))
+            names = choose_revision(candidate, situation, (idle, coming_printers))
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)
@@ -185,13 +187,13 @@ def _find_unstarted(
     books: Books, situation: Situation, jobs: Collection[int]
 ) -> dict[int, tuple[WaitingPlate, ...]]:
     """Find the jobs whose plates may all be assigned, each with its plates."""
-    waiting: dict[int, list[WaitingPlate]] = {}
+    plates_by_job: dict[int, list[WaitingPlate]] = {}
     for view in situation.waiting:
         if view.job in jobs:
-            waiting.setdefault(view.job, []).append(view)
+            plates_by_job.setdefault(view.job, []).append(view)
     return {
         number: tuple(views)
-        for number, views in waiting.items()
+        for number, views in plates_by_job.items()
         if len(views) == len(books.job(number).plates)
     }
 
@@ -216,9 +218,11 @@ def _list_candidates(
     """List the printers that a job could use now, and all that it could use without a repair."""
     request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
     matching = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
-    coming = list_coming(matching, limit_availability(Availability(situation.printers), situation, job))
-    idle = [p for p in coming if p.obstacle() is None and p.name not in reserved]
-    return _take_largest(idle, request), _take_largest(coming, request)
+    coming_printers = list_coming(
+        matching, limit_availability(Availability(situation.printers), situation, job)
+    )
+    idle = [p for p in coming_printers if p.obstacle() is None and p.name not in reserved]
+    return _take_largest(idle, request), _take_largest(coming_printers, request)
 
 
 def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:

@@ -46,9 +46,9 @@ class ReplanWorker:
 
     def start(self, task: ReplanTask, cut: bool) -> None:
         """Start replanning a plate; returns at once."""
-        running = asyncio.get_running_loop().create_task(self._run(task, cut))
-        self._running.add(running)
-        running.add_done_callback(self._running.discard)
+        task_run = asyncio.get_running_loop().create_task(self._run(task, cut))
+        self._running.add(task_run)
+        task_run.add_done_callback(self._running.discard)
 
     def stop(self) -> None:
         """Stop all replans; the next daemon examines the plates again."""

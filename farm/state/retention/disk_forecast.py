@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-SOON_NIGHTS = 2.0
+WARNING_NIGHTS = 2.0
 """Nights within which a full disk is reported."""
 _WINDOWS_DAYS = (7.0, 2.0)
 _GB = 1e9
@@ -46,8 +46,8 @@ def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
     oldest = max((age for age, _ in ages_and_sizes), default=0.0)
     averages = []
     for window in _WINDOWS_DAYS:
-        stored = sum(size for age, size in ages_and_sizes if age <= window)
-        averages.append(stored / max(1.0, min(window, oldest)))
+        stored_bytes = sum(size for age, size in ages_and_sizes if age <= window)
+        averages.append(stored_bytes / max(1.0, min(window, oldest)))
     return max(averages)
 
 
@@ -91,7 +91,7 @@ def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: flo
         GB that the files of jobs may take, and that have to stay free.
     """
     nights = estimate_nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
-    if nights > SOON_NIGHTS:
+    if nights > WARNING_NIGHTS:
         return None
     time = "now" if nights < 0.5 else "in about a night" if nights < 1.5 else "in about two nights"
     return (

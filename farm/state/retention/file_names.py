@@ -34,15 +34,15 @@ def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
 def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
     """List the files of each job; several jobs may share a file."""
     names = {job.id: _list_own_names(job) for job in books.jobs.values()}
-    unpruned = {number for number, job in books.jobs.items() if job.pruned_s is None}
+    kept_jobs = {number for number, job in books.jobs.items() if job.pruned_s is None}
     for part in books.parts.values():
-        if part.job in unpruned:
+        if part.job in kept_jobs:
             names[part.job].add(part.file)
     for plate in books.plates.values():
-        if plate.job in unpruned:
+        if plate.job in kept_jobs:
             names[plate.job].add(plate.gcode)
     for attempt in books.prints.values():
-        if attempt.job in unpruned:
+        if attempt.job in kept_jobs:
             names[attempt.job].update(still.file for still in attempt.stills)
     return {number: frozenset(job_names) for number, job_names in names.items()}
 
@@ -52,6 +52,6 @@ def _list_own_names(job: Job) -> set[str]:
     pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
     if job.pruned_s is not None:
         return pictures
-    shared = (job.model_file, job.assembly, job.decomposition, job.instructions)
-    job_files = (*shared, *job.cuts.values(), *job.cut_instructions.values())
+    file_names = (job.model_file, job.assembly, job.decomposition, job.instructions)
+    job_files = (*file_names, *job.cuts.values(), *job.cut_instructions.values())
     return pictures | {name for name in job_files if name}

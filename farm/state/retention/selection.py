@@ -43,9 +43,9 @@ def _list_parts_on_beds(books: Books) -> dict[int, str]:
     """List the jobs with a part that lies on a bed, or has no verdict: if it is bad, it is printed again."""
     parts = {}
     for printer in books.printers.values():
-        last = books.last_print_on(printer.name)
-        if last is not None and (printer.bed is not Bed.CLEAR or _is_unjudged(last)):
-            parts[last.job] = f"on the bed of {printer.name}"
+        last_print = books.last_print_on(printer.name)
+        if last_print is not None and (printer.bed is not Bed.CLEAR or _is_unjudged(last_print)):
+            parts[last_print.job] = f"on the bed of {printer.name}"
     for attempt in books.prints.values():
         if attempt.restored and _is_unjudged(attempt):
             parts[attempt.job] = f"without a verdict on the part from {attempt.printer}"
@@ -83,16 +83,16 @@ def select_jobs(
     names = group_file_names_by_job(books)
     users = Counter(name for job_names in names.values() for name in job_names)
     total = sum(sizes.get(name, 0) for name in users)
-    selected = []
+    selected_jobs = []
     for job, ended_s in _list_candidates(books, min(backup_s, now_s - MIN_AGE_S)):
         if ended_s >= now_s - rules.days * DAY_S and total <= rules.max_bytes:
             break
-        selected.append(job.id)
+        selected_jobs.append(job.id)
         for name in names[job.id] - _list_kept_names(job):
             users[name] -= 1
             if users[name] == 0:
                 total -= sizes.get(name, 0)
-    return selected
+    return selected_jobs
 
 
 def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set[str]:
@@ -125,12 +125,12 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
 def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float]]:
     """List the jobs that ended before a time and whose files nothing needs, by their ends."""
     on_beds = _list_parts_on_beds(books)
-    ended = [
+    ended_jobs = [
         (job, job.ended_s)
         for job in books.jobs.values()
         if job.ended_s is not None and job.ended_s < before_s and _find_need(books, job, on_beds) is None
     ]
-    return sorted(ended, key=lambda pair: (pair[1], pair[0].id))
+    return sorted(ended_jobs, key=lambda pair: (pair[1], pair[0].id))
 
 
 def _list_kept_names(job: Job) -> frozenset[str]:

@@ -17,8 +17,8 @@ from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
-KEPT = 7
-_MIN_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
+BACKUP_COUNT = 7
+_MIN_INTERVAL_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
 _SPARE_BYTES = 64 * 2**20
 _HOUR = 4  # local time, after any change of daylight saving
 _STAMP = "books-%Y%m%dT%H%M%SZ"
@@ -52,8 +52,8 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     except StoreError:
         target.unlink(missing_ok=True)
         raise
-    for expired in list_backups(state)[KEPT:]:
-        expired.unlink(missing_ok=True)
+    for old_backup in list_backups(state)[BACKUP_COUNT:]:
+        old_backup.unlink(missing_ok=True)
     return target
 
 
@@ -64,11 +64,11 @@ class NightlyBackup:
     ----------
     state, clock, zone
         The state folder, the farm's clock, and the time zone of the nights.
-    at
+    call_at
         Sets a timer: farm time, its name, the function to call.
     report
         Called with a message after a failure, with None after a success.
-    tidy
+    clean_up
         Called with the newest backup, also after a failure: begins to delete what is no longer kept.
     """
 
@@ -77,12 +77,12 @@ class NightlyBackup:
         state: StateFolder,
         clock: Clock,
         zone: tzinfo,
-        at: Callable[[float, str, Callable[[], Awaitable[None]]], None],
+        call_at: Callable[[float, str, Callable[[], Awaitable[None]]], None],
         report: Callable[[str | None], None],
-        tidy: Callable[[Path], None],
+        clean_up: Callable[[Path], None],
     ) -> None:
         self._state, self._clock, self._zone = state, clock, zone
-        self._at, self._report, self._tidy = at, report, tidy
+        self._call_at, self._report, self._clean_up = call_at, report, clean_up
 
     async def begin(self) -> None:
         """Back up if there is no backup of the last day, and set the timer for the next one."""
@@ -95,7 +95,7 @@ class NightlyBackup:
             if not only_if_due or is_due(self._state, now_s):
                 copy = await asyncio.to_thread(back_up, self._state, now_s)
                 log.info("the database is backed up to %s", copy)
-                self._tidy(copy)
+                self._clean_up(copy)
             self._report(None)
         except Exception as error:  # a failed backup must not stop the daemon
             log.exception("the nightly backup of the database")
@@ -103,10 +103,12 @@ class NightlyBackup:
                 f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
             )
             for backup in list_backups(self._state)[:1]:
-                self._tidy(backup)  # the disk may be full: older files can be deleted
+                self._clean_up(backup)  # the disk may be full: older files can be deleted
         finally:
-            min_s = self._clock.now() + _MIN_S * self._clock.scale
-            self._at(max(compute_next_backup_s(now_s, self._zone), min_s), "copy the books", self.run)
+            earliest_s = self._clock.now() + _MIN_INTERVAL_S * self._clock.scale
+            self._call_at(
+                max(compute_next_backup_s(now_s, self._zone), earliest_s), "copy the books", self.run
+            )
 
 
 def list_backups(state: StateFolder) -> list[Path]:

@@ -27,8 +27,8 @@ def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
     for link in folder.iterdir():
         if link.name in names or (link.is_symlink() and link.readlink().parent == relative):
             link.unlink()
-    for name, stored in names.items():
-        (folder / name).symlink_to(relative / stored)
+    for name, file_name in names.items():
+        (folder / name).symlink_to(relative / file_name)
 
 
 def unlink_missing_files(jobs: Path) -> None:
@@ -101,14 +101,14 @@ def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: fl
     min_age_s
         Wall seconds since a file was stored, within which it stays.
     """
-    freed = 0
+    freed_bytes = 0
     for name in names:
         with _lock(folder, fcntl.LOCK_EX), suppress(FileNotFoundError):
             facts = (folder / name).stat()
             if now_s - facts.st_mtime >= min_age_s:
                 (folder / name).unlink()
-                freed += facts.st_size
-    return freed
+                freed_bytes += facts.st_size
+    return freed_bytes
 
 
 @contextmanager

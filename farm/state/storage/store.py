@@ -62,10 +62,10 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
     The copy is marked with its time `at_s` until a `BooksRestored` is committed to it, so that no bed
     counts as clear, whoever restores the copy, and even if a daemon dies while completing it.
     """
-    half = target.with_name(f".{target.name}.half")
+    partial = target.with_name(f".{target.name}.half")
     try:
-        half.unlink(missing_ok=True)
-        with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
+        partial.unlink(missing_ok=True)
+        with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(partial)) as copy:
             books.backup(copy)
             # Otherwise a damaged write-ahead log could revert the books to a state before the copy.
             books.execute("PRAGMA wal_checkpoint(PASSIVE)")
@@ -73,11 +73,11 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
                 copy.execute(CREATE_COPIED)
                 copy.execute("DELETE FROM copied")
                 copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
-        with half.open("rb") as file:
+        with partial.open("rb") as file:
             os.fsync(file.fileno())
-        half.replace(target)
+        partial.replace(target)
     except (sqlite3.Error, OSError) as error:
-        half.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
         raise StoreError(f"the database {source} cannot be copied to {target}: {error}") from error
 
 
@@ -178,7 +178,7 @@ class Store:
             self._check_rows()
             if is_new:  # the old ones were moved away
                 path.with_name(path.name + _COUNT).unlink(missing_ok=True)
-            self._lost = self._find_last_event() < self._read_count()
+            self._has_lost_events = self._find_last_event() < self._read_count()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
             environment = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
@@ -256,7 +256,7 @@ class Store:
         A backup, and books that lost events, are incomplete until a `BooksRestored` is committed.
         """
         (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
-        if at_s is None and self._lost:
+        if at_s is None and self._has_lost_events:
             (at_s,) = self._db.execute("SELECT coalesce(max(at_s), 0) FROM event").fetchone()
         return None if at_s is None else float(at_s)
 
@@ -292,7 +292,7 @@ class Store:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
         self._write_count(number or 0)
         if isinstance(event, BooksRestored):
-            self._lost = False
+            self._has_lost_events = False
 
     def events(self) -> list[tuple[float, str, str]]:
         """Return the event log: farm time, kind and JSON of each."""
@@ -343,11 +343,11 @@ class Store:
     def release_space(self, min_bytes: int = 16 * 2**20) -> bool:
         """Make the file smaller if much of it is unused. Returns True if it did so."""
         try:
-            (pages,), (unused,), (page_bytes,) = (
+            (pages,), (unused_pages,), (page_bytes,) = (
                 self._db.execute(f"PRAGMA {name}").fetchone()
                 for name in ("page_count", "freelist_count", "page_size")
             )
-            if unused * page_bytes < min_bytes or unused < pages // 2:
+            if unused_pages * page_bytes < min_bytes or unused_pages < pages // 2:
                 return False
             self._db.execute("VACUUM")
             self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")

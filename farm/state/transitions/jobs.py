@@ -49,8 +49,8 @@ def _(event: ev.PlanRevised, books: Books) -> Result:
     if any(books.plate_state(plate) is not PlateState.WAITING or plate.prints for plate in plates):
         raise InvalidTransition(event, JOB, previous.id, previous.state, "one of its plates has started")
     job = replace_fields(_apply_plan(previous, event), revisions=previous.revisions + 1)
-    left = [plate for plate in plates if plate.id not in job.plates]
-    replaced = [replace_fields(plate, replaced_by=job.plates) for plate in left]
+    removed_plates = [plate for plate in plates if plate.id not in job.plates]
+    replaced = [replace_fields(plate, replaced_by=job.plates) for plate in removed_plates]
     return put(books, job, *replaced, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
 

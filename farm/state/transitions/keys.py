@@ -17,20 +17,22 @@ def _(event: ev.KeyAdded, books: Books) -> Result:
 @change.register
 def _(event: ev.KeyRevoked, books: Books) -> Result:
     """Revoke a key, and with it the sessions that it has opened."""
-    revoked = [books.key(event.key)]
-    revoked += [key for key in books.keys.values() if key.opened_by == event.key and key.revoked_s is None]
-    return put(books, *(replace_fields(key, revoked_s=event.at_s) for key in revoked)), ()
+    revoked_keys = [books.key(event.key)]
+    revoked_keys += [
+        key for key in books.keys.values() if key.opened_by == event.key and key.revoked_s is None
+    ]
+    return put(books, *(replace_fields(key, revoked_s=event.at_s) for key in revoked_keys)), ()
 
 
 @change.register
 def _(event: ev.SessionOpened, books: Books) -> Result:
     """Add a session. Those of its caller that have ended are removed, so that the books do not grow."""
-    ended = [
+    ended_sessions = [
         key.id
         for key in books.keys.values()
         if key.kind is KeyKind.SESSION and key.caller == event.session.caller and not key.is_valid(event.at_s)
     ]
-    return put(remove_keys(books, ended), event.session), ()
+    return put(remove_keys(books, ended_sessions), event.session), ()
 
 
 @change.register

@@ -56,9 +56,9 @@ def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[
 
 def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
     """Replace old names by new ones, at the position of the first."""
-    at = names.index(old[0])
-    remaining = tuple(name for name in names if name not in old)
-    return (*remaining[:at], *new, *remaining[at:])
+    index = names.index(old[0])
+    other_names = tuple(name for name in names if name not in old)
+    return (*other_names[:index], *new, *other_names[index:])
 
 
 @change.register

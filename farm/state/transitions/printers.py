@@ -24,13 +24,13 @@ def _(event: ev.PrinterAdded, books: Books) -> Result:
 def _(event: ev.BedCleared, books: Books) -> Result:
     printer = books.printer(event.printer)
     filament = event.filament or printer.filament
-    judged = books.print_to_judge(printer.name)
+    judged_print = books.print_to_judge(printer.name)
     books = put(
         books, replace_fields(printer, bed=Bed.CLEAR, attention_reason=None, alarm=None, filament=filament)
     )
-    if judged is not None:
-        books = put(books, replace_fields(judged, verdict=event.verdict, verdict_why=event.why))
-        books = update_job_state(books, judged.job, event.at_s)
+    if judged_print is not None:
+        books = put(books, replace_fields(judged_print, verdict=event.verdict, verdict_why=event.why))
+        books = update_job_state(books, judged_print.job, event.at_s)
     if event.verdict is Verdict.GOOD:
         for attempt in list(books.unjudged_restored_prints(printer.name)):
             books = put(books, replace_fields(attempt, verdict=Verdict.GOOD))

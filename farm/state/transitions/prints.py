@@ -119,17 +119,17 @@ def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
     """Return an ended print, with its state, fault, charge and filament."""
     state, fault, reason = event.state, event.fault, event.reason
-    started = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
+    has_started = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
-    elif state is PrintState.CANCELLED and attempt.cancel_reason is None and started:
+    elif state is PrintState.CANCELLED and attempt.cancel_reason is None and has_started:
         state = PrintState.FAILED  # not requested by the farm
     if (
         state is PrintState.DONE and attempt.fail_reason is not None
     ):  # it ended before the request reached its agent
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     unknown = _end_is_unknown(event, attempt)
-    extruded = attempt.extruded or event.extruded
+    has_extruded = attempt.extruded or event.extruded
     return replace_fields(
         attempt,
         state=state,
@@ -138,9 +138,9 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
         charged=not unknown and attempt.cancel_reason is None and fault not in UNCHARGED,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
-        extruded=extruded,
+        extruded=has_extruded,
         starved_s=event.starved_s,
-        grams=compute_used_grams(plate, state, extruded, event.printed_share),
+        grams=compute_used_grams(plate, state, has_extruded, event.printed_share),
     )
 
 

@@ -57,6 +57,6 @@ def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Ite
     if low < rank < high:
         yield job
         return
-    ordered = [*jobs_before, job, *jobs_after]
-    for i, moved_job in enumerate(ordered):
-        yield replace_fields(moved_job, moved_rank=last_number - len(ordered) + 1.0 + i)
+    order = [*jobs_before, job, *jobs_after]
+    for i, moved_job in enumerate(order):
+        yield replace_fields(moved_job, moved_rank=last_number - len(order) + 1.0 + i)

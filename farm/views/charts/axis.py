@@ -37,14 +37,14 @@ class TimeAxis:
     def list_marks(self, max_marks: int = 10) -> list[Mark]:
         """List round times of the zone on the axis; the first and those at midnight have their weekday."""
         marks, has_day = [], False
-        for at in self.list_times(max_marks):
-            shows_day = not has_day or (at.hour, at.minute) == (0, 0)
+        for moment in self.list_times(max_marks):
+            shows_day = not has_day or (moment.hour, moment.minute) == (0, 0)
             has_day = True
             marks.append(
                 Mark(
-                    self.x(at.timestamp()),
-                    at.isoformat("T", "seconds"),
-                    f"{at:%a %H:%M}" if shows_day else f"{at:%H:%M}",
+                    self.x(moment.timestamp()),
+                    moment.isoformat("T", "seconds"),
+                    f"{moment:%a %H:%M}" if shows_day else f"{moment:%H:%M}",
                 )
             )
         return marks
@@ -57,8 +57,8 @@ class TimeAxis:
         day = datetime.fromtimestamp(self.begin_s, self.zone).replace(
             hour=0, minute=0, second=0, microsecond=0
         )
-        at = day  # the local clock: steps of wall time, also over a change to daylight saving
-        while at.timestamp() <= self.end_s:
-            if at.timestamp() >= self.begin_s:
-                yield at
-            at += step
+        moment = day  # the local clock: steps of wall time, also over a change to daylight saving
+        while moment.timestamp() <= self.end_s:
+            if moment.timestamp() >= self.begin_s:
+                yield moment
+            moment += step

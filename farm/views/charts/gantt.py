@@ -65,7 +65,7 @@ class Box:
     x: float
     width: float
     fill: str
-    ink: str
+    text_colour: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar
     """List what is left to print of a timeline, from now on."""
     bars = []
     for slot in slots:
-        start, end = (datetime.fromisoformat(at) for at in (slot.starts, slot.ends))
+        start, end = (datetime.fromisoformat(iso) for iso in (slot.starts, slot.ends))
         if end > now:
             parts = " ".join(slot.parts)
             time = TextTime(text=format_moment(end, now), at=slot.ends)
@@ -152,21 +152,21 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     axis = TimeAxis(first.timestamp(), last.timestamp(), _LEFT, _WIDTH - _LEFT - _RIGHT, zone)
 
     def lay_out_bar(bar: Bar) -> Box:
-        ink = "#333" if bar.kind in ("printing", EXPECTED, _OTHER_JOB) else "#fff"
+        text_colour = "#333" if bar.kind in ("printing", EXPECTED, _OTHER_JOB) else "#fff"
         x = axis.x(bar.start.timestamp())
-        return Box(bar, x, max(1.5, axis.x(bar.end.timestamp()) - x), COLOURS[bar.kind], ink)
+        return Box(bar, x, max(1.5, axis.x(bar.end.timestamp()) - x), COLOURS[bar.kind], text_colour)
 
     rows = tuple(
         Row(printer, _TOP + _ROW * number, tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer))
         for number, printer in enumerate(sorted({bar.printer for bar in bars}))
     )
-    used = {bar.kind for bar in bars}
+    kinds = {bar.kind for bar in bars}
     return Gantt(
         height=_TOP + _ROW * len(rows) + 4,
         marks=tuple(
-            Mark(axis.x(at.timestamp()), at.isoformat("T", "seconds"), format_moment(at, first))
-            for at in axis.list_times(_TICKS)
+            Mark(axis.x(moment.timestamp()), moment.isoformat("T", "seconds"), format_moment(moment, first))
+            for moment in axis.list_times(_TICKS)
         ),
         rows=rows,
-        key=tuple((kind, colour) for kind, colour in COLOURS.items() if kind in used),
+        key=tuple((kind, colour) for kind, colour in COLOURS.items() if kind in kinds),
     )

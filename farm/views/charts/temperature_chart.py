@@ -79,12 +79,16 @@ def lay_out_temperatures(
     format_time
         Formats a time as ISO 8601.
     """
-    known = [reading for reading in readings if reading.nozzle_c is not None or reading.bed_c is not None]
-    if not known:
+    known_readings = [
+        reading for reading in readings if reading.nozzle_c is not None or reading.bed_c is not None
+    ]
+    if not known_readings:
         return None
-    hottest_c = max(max(reading.nozzle_c or 0, reading.bed_c or 0) for reading in known)
+    hottest_c = max(max(reading.nozzle_c or 0, reading.bed_c or 0) for reading in known_readings)
     top_c = max(_MIN_TOP_C, -(-(hottest_c + 10) // _STEP_C) * _STEP_C)
-    axis = TimeAxis(known[0].at_s, max(now_s, known[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone)
+    axis = TimeAxis(
+        known_readings[0].at_s, max(now_s, known_readings[-1].at_s), _LEFT, _WIDTH - _LEFT - 20.0, zone
+    )
 
     def y(degrees_c: float) -> float:
         return _TOP + (_HEIGHT - _TOP - _BOTTOM) * (1.0 - max(0.0, degrees_c) / top_c)
@@ -92,7 +96,7 @@ def lay_out_temperatures(
     def draw(value: Callable[[Temperatures], int | None]) -> tuple[Points, ...]:
         return tuple(_split(((axis.x(reading.at_s), value(reading)) for reading in readings), y))
 
-    step = max(1, len(known) // _TABLE_ROWS)
+    step = max(1, len(known_readings) // _TABLE_ROWS)
     return TemperatureChart(
         curves=(
             Curve("nozzle", "nozzle", draw(lambda reading: reading.nozzle_c)),
@@ -110,9 +114,9 @@ def lay_out_temperatures(
                 reading.nozzle_target_c,
                 reading.bed_target_c,
             )
-            for reading in reversed(known[::-step])
+            for reading in reversed(known_readings[::-step])
         ),
-        since=format_time(known[0].at_s),
+        since=format_time(known_readings[0].at_s),
         hottest_c=hottest_c,
     )
 
@@ -124,8 +128,8 @@ def _split(values: Iterable[tuple[float, int | None]], y: Callable[[float], floa
         if value is None:
             pieces.append([])
             continue
-        piece, at_y = pieces[-1], y(value)
-        if len(piece) > 1 and piece[-1][1] == piece[-2][1] == at_y:
+        piece, level_y = pieces[-1], y(value)
+        if len(piece) > 1 and piece[-1][1] == piece[-2][1] == level_y:
             piece.pop()
-        piece.append((x, at_y))
+        piece.append((x, level_y))
     return [tuple(piece) for piece in pieces if piece]

@@ -29,7 +29,7 @@ class Figures:
     grams, wasted_grams
         Filament of all of them, and of the wasted ones.
     expected_s, reached_s
-        Of those that were done without a pause: expected and actual time. Their ratio tells how far to
+        Of those that were done without a pause: expected and actual time. Their ratio shows how far to
         trust a forecast.
     """
 
@@ -68,22 +68,24 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
     plates
         Their plates, by name.
     """
-    ended = [attempt for attempt in prints if attempt.state.ended and attempt.started_s is not None]
-    wasted = [attempt for attempt in ended if is_wasted(attempt)]
-    compared = [attempt for attempt in ended if attempt.state is PrintState.DONE and not attempt.paused]
-    bad = sum(attempt.state is PrintState.DONE and attempt.verdict is Verdict.BAD for attempt in ended)
+    ended_prints = [attempt for attempt in prints if attempt.state.ended and attempt.started_s is not None]
+    wasted_prints = [attempt for attempt in ended_prints if is_wasted(attempt)]
+    compared_prints = [
+        attempt for attempt in ended_prints if attempt.state is PrintState.DONE and not attempt.paused
+    ]
+    bad = sum(attempt.state is PrintState.DONE and attempt.verdict is Verdict.BAD for attempt in ended_prints)
     return Figures(
         name=name,
-        prints=len(ended),
-        good=len(ended) - len(wasted),
-        failed=bad + sum(attempt.state is PrintState.FAILED for attempt in ended),
-        cancelled=sum(attempt.state is PrintState.CANCELLED for attempt in ended),
-        used_s=sum(map(compute_duration_s, ended)),
-        wasted_s=sum(map(compute_duration_s, wasted)),
-        grams=sum(attempt.grams for attempt in ended),
-        wasted_grams=sum(attempt.grams for attempt in wasted),
-        expected_s=sum(plates[attempt.plate].expected_s for attempt in compared),
-        reached_s=sum(map(compute_duration_s, compared)),
+        prints=len(ended_prints),
+        good=len(ended_prints) - len(wasted_prints),
+        failed=bad + sum(attempt.state is PrintState.FAILED for attempt in ended_prints),
+        cancelled=sum(attempt.state is PrintState.CANCELLED for attempt in ended_prints),
+        used_s=sum(map(compute_duration_s, ended_prints)),
+        wasted_s=sum(map(compute_duration_s, wasted_prints)),
+        grams=sum(attempt.grams for attempt in ended_prints),
+        wasted_grams=sum(attempt.grams for attempt in wasted_prints),
+        expected_s=sum(plates[attempt.plate].expected_s for attempt in compared_prints),
+        reached_s=sum(map(compute_duration_s, compared_prints)),
     )
 
 

@@ -36,7 +36,7 @@ class FleetPlan:
     """Prints of the fleet between two times, and the plates that no printer can take."""
 
     prints: tuple[PlannedPrint, ...]
-    left: tuple[str, ...]
+    unprintable_plates: tuple[str, ...]
 
     def job_ends_s(self) -> dict[int, float]:
         """Return the end of the last print of each job with any that runs or is planned."""
@@ -59,9 +59,9 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     since_s
         Prints that ended before are left out; seconds since the epoch.
     """
-    forecast = forecast_prints(situation.with_printers(_update_ends(context, situation)), bounded=False)
+    forecast = forecast_prints(situation.with_printers(_update_ends(context, situation)), has_bound=False)
     plates = context.books.plates
-    planned = (
+    planned_prints = (
         PlannedPrint(
             slot.printer,
             plates[slot.plate].job,
@@ -72,9 +72,9 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
         )
         for slot in forecast.slots
     )
-    prints = [*_list_started(context, since_s), *planned]
+    prints = [*_list_started(context, since_s), *planned_prints]
     prints.sort(key=lambda slot: (slot.starts_s, slot.printer))
-    return FleetPlan(tuple(prints), forecast.left)
+    return FleetPlan(tuple(prints), forecast.unprintable_plates)
 
 
 def _update_ends(context: ViewContext, situation: Situation) -> tuple[FleetPrinter, ...]:

@@ -27,7 +27,7 @@ SIGNS = {
     "printing": "▶",
     PLANNED: "",
 }
-"""Signs before the names of parts, so that a state is not told by its colour alone."""
+"""Signs before the names of parts, so that a state is not shown by its colour alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +114,11 @@ class TimelineView:
 
     Attributes
     ----------
-    back_s
-        How far it goes back.
-    left
+    past_s
+        Seconds before now at which it begins.
+    unprintable_parts
         Parts that no printer can take.
-    unplanned
+    jobs_without_plan
         Jobs that have no plan yet, and are not in it.
     waiting
         Jobs of which a plate has not started, whose place or start can be tried out.
@@ -128,18 +128,18 @@ class TimelineView:
 
     now: str
     zone: str
-    back_s: float
+    past_s: float
     chart: Chart
     table: tuple[TableRow, ...]
-    left: tuple[str, ...]
-    unplanned: tuple[WaitingJob, ...]
+    unprintable_parts: tuple[str, ...]
+    jobs_without_plan: tuple[WaitingJob, ...]
     waiting: tuple[WaitingJob, ...]
     change: Change | None = None
     shifts: tuple[Shift, ...] = ()
 
 
 def describe_fleet_timeline(
-    context: ViewContext, situation: Situation, back_s: float, change: Change | None = None
+    context: ViewContext, situation: Situation, past_s: float, change: Change | None = None
 ) -> TimelineView:
     """Describe the prints of the fleet: past, running and planned ones.
 
@@ -149,8 +149,8 @@ def describe_fleet_timeline(
         The farm.
     situation
         Its situation for a forecast.
-    back_s
-        How far to go back from now.
+    past_s
+        Seconds before now at which it begins.
     change
         A change to a job that is tried out: the timeline shows what would follow.
 
@@ -161,7 +161,7 @@ def describe_fleet_timeline(
     InvalidTransition
         If that job cannot be moved.
     """
-    since_s, shifts = context.now_s - back_s, list[JobShift]()
+    since_s, shifts = context.now_s - past_s, list[JobShift]()
     if change is None:
         plan = plan_fleet(context, situation, since_s)
     else:
@@ -170,11 +170,11 @@ def describe_fleet_timeline(
     return TimelineView(
         now=context.format_time(context.now_s) or "",
         zone=context.fleet.fleet.timezone,
-        back_s=back_s,
+        past_s=past_s,
         chart=_lay_out(context, situation, plan, since_s),
         table=tuple(_make_table_row(context, slot) for slot in plan.prints),
-        left=tuple(context.books.plates[name].parts[0] for name in plan.left),
-        unplanned=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
+        unprintable_parts=tuple(context.books.plates[name].parts[0] for name in plan.unprintable_plates),
+        jobs_without_plan=tuple(WaitingJob(job.id, job.name) for job in jobs if not job.plates),
         waiting=tuple(WaitingJob(job.id, job.name) for job in jobs if count_waiting(context.books, job)),
         change=change,
         shifts=tuple(

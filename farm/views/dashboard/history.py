@@ -31,7 +31,7 @@ class JobOutcome:
     Attributes
     ----------
     assembled
-        When a person reported that its parts are glued.
+        Time at which a person reported that its parts are glued.
     assembly_expected_s, assembly_s
         A person's time to glue them: by the model of steps, and as reported.
     """
@@ -95,7 +95,7 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int 
         for job in map(books.job, sorted({attempt.job for attempt in prints}, reverse=True))
         if job.state.ended
     ]
-    shown = prints[-max_rows:]
+    shown_prints = prints[-max_rows:]
     return HistoryView(
         now=context.format_time(context.now_s) or "",
         chosen=chosen,
@@ -111,8 +111,8 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int 
         ),
         by_month=group_figures(prints, books.plates, lambda attempt: name_month(attempt, zone)),
         jobs=[_describe_outcome(context, job) for job in jobs[:max_rows]],
-        rows=[describe_ended_print(context, attempt) for attempt in reversed(shown)],
-        hidden=len(prints) - len(shown),
+        rows=[describe_ended_print(context, attempt) for attempt in reversed(shown_prints)],
+        hidden=len(prints) - len(shown_prints),
     )
 
 
@@ -146,14 +146,14 @@ def _name_material(context: ViewContext, material: str) -> str:
 
 
 def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
-    printed = job.state in (JobState.PRINTED, JobState.DONE)
+    is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     return JobOutcome(
         id=job.id,
         name=job.name,
         state=job.state,
         ended=context.format_time(job.ended_s),
         expected_s=job.expected_s,
-        reached_s=measure_times(context, job).makespan_s if printed else None,
+        reached_s=measure_times(context, job).makespan_s if is_printed else None,
         assembled=context.format_time(job.assembled_s),
         assembly_expected_s=job.assembly_s,
         assembly_s=job.gluing_s,

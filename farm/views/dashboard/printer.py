@@ -126,7 +126,7 @@ def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultVie
 
 
 def _describe_fault(context: ViewContext, attempt: Print) -> FaultView:
-    pruned = context.books.jobs[attempt.job].pruned_s is not None
+    is_pruned = context.books.jobs[attempt.job].pruned_s is not None
     return FaultView(
         job=attempt.job,
         part=context.books.plates[attempt.plate].parts[0],
@@ -140,6 +140,6 @@ def _describe_fault(context: ViewContext, attempt: Print) -> FaultView:
                 file=f"print-{attempt.number}-{still.moment}.{still.file.rpartition('.')[2]}",
             )
             for still in attempt.stills
-            if not pruned
+            if not is_pruned
         ),
     )

@@ -24,7 +24,7 @@ class Change:
     job
         Its number.
     moves
-        Whether it is moved in the queue: before the job `before`, or to the end.
+        True if it is moved in the queue: before the job `before`, or to the end.
     not_before_s
         Another earliest start, seconds since the epoch; None: as it is.
     """
@@ -61,8 +61,8 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
     """
     books.job(change.job)
     if change.moves:
-        moved = ev.JobMoved(at_s=now_s, job=change.job, before=change.before, by="")
-        books, _ = apply(moved, books)
+        event = ev.JobMoved(at_s=now_s, job=change.job, before=change.before, by="")
+        books, _ = apply(event, books)
     if change.not_before_s is not None:
         books = put(books, replace_fields(books.job(change.job), not_before_s=change.not_before_s))
     return books
@@ -84,12 +84,10 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
     now_s
         Farm time, seconds since the epoch.
     """
-    changed = apply_change(books, change, now_s)
-    others = tuple(_renew(plate, changed) for plate in situation.waiting if plate.job != change.job)
-    waiting = (
-        p for p in books.plates_of(books.job(change.job)) if books.plate_state(p) is PlateState.WAITING
-    )
-    return situation.with_waiting((*others, *describe_plates(waiting, changed)))
+    changed_books = apply_change(books, change, now_s)
+    others = tuple(_renew(plate, changed_books) for plate in situation.waiting if plate.job != change.job)
+    plates = (p for p in books.plates_of(books.job(change.job)) if books.plate_state(p) is PlateState.WAITING)
+    return situation.with_waiting((*others, *describe_plates(plates, changed_books)))
 
 
 def _renew(plate: WaitingPlate, books: Books) -> WaitingPlate:
@@ -136,9 +134,9 @@ def try_change(
     FleetPlan
         With the change.
     list of JobShift
-        What it does to each job.
+        Effect on each job.
     """
     plan = plan_fleet(context, situation, since_s)
     changed_situation = change_situation(situation, context.books, change, context.now_s)
-    changed = plan_fleet(context, changed_situation, since_s)
-    return changed, compare_plans(context, plan, changed)
+    changed_plan = plan_fleet(context, changed_situation, since_s)
+    return changed_plan, compare_plans(context, plan, changed_plan)

@@ -40,7 +40,7 @@ class Step(_Record):
     moved, fixed
         Parts of the body that is moved, and of the other one.
     slides
-        Whether glued faces slide along each other.
+        True if glued faces slide along each other.
     rests_on
         Parts on which the other body stands; none if it is held.
     level

@@ -123,11 +123,11 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
         (
             attempt.part,
             attempt.printer,
-            datetime.fromisoformat(ended).strftime("%a %d %b %H:%M") if ended else "",
+            datetime.fromisoformat(ended_at).strftime("%a %d %b %H:%M") if ended_at else "",
             outcome,
             attempt.reason or attempt.why or attempt.fault or "",
         )
-        for ended, attempt, outcome in sorted(failures, key=lambda failure: failure[0])
+        for ended_at, attempt, outcome in sorted(failures, key=lambda failure: failure[0])
     ]
 
 
@@ -143,10 +143,10 @@ def _list_stills(job: api.JobView, pictures: Mapping[str, bytes]) -> list[tuple[
         (
             f"{attempt.part} on {attempt.printer}",
             moment.replace("_", " "),
-            datetime.fromisoformat(taken).strftime("%a %d %b %H:%M"),
+            datetime.fromisoformat(taken_at).strftime("%a %d %b %H:%M"),
             _make_data_url(picture),
         )
-        for taken, attempt, moment, picture in sorted(stills, key=lambda still: still[0])
+        for taken_at, attempt, moment, picture in sorted(stills, key=lambda still: still[0])
     ]
 
 
@@ -163,11 +163,15 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
     )
 
 
-def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
+def _compare_times(last_print: api.PrintView | None, expected_s: float) -> str:
     """Format the actual and expected printing time of a part."""
-    if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
+    if (
+        last_print is None
+        or last_print.state is not PrintState.DONE
+        or not (last_print.started and last_print.ended)
+    ):
         return f"expected {format_duration(expected_s)}"
-    actual = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
+    actual = datetime.fromisoformat(last_print.ended) - datetime.fromisoformat(last_print.started)
     return f"{format_duration(actual.total_seconds())}, expected {format_duration(expected_s)}"
 
 

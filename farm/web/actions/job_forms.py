@@ -46,7 +46,7 @@ def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> API
     @router.post("/jobs/{number}/resume")
     async def resume(number: int, request: Request, by: CallerName) -> Response:
         jobs.pause(number, False, by)
-        return answer_form(request, Note(f"Job {number} goes on."))
+        return answer_form(request, Note(f"Job {number} continues."))
 
     @router.post("/jobs/{number}/assembled")
     async def assembled(number: int, request: Request, by: CallerName) -> Response:
@@ -71,6 +71,6 @@ def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> API
     @router.post("/jobs/{number}/parts/{part}/resume")
     async def resume_part(number: int, part: str, request: Request, by: CallerName) -> Response:
         parts.pause(number, part, False, by)
-        return answer_form(request, Note(f"Part {part} goes on."))
+        return answer_form(request, Note(f"Part {part} continues."))
 
     return router

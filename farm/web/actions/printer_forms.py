@@ -18,8 +18,8 @@ def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
 
     @router.post("/printers/{name}/cleared")
     async def clear_bed(name: str, request: Request, by: OperatorName) -> Response:
-        cleared = printers.clear_bed(name, await read_form(request, api.ClearedRequest), by)
-        return answer_form(request, Note(describe_cleared(name, cleared)))
+        answer = printers.clear_bed(name, await read_form(request, api.ClearedRequest), by)
+        return answer_form(request, Note(describe_cleared(name, answer)))
 
     @router.post("/printers/{name}/load")
     async def load_reel(name: str, request: Request, by: OperatorName) -> Response:
@@ -68,7 +68,7 @@ def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
     return router
 
 
-def describe_cleared(printer: str, cleared: api.Cleared) -> str:
+def describe_cleared(printer: str, cleared: api.ClearedResponse) -> str:
     """Describe in a sentence what followed from a cleared bed."""
     if cleared.good is not None:
         others = f"; {' '.join(cleared.printed_on)} already print it again" if cleared.printed_on else ""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 MAIN = "main"
 """Id of the element that has all fragments."""
-_MARKED = re.compile(r"<!--live:([^>]*?)-->\s*(.*?)\s*<!--/live-->", re.DOTALL)
+_FRAGMENT = re.compile(r"<!--live:([^>]*?)-->\s*(.*?)\s*<!--/live-->", re.DOTALL)
 _MAIN = re.compile(r'<main id="main">.*</main>', re.DOTALL)
 _VERSION = 'data-version=""'
 
@@ -36,7 +36,7 @@ class Fragments:
     @property
     def html(self) -> str:
         """The whole main element."""
-        return _MARKED.sub(lambda found: self.elements[found[1]], self.frame)
+        return _FRAGMENT.sub(lambda match: self.elements[match[1]], self.frame)
 
     @property
     def version(self) -> str:
@@ -46,10 +46,10 @@ class Fragments:
 
 def split_page(page: str) -> Fragments:
     """Split the main element of a rendered page into its fragments."""
-    found = _MAIN.search(page)
-    main = "" if found is None else found[0]
-    elements = {mark[1]: mark[2] for mark in _MARKED.finditer(main)}
-    return Fragments(_MARKED.sub(r"<!--live:\1--><!--/live-->", main), elements)
+    match = _MAIN.search(page)
+    main = "" if match is None else match[0]
+    elements = {mark[1]: mark[2] for mark in _FRAGMENT.finditer(main)}
+    return Fragments(_FRAGMENT.sub(r"<!--live:\1--><!--/live-->", main), elements)
 
 
 def publish_page(page: str) -> str:

@@ -26,10 +26,10 @@ Render = Callable[[Reader, str, str], Awaitable[str]]
 """Renders a page for a reader, from the variable part of its path, and the query of its address."""
 
 _PERIOD_S = 1.0
-_MAX_SHARE = 0.05  # of the time, that rendering may take
-_BEAT_S = 5.0
+_MAX_SHARE = 0.05  # share of the time that rendering may take
+_HEARTBEAT_S = 5.0
 _RETRY = b"retry: 3000\n\n"  # milliseconds after which a browser connects again
-_BEAT = b"event: beat\ndata:\n\n"
+_HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
@@ -41,7 +41,7 @@ class _Topic:
         self.viewers, self.is_over = 0, False
         self.fragments = split_page(page)
         self.version, self._message = self.fragments.version, b""
-        self._before: str | None = None
+        self._previous_version: str | None = None
         self._change = asyncio.Event()
 
     async def refresh(self) -> None:
@@ -52,7 +52,7 @@ class _Topic:
 
     async def receive(self, version: str) -> None:
         """Render a page of several rounds again for a viewer whose version may be later than its own."""
-        if self._rounds > 1 and version not in (self.version, self._before):
+        if self._rounds > 1 and version not in (self.version, self._previous_version):
             await self._render_again()
 
     async def _render_again(self) -> None:
@@ -60,7 +60,7 @@ class _Topic:
         fragments = split_page(await self._render())
         changes = find_changes(self.fragments, fragments)
         if changes:
-            self._before, self.version, self.fragments = self.version, fragments.version, fragments
+            self._previous_version, self.version, self.fragments = self.version, fragments.version, fragments
             self._message = format_changes(changes, self.version)
             self.wake()
 
@@ -79,7 +79,7 @@ class _Topic:
         """Return what leads from a version to the present one: the last changes, or everything."""
         if version == self.version:
             return b""
-        if version == self._before:
+        if version == self._previous_version:
             return self._message
         return format_changes({MAIN: self.fragments.html}, self.version)
 
@@ -125,7 +125,7 @@ class LivePages:
     async def follow(
         self, address: str, role: Role, version: str, is_allowed: Callable[[], bool]
     ) -> AsyncIterator[bytes]:
-        """Yield the changes of a page as server-sent events, and a beat where there are none.
+        """Yield the changes of a page as server-sent events, and a heartbeat while there are none.
 
         Parameters
         ----------
@@ -145,18 +145,18 @@ class LivePages:
             while is_allowed() and not self._streams.is_closed and not topic.is_over:
                 message = topic.catch_up(version)
                 version = topic.version
-                yield message or _BEAT
+                yield message or _HEARTBEAT
                 if version == topic.version and not topic.is_over:  # else it changed while this was sent
-                    await topic.wait(_BEAT_S)
+                    await topic.wait(_HEARTBEAT_S)
         finally:
             topic.viewers -= 1
 
     def _find_render(self, address: str, role: Role) -> tuple[Callable[[], Awaitable[str]], int]:
         path, _, query = address.partition("?")
         for pattern, render, rounds in self._pages:
-            found = pattern.fullmatch(path)
-            if found is not None:
-                return partial(render, Reader("", role), "".join(found.groups()), query), rounds
+            match = pattern.fullmatch(path)
+            if match is not None:
+                return partial(render, Reader("", role), "".join(match.groups()), query), rounds
         raise NoSuchThing(f"the page {path} is not kept up to date")
 
     def _start(self) -> None:
@@ -164,7 +164,7 @@ class LivePages:
             self._refreshing = asyncio.get_running_loop().create_task(self._refresh())
 
     async def _refresh(self) -> None:
-        """Render the pages that somebody looks at, until there are none."""
+        """Render the pages that have viewers, until there are none."""
         pause_s = _PERIOD_S
         while self._topics:
             await self._streams.wait(pause_s)

@@ -24,7 +24,7 @@ def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         page: Annotated[str, Query(max_length=_MAX_LENGTH)] = "/",
         version: Annotated[str, Query(max_length=_MAX_LENGTH)] = "",
     ) -> StreamingResponse:
-        """Send the elements of a page that change, by their ids, as JSON; beats while nothing does."""
+        """Send the elements of a page that change, by their ids, as JSON, and heartbeats between changes."""
         holder = find_holder(request)
         streams.check(holder.name)
         await pages.join(page, holder.role)  # an error is an answer, and no stream

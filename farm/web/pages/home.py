@@ -32,7 +32,7 @@ class Bed:
     plate
         The last plate that was printed on it; None if nothing was.
     is_judged
-        Whether its part waits for a verdict.
+        True if its part waits for a verdict.
     seen
         Id of the last print on it, so that an old page clears no other plate; "none" if there is none.
     good
@@ -57,7 +57,7 @@ class Task:
     code
         That of the to-do list; `heat` for heaters that are on without a print.
     text
-        What to do.
+        The action.
     printers, jobs
         Those that it is about.
     beds
@@ -154,8 +154,8 @@ def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
 
 def is_hot(printer: api.PrinterView) -> bool:
     """Return whether heaters are on, or were not seen off, while nothing is printed."""
-    known = printer.nozzle_c is not None and printer.state not in _WITHOUT_HEAT
-    return known and printer.print is None and not printer.heaters_off
+    is_known = printer.nozzle_c is not None and printer.state not in _WITHOUT_HEAT
+    return is_known and printer.print is None and not printer.heaters_off
 
 
 def _describe_heat(printer: api.PrinterView) -> str:
@@ -177,8 +177,8 @@ def _describe_task(
             text = f"Inspect {names[0]}: {printers[names[0]].look or todo.brief}"
             beds = [describe_bed(printers[name], todo.good.get(name)) for name in names]
         case "outage":
-            lost = f"{' '.join(names)} were lost at the same time (power, USB hub or host?)"
-            text = f"{lost}: inspect them, then let them go on"
+            loss = f"{' '.join(names)} were lost at the same time (power, USB hub or host?)"
+            text = f"{loss}: inspect them, then let them go on"
         case "resume":
             text = todo.text.partition(": `farm")[0]
         case "approve":
@@ -198,10 +198,10 @@ def _describe_task(
 
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
     """Describe what is on the bed of a printer, and what is asked about it."""
-    last = printer.last
-    is_judged = last is not None and last.state is PrintState.DONE and last.verdict is None
-    seen = last.id if last is not None else "none"
-    return Bed(printer.name, last.plate if last is not None else None, is_judged, seen, good)
+    last_print = printer.last
+    is_judged = last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
+    seen = last_print.id if last_print is not None else "none"
+    return Bed(printer.name, last_print.plate if last_print is not None else None, is_judged, seen, good)
 
 
 def list_tiles(status: api.Status) -> list[Tile]:
@@ -230,7 +230,7 @@ def _format_end(printer: api.PrinterView, now: str) -> str | None:
 
 
 def describe_job_row(job: api.JobView) -> JobRow:
-    """Describe how far a job is, and why it or its plates wait."""
+    """Describe the progress of a job, and why it or its plates wait."""
     progress = format_planning(job.progress) if job.progress is not None else ""
     if job.plates:
         planned_again = f"; planned again: {progress}" if progress else ""

@@ -38,12 +38,12 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
 
     @router.post("/login")
     async def log_in_with_key(request: Request) -> Response:
-        found = callers.find_key(await _read_key(request), request.state.person.address)
-        if isinstance(found, Refusal):
-            page = render_message(name, found.text, has_login_hint=True)
-            return HTMLResponse(page, found.status, {"www-authenticate": "Bearer"})
-        services.key_uses_s[found.key.id] = services.controller.clock.now()
-        return _redirect(cookie, services.sessions.open_with_key(found.key))
+        key = callers.find_key(await _read_key(request), request.state.person.address)
+        if isinstance(key, Refusal):
+            page = render_message(name, key.text, has_login_hint=True)
+            return HTMLResponse(page, key.status, {"www-authenticate": "Bearer"})
+        services.key_uses_s[key.key.id] = services.controller.clock.now()
+        return _redirect(cookie, services.sessions.open_with_key(key.key))
 
     @router.get("/login/{token}")
     async def show_login(token: str) -> Response:

@@ -85,7 +85,7 @@ def render_page(
     values
         Variables of the template.
     """
-    links = [(at, words) for at, words, role in NAVIGATION if reader.role.allows(role)]
+    links = [(address, words) for address, words, role in NAVIGATION if reader.role.allows(role)]
     return load_template(template).render(
         farm=farm, path=path, links=links, reader=reader, note=note, **values
     )
@@ -104,7 +104,7 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
     title, text
         The heading and the message.
     has_login_hint
-        Whether the page says how to log in.
+        True if the page says how to log in.
     """
     return load_template("message.html").render(title=title, text=text, has_login_hint=has_login_hint)
 

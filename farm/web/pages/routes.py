@@ -11,7 +11,7 @@ from farm.web.pages.home import render_home
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.static_files import load_static_files
 
-_KEPT = "public, max-age=31536000, immutable"  # the address changes with the contents
+_CACHE_CONTROL = "public, max-age=31536000, immutable"  # the address changes with the contents
 
 
 def page_routes(pages: PageContext) -> APIRouter:
@@ -29,15 +29,15 @@ def page_routes(pages: PageContext) -> APIRouter:
 
     @router.get("/static/{name}")
     async def static_file(name: str, request: Request) -> Response:
-        found = load_static_files().get(name)
-        if found is None:
+        file = load_static_files().get(name)
+        if file is None:
             raise NoSuchThing(f"there is nothing at /static/{name}")
         headers = {"vary": "accept-encoding"}
-        if request.query_params.get("v") == found.version:
-            headers["cache-control"] = _KEPT
+        if request.query_params.get("v") == file.version:
+            headers["cache-control"] = _CACHE_CONTROL
         if "gzip" in request.headers.get("accept-encoding", ""):
             headers["content-encoding"] = "gzip"
-            return Response(found.compressed, media_type=found.media_type, headers=headers)
-        return Response(found.content, media_type=found.media_type, headers=headers)
+            return Response(file.compressed, media_type=file.media_type, headers=headers)
+        return Response(file.content, media_type=file.media_type, headers=headers)
 
     return router

@@ -33,7 +33,7 @@ class StaticFile:
 @cache
 def load_static_files() -> Mapping[str, StaticFile]:
     """Load the files by name."""
-    found: dict[str, StaticFile] = {}
+    static_files: dict[str, StaticFile] = {}
     for folder in _FOLDERS:
         place = files("farm.web.pages").joinpath(folder)
         for entry in sorted(place.iterdir(), key=lambda path: path.name) if place.is_dir() else ():
@@ -42,11 +42,13 @@ def load_static_files() -> Mapping[str, StaticFile]:
                 continue
             content = entry.read_bytes()
             version = hashlib.sha256(content).hexdigest()[:_VERSION_DIGITS]
-            found[entry.name] = StaticFile(content, gzip.compress(content, mtime=0), media_type, version)
-    return found
+            static_files[entry.name] = StaticFile(
+                content, gzip.compress(content, mtime=0), media_type, version
+            )
+    return static_files
 
 
 def find_address(name: str) -> str:
     """Return the address of a file with its version, so that browsers may keep it; empty if it is missing."""
-    found = load_static_files().get(name)
-    return "" if found is None else f"/static/{name}?v={found.version}"
+    file = load_static_files().get(name)
+    return "" if file is None else f"/static/{name}?v={file.version}"

@@ -51,8 +51,8 @@ def read_address(request: Request) -> Address:
     printer: str | None = request.path_params.get("printer")
     controller: Controller = request.app.state.controller
     if printer is not None and printer not in controller.fleet.names:
-        known = ", ".join(sorted(controller.fleet.names)) or "none"
-        raise NoSuchThing(f"there is no printer {printer}; the fleet has {known}")
+        printers = ", ".join(sorted(controller.fleet.names)) or "none"
+        raise NoSuchThing(f"there is no printer {printer}; the fleet has {printers}")
     prefix = "" if printer is None else f"/to/{printer}"
     return Address(printer, f"{request.url.scheme}://{request.url.netloc}{prefix}")
 

@@ -49,5 +49,5 @@ async def submit_form(
         own = {"hold": not form.is_true("print"), "note": folder or None}
         return JobOptions.model_validate({**options.model_dump(), **own})
 
-    submitted = await FormUploads(uploads, jobs).submit(request, uuid.uuid4().hex, read_options, by)
-    return SlicerUpload(submitted.job, submitted.form.is_true("print"))
+    job_form = await FormUploads(uploads, jobs).submit(request, uuid.uuid4().hex, read_options, by)
+    return SlicerUpload(job_form.job, job_form.form.is_true("print"))

@@ -46,12 +46,12 @@ def moonraker_routes(services: Services, jobs: JobCommands) -> APIRouter:
     async def upload(
         request: Request, response: Response, address: Addressed, by: CallerName
     ) -> dict[str, Any]:
-        submitted = await submit_form(request, services.uploads, jobs, address.options, by)
-        job = controller.books.job(submitted.job)
+        slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
+        job = controller.books.job(slicer_upload.job)
         path = format_file_path(job)
         response.headers["location"] = f"{address.root}/server/files/{_ROOT}/{quote(path)}"
-        printed = submitted.print_requested and not job.options.hold
+        is_printed = slicer_upload.print_requested and not job.options.hold
         item = {"path": path, "root": _ROOT}
-        return {"item": item, "print_started": False, "print_queued": printed, "action": "create_file"}
+        return {"item": item, "print_started": False, "print_queued": is_printed, "action": "create_file"}
 
     return router

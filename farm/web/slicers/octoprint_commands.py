@@ -76,17 +76,17 @@ def octoprint_commands(services: Services, jobs: JobCommands, selection: Selecti
         job = selection.find(by, address, controller.books)
         if job is None:
             raise Refused("no file is selected, and nothing is printed at this address")
-        printing = None if address.printer is None else controller.books.open_print_on(address.printer)
+        open_print = None if address.printer is None else controller.books.open_print_on(address.printer)
         match body.command:
             case "start":
                 await jobs.release(job.id, services.state, by, is_operator(request))
-            case "pause" if printing is not None:
-                paused = printing.pause_requested or printing.state is PrintState.PAUSED
-                printers.pause(printing.printer, body.wants_pause(paused), by)
+            case "pause" if open_print is not None:
+                is_paused = open_print.pause_requested or open_print.state is PrintState.PAUSED
+                printers.pause(open_print.printer, body.wants_pause(is_paused), by)
             case "pause":
                 jobs.pause(job.id, body.wants_pause(job.paused), by)
-            case "cancel" if printing is not None:
-                parts.cancel_on(printing.printer, by)
+            case "cancel" if open_print is not None:
+                parts.cancel_on(open_print.printer, by)
             case "cancel":
                 jobs.cancel(job.id, by)
             case _:

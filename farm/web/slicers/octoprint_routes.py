@@ -50,15 +50,15 @@ def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection
     async def upload(
         request: Request, response: Response, address: Addressed, by: CallerName
     ) -> dict[str, Any]:
-        submitted = await submit_form(request, services.uploads, jobs, address.options, by)
-        sent = controller.books.job(submitted.job)
-        response.headers["location"] = location = _locate(address, sent)
-        file = {"name": sent.name, "path": views.format_file_path(sent), "origin": "local"}
+        slicer_upload = await submit_form(request, services.uploads, jobs, address.options, by)
+        job = controller.books.job(slicer_upload.job)
+        response.headers["location"] = location = _locate(address, job)
+        file = {"name": job.name, "path": views.format_file_path(job), "origin": "local"}
         return {
             "files": {"local": {**file, "refs": {"resource": location}}},
             "done": True,
             "effectiveSelect": False,
-            "effectivePrint": submitted.print_requested and not sent.options.hold,
+            "effectivePrint": slicer_upload.print_requested and not job.options.hold,
         }
 
     @router.get("/api/files")
@@ -70,8 +70,8 @@ def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection
     @router.get(FILE)
     @router.get(FILE_OF_JOB)
     async def file(address: Addressed, by: CallerName, name: str, number: str = "") -> dict[str, Any]:
-        found = views.find_job(controller.books.jobs, f"{number}/{name}", by)
-        return views.describe_file(found, _locate(address, found))
+        job = views.find_job(controller.books.jobs, f"{number}/{name}", by)
+        return views.describe_file(job, _locate(address, job))
 
     return router
 

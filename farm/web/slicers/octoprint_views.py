@@ -164,13 +164,13 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     folder, _, name = path.strip("/").rpartition("/")
     if folder:
         numbered = jobs.get(int(folder)) if _NUMBER.fullmatch(folder) else None
-        found = [numbered] if numbered is not None and numbered.name == name else []
+        jobs_found = [numbered] if numbered is not None and numbered.name == name else []
     else:
-        same = [job for job in jobs.values() if job.name == name and not job.state.ended]
-        found = [job for job in same if job.submitted_by == by] or same
-    if not found:
+        candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
+        jobs_found = [job for job in candidates if job.submitted_by == by] or candidates
+    if not jobs_found:
         raise NoSuchThing(f"there is no open job of a file {name}: send it first")
-    return max(found, key=lambda job: job.id)
+    return max(jobs_found, key=lambda job: job.id)
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
@@ -185,13 +185,15 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
     resource
         Address of the profiles.
     """
-    chosen = list(sections)
-    smallest = min((PROFILES[section.model] for section in chosen), key=lambda profile: profile.height_mm)
+    sections_shown = list(sections)
+    smallest = min(
+        (PROFILES[section.model] for section in sections_shown), key=lambda profile: profile.height_mm
+    )
     width, depth = smallest.bed_mm
     profile = {
         "id": _PROFILE,
         "name": name,
-        "model": " / ".join(sorted({PROFILES[section.model].title for section in chosen})),
+        "model": " / ".join(sorted({PROFILES[section.model].title for section in sections_shown})),
         "color": "default",
         "current": True,
         "default": True,
@@ -206,7 +208,7 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
             "height": smallest.height_mm,
             "custom_box": False,
         },
-        "extruder": {"count": 1, "nozzleDiameter": chosen[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
+        "extruder": {"count": 1, "nozzleDiameter": sections_shown[0].nozzle_mm, "offsets": [[0.0, 0.0]]},
         "axes": _describe_axes(smallest),
     }
     return {"profiles": {_PROFILE: profile}}

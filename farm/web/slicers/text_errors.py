@@ -22,7 +22,7 @@ from farm.text import describe_first_error, flatten_text
 log = logging.getLogger(__name__)
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.FAILED: 500, ErrorCode.ENGINE: 500}
-_OTHER = 400
+_BAD_REQUEST = 400
 _TEXT = "text/plain"  # without a charset, else Cura's plugin does not show it
 
 
@@ -49,9 +49,9 @@ class TextErrorRoute(APIRoute):
 def describe_error(error: Exception) -> Response:
     """Make the response to a request that failed."""
     if isinstance(error, FarmError):
-        return make_text(str(error), _STATUS.get(error.code, _OTHER))
+        return make_text(str(error), _STATUS.get(error.code, _BAD_REQUEST))
     if isinstance(error, RequestValidationError):
-        return make_text(describe_first_error(error.errors()), _OTHER)
+        return make_text(describe_first_error(error.errors()), _BAD_REQUEST)
     if isinstance(error, HTTPException):
         return make_text(str(error.detail), error.status_code)
     if isinstance(error, OSError):

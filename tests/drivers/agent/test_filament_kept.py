@@ -106,13 +106,13 @@ def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     watch.confirm()
     watch.judge_position(REST)
     assert (
-        watch.certain and watch.rest_position is None
+        watch.is_certain and watch.rest_position is None
     )  # a board that has just started reports the same each time
     watch.note_print()
     watch.judge_position(REST)
     assert watch.rest_position == REST.decode()
     watch.note_reset()
-    assert watch.certain and watch.rest_position is None
+    assert watch.is_certain and watch.rest_position is None
     watch.judge_position(REST)
     assert watch.rest_position is None
 
@@ -122,10 +122,10 @@ def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
     observed: bytes, certain: bool
 ) -> None:
     watch = FilamentWatch(rest_position=REST.decode())
-    assert not watch.certain
+    assert not watch.is_certain
     watch.judge_position(observed)
-    assert (watch.certain, watch.rest_position) == (certain, REST.decode() if certain else None)
+    assert (watch.is_certain, watch.rest_position) == (certain, REST.decode() if certain else None)
     watch.judge_position(REST)
-    assert watch.certain is certain  # once in doubt, a person has to say it
+    assert watch.is_certain is certain  # once in doubt, a person has to say it
     watch.forget()
-    assert (watch.certain, watch.rest_position) == (False, None)
+    assert (watch.is_certain, watch.rest_position) == (False, None)

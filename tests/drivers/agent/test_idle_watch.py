@@ -1,4 +1,4 @@
-from drivers.agent.idle_watch import CARD, HEATED, MOVED, IdleWatch
+from drivers.agent.idle_watch import HEATED, MOVED, SD_PRINT, IdleWatch
 from drivers.errors import Fault
 from drivers.link.replies import Report
 
@@ -40,8 +40,8 @@ def test_print_from_the_sd_card_is_detected_until_it_ends():
     watch = IdleWatch()
     assert watch.judge_answer(b"Not SD printing") == (True, None)
     assert watch.judge_answer(b"Card error:1") == (True, None) and not watch.card
-    assert watch.judge_answer(b"SD printing byte 2048/90210") == (True, CARD) and watch.card
-    assert watch.judge_answer(b"Card error:0") == (True, CARD) and watch.card
+    assert watch.judge_answer(b"SD printing byte 2048/90210") == (True, SD_PRINT) and watch.card
+    assert watch.judge_answer(b"Card error:0") == (True, SD_PRINT) and watch.card
     assert watch.judge_answer(b"Not SD printing") == (True, None) and not watch.card
     assert watch.judge_answer(b"echo:SD init fail") == (False, None)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.agent.spool import Spool
-from drivers.errors import AgentError, BadGcode, Unreadable
+from drivers.errors import AgentError, BadGcode, UnreadableFile
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
@@ -74,7 +74,7 @@ def test_overwritten_copy_is_not_printed(tmp_path: Path):
         "p-1", source, hashlib.sha256(b"G28\n").hexdigest()
     )
     (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
-    with pytest.raises(Unreadable):
+    with pytest.raises(UnreadableFile):
         program.lines(0, 1)
 
 

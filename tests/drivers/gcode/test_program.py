@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import Feature, HeaterName, Mark, Moves, Program, measure_retraction, read_program
+from drivers.gcode import Feature, HeaterName, Mark, MotionState, Program, measure_retraction, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
@@ -231,7 +231,7 @@ _NUMBERS = [
     "1", "-1", "1.5", ".5", "-.5", "5.", "0", "-0", "999999", "1000000", "9" * 70, "", "1 2", "1e5", "1E5",
     "--1", ".", "-", "+1", "+", "1.2.3", "nan", "inf", "0x10", "1_0", "\0", "é",
 ]  # fmt: skip
-_BEGINNINGS = [
+_ANSWER_STARTS = [
     "G0", "G1", "G01", "G2", "G3", "G4", "G28", "G90", "G91", "G92", "M82", "M83", "M104", "M109", "M140",
     "M106", "M117", "T0", "G", "g1", "", "\ufeffG1", ";LAYER:", ";TIME_ELAPSED:", "G1\tX5;LAYER:", "G1X1Y1E1",
 ]  # fmt: skip
@@ -240,7 +240,7 @@ LETTERS = st.sampled_from([*"XYZEFSPGMTNxé*:;"])
 WORDS = st.builds("{}{}{}".format, st.sampled_from(["", " ", "  ", "\t"]), LETTERS, NUMBERS)
 HARD = st.builds(
     "{}{}{}".format,
-    st.sampled_from(_BEGINNINGS),
+    st.sampled_from(_ANSWER_STARTS),
     st.lists(WORDS, max_size=4).map("".join),
     st.sampled_from(["", " ", "\r", " ; a comment", ";", "\0", "a" * 90]),
 )
@@ -260,7 +260,7 @@ def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str
             accepted.append(line)
     p = program("\n".join(accepted))
     done = data.draw(st.integers(0, p.count))
-    moves = Moves(p, done)
+    moves = MotionState(p, done)
     expected = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in expected)
     assert 0.0 <= measure_retraction(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9

@@ -327,7 +327,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
     stream(bench, program)
     observed = [0]
     for _ in range(200):
-        if bench.link.drained or bench.link.phase is Phase.DEAD:
+        if bench.link.is_drained or bench.link.phase is Phase.DEAD:
             break
         bench.run(until_s=bench.now_s + 0.5)
         observed.append(bench.link.streamed_lines)

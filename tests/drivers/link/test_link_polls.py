@@ -63,8 +63,8 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
     while board.step():
         printed = sum(line.startswith(b"G1") for line in board.done)
         assert board.link.streamed_lines == start + printed
-        assert not board.link.drained or start + printed == len(PROGRAM)
-    assert board.link.drained
+        assert not board.link.is_drained or start + printed == len(PROGRAM)
+    assert board.link.is_drained
     assert board.done == [b"M110", *commands, *PROGRAM[start:]]
     assert board.link.repeated == 0
     assert board.reports >= len(PROGRAM) * 0.2 / poll_every_s
@@ -79,7 +79,7 @@ def test_late_report_does_not_answer_a_refused_poll():
     assert b"M105" in board.link.take()
     board.hear(b"Resend: %d\n" % (board.last + 1))
     assert [type(event) for event in board.hear(REPORT)] == [Report]
-    assert not board.link.drained
+    assert not board.link.is_drained
 
 
 def test_line_in_flight_is_not_counted_as_printed():
@@ -88,4 +88,4 @@ def test_line_in_flight_is_not_counted_as_printed():
     while board.last < 2:
         board.step()
     assert board.link.take().startswith(b"N3 ")
-    assert (board.link.streamed_lines, board.link.drained) == (2, False)
+    assert (board.link.streamed_lines, board.link.is_drained) == (2, False)

@@ -54,7 +54,7 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
     )
     link.on_opened(0.0)
     now_s, connected, answers = 0.0, False, 0
-    while not (connected and link.drained):
+    while not (connected and link.is_drained):
         assert link.phase is not Phase.DEAD
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s)) + 1e-3
         back = firmware.feed(link.take(), now_s)

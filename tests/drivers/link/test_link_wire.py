@@ -80,7 +80,7 @@ def printed(
         if not connected and link.phase is Phase.LIVE:
             connected = True
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        elif (connected and link.drained) or fault_texts:
+        elif (connected and link.is_drained) or fault_texts:
             return firmware, link, fault_texts
     raise AssertionError("it does not end")
 
@@ -135,7 +135,7 @@ def test_checksum_collision_is_counted():
         back = firmware.feed(link.take(), now_s)
         link.receive(back, now_s)
         link.tick(now_s)
-        if link.phase is Phase.LIVE and not firmware.taken and link.drained:
+        if link.phase is Phase.LIVE and not firmware.taken and link.is_drained:
             link.send(now_s, b"G1 X12", b"G1 X10")
     assert [body for _, body in firmware.taken] == [b"G1 X21", b"G1 X10"]
     assert firmware.noise.altered == 1

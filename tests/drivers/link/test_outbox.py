@@ -60,7 +60,7 @@ def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
     outbox.queue((FAST,) * 9)
     assert outbox.take_next() is not None and outbox.take_encoded() is not None
     outbox.insert_poll()
-    assert outbox.take_next() == b"N3 M105*36\n" and outbox.polls
+    assert outbox.take_next() == b"N3 M105*36\n" and outbox.is_poll
     assert outbox.take_encoded() is None
     assert outbox.take_next() is not None and outbox.take_encoded() is not None
 
@@ -99,10 +99,10 @@ def test_refusal_without_a_number_leaves_queries_pending():
     recovery.note_query(place, 0.0)
     recovery.note_query(place, 0.0)
     assert recovery.refuse(-1)
-    assert (recovery.queries, recovery.wanted) == (2, -1)
+    assert (recovery.queries, recovery.resend_number) == (2, -1)
     assert recovery.match_answer(5, place, True) is None
     recovery.refuse(6)
-    assert (recovery.queries, recovery.wanted) == (1, 6)
+    assert (recovery.queries, recovery.resend_number) == (1, 6)
 
 
 @pytest.mark.parametrize(("nozzle_c", "bed_c", "off"), [(0, 0, True), (1, 0, False), (0, 1, False)])

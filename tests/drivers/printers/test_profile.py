@@ -32,7 +32,7 @@ def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[flo
             box.rect.width_mm >= dx and box.rect.depth_mm >= dy and box.height_mm >= dz for box in room
         )
         return
-    if placed.turned:
+    if placed.is_turned:
         dx, dy = dy, dx
     part = Rect(placed.x_mm - dx / 2, placed.y_mm - dy / 2, placed.x_mm + dx / 2, placed.y_mm + dy / 2)
     slack = FIT_TOLERANCE_MM
@@ -57,9 +57,9 @@ def test_smaller_limit_of_the_user_is_used():
 def test_heating_to_a_higher_target_takes_longer(one_c: float, other_c: float):
     heater = HeaterModel(gain_c=105.0, tau_s=520.0)
     low_c, high_c = sorted((one_c, other_c))
-    assert heater.seconds_to(low_c) <= heater.seconds_to(high_c)
-    assert heater.seconds_to(20.0) == 0.0
-    assert heater.seconds_to(200.0) == math.inf
-    assert heater.seconds_to(high_c, start_c=low_c) == pytest.approx(
-        heater.seconds_to(high_c) - heater.seconds_to(low_c), abs=1e-6
+    assert heater.compute_heating_s(low_c) <= heater.compute_heating_s(high_c)
+    assert heater.compute_heating_s(20.0) == 0.0
+    assert heater.compute_heating_s(200.0) == math.inf
+    assert heater.compute_heating_s(high_c, start_c=low_c) == pytest.approx(
+        heater.compute_heating_s(high_c) - heater.compute_heating_s(low_c), abs=1e-6
     )

@@ -92,7 +92,7 @@ def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     exchange(host, link, 3.1 * MOVE_S)
-    assert has_ended(host) and link.drained
+    assert has_ended(host) and link.is_drained
 
 
 def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
@@ -107,7 +107,7 @@ def test_on_marlin_2_moves_end_at_once_and_heat_a_second_later():
     assert not connection.restarted
     link.send(host.now_s, *MARLIN2.abort, MARLIN2.wait_moves)
     exchange(host, link, 5.0)
-    assert has_ended(host) and link.drained
+    assert has_ended(host) and link.is_drained
 
 
 def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
@@ -118,7 +118,7 @@ def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = exchange(host, link, 5.0)
     assert [event.restarted for event in events if isinstance(event, Connected)] == [True]
-    assert has_ended(host) and link.drained
+    assert has_ended(host) and link.is_drained
 
 
 @pytest.fixture
@@ -135,7 +135,7 @@ def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_b
     url, master = silent_board
     stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
     assert everything(master) == ULTIMAKER2.abort_unnumbered
-    assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
+    assert not (stopped.seen_off or stopped.is_still) and "not seen to stand still" in stopped.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):

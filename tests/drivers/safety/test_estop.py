@@ -26,7 +26,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.locks import AGENT_LOCK, find_holder, hold, is_held, kill_holder, write_pid
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
-from drivers.safety import StopTarget, estop, heater_watch, list_targets, stop_printer
+from drivers.safety import StopResult, StopTarget, estop, heater_watch, list_targets, stop_printer
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
@@ -151,7 +151,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             # In this process, and patiently: on a busy host the firmware's dead-man may precede `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
             result = stop_printer(target, watch_s=100.0)
-            assert (result.seen_off, result.still) == (True, True), result.text
+            assert (result.seen_off, result.is_still) == (True, True), result.text
             assert "not reset" in result.text and "stands still" in result.text
         was = read_status(emulator)
         assert (was.nozzle_target_c, was.bed_target_c) == (0.0, 0.0)
@@ -177,7 +177,7 @@ def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Pa
     try:
         target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
         stopped = stop_printer(target, watch_s=0.05)
-        assert not stopped.seen_off and stopped.cut_s is not None
+        assert not stopped.seen_off and stopped.reset_s is not None
         assert "shows no temperatures" in stopped.text and message in stopped.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"
     finally:
@@ -304,3 +304,10 @@ def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
     finally:
         bystander.kill()
         bystander.wait()
+
+
+def test_result_has_the_same_names_in_json_in_all_versions():
+    result = StopResult("um2-01", 12.5, True, "stopped", is_still=True)
+    expected = {"printer": "um2-01", "cut_s": 12.5, "seen_off": True, "text": "stopped", "still": True}
+    assert json.loads(result.dump()) == expected
+    assert StopResult.parse(result.dump()) == result

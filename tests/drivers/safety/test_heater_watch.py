@@ -49,7 +49,7 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
                 curve.now_c = target_c
             seen_c = curve.now_c + rng.gauss(0.0, 0.15)
             assert observe(watch, name, seen_c, target_c, now_s) is None
-    assert watch.cools
+    assert watch.is_cooling
 
 
 @pytest.mark.parametrize(
@@ -100,8 +100,8 @@ def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
         result = result or observe(stays, name, warm_c, 0.0, now_s)
         observe(late, name, repeated.step(second > 60, 1.0), 0.0, now_s)
         if second == 40:
-            assert falls.cools and not stays.cools and late.cools
-    assert falls.cools and not stays.cools and not late.cools
+            assert falls.is_cooling and not stays.is_cooling and late.is_cooling
+    assert falls.is_cooling and not stays.is_cooling and not late.is_cooling
     assert result is not None and result.fault is Fault.HEATER_STUCK_ON
 
 
@@ -121,7 +121,7 @@ def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     watch = HeaterWatch(4.0)
     results = [observe(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
     assert results[-1] is not None and results[-1].fault is Fault.MINTEMP
-    assert not watch.cools
+    assert not watch.is_cooling
 
 
 @given(

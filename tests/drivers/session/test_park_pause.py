@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import Fault
-from drivers.gcode import Moves
+from drivers.gcode import MotionState
 from drivers.messages import Filament, PrintPhase
 from drivers.session.park import PAUSE_LIMIT_S
 from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
@@ -37,7 +37,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    x, y, z, _ = Moves(rig.program, rig.session.context.acknowledged_lines).position
+    x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position
     rig.session.resume(rig.now_s)
     at = len(rig.sent)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)

@@ -66,7 +66,7 @@ def test_filament_of_an_older_agent_is_unknown_to_the_farm():
 
 
 def test_idle_agent_of_an_older_version_gets_no_prints():
-    old = trusted(snapshot(protocol=m.StartPrint.needed - 1))
+    old = trusted(snapshot(protocol=m.StartPrint.min_protocol - 1))
     assert (old.link, old.outdated) == (Link.FAULT, True)
     assert "farm up --replace a" in old.reason
 

@@ -87,7 +87,7 @@ def test_loss_is_told_once_after_ten_seconds_and_the_return_once():
     assert record.find_change(300.0, 1.0) is None
     assert record.describe_wait() == "a connection: no route"
     record.on_state(301.0, HostState(pid=2))
-    assert record.find_change(301.0, 1.0) is HostChange.BACK
+    assert record.find_change(301.0, 1.0) is HostChange.RECONNECTED
     assert record.describe_wait() is None
 
 

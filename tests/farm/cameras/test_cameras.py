@@ -72,8 +72,8 @@ class Rig:
 
     async def tick(self):
         self.cameras.tick()
-        while self.cameras._keeping:
-            await asyncio.gather(*self.cameras._keeping.values())
+        while self.cameras._store_tasks:
+            await asyncio.gather(*self.cameras._store_tasks.values())
 
 
 @pytest.fixture

@@ -119,9 +119,9 @@ def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch)
         def accept(self):
             raise OSError(24, "Too many open files")
 
-    monkeypatch.setattr(bench.server, "_listening", Full())
+    monkeypatch.setattr(bench.server, "_listener", Full())
     bench.connect(1000, REQUEST)
-    monkeypatch.setattr(bench.server, "_listening", bench.listening)
+    monkeypatch.setattr(bench.server, "_listener", bench.listening)
     bench.serve_once(0.5)
     assert bench.begun == []
     bench.serve_once(0.6)

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from farm.control.dry_runs import PATIENCE_S, READING_S, DryRuns
+from farm.control.dry_runs import PAGE_PATIENCE_S, PATIENCE_S, DryRuns
 from farm.errors import Refused
 from farm.model import JobOptions, JobState
 from farm.planning.plan import Plan
@@ -56,11 +56,11 @@ def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
     farm = Farm(tmp_path)
     number = submit(farm, "a", dry_run=True, hold=True)
     dry_runs = DryRuns(farm.controller)
-    dry_runs.keep(number, 0.0, READING_S)
+    dry_runs.keep(number, 0.0, PAGE_PATIENCE_S)
     dry_runs.keep(number, 1.0)  # a command asks too
-    dry_runs.cancel_abandoned(READING_S)
+    dry_runs.cancel_abandoned(PAGE_PATIENCE_S)
     assert not farm.controller.books.job(number).state.ended
-    dry_runs.cancel_abandoned(READING_S + 1.0)
+    dry_runs.cancel_abandoned(PAGE_PATIENCE_S + 1.0)
     assert farm.controller.books.job(number).state.ended
 
 

@@ -37,7 +37,7 @@ def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, pr
     later = BUSY.model_copy(update={"print": message, **heat})
     assert not telemetry.store(later, 60.0)
     reading = read_snapshot(BOOKS, later, BUSY, True, 60.0)
-    assert (reading.events, reading.instructions, reading.misfit) == ((), (), None)
+    assert (reading.events, reading.instructions, reading.invalid_transition) == ((), (), None)
     assert telemetry.snapshots["a"] == later
 
 

@@ -26,7 +26,7 @@ def test_work_runs_on_the_event_loop(plain):
             work()
 
         timers = Timers(Clock())
-        timers.every(0.01, "work", work if plain else patient_work)
+        timers.call_every(0.01, "work", work if plain else patient_work)
         timers.start()
         try:
             return await result
@@ -41,10 +41,10 @@ def test_timer_runs_once_even_late_and_can_be_moved():
         result: list[str] = []
         done = asyncio.Event()
         timers = Timers(Clock())
-        timers.at(0.0, "long ago", lambda: result.append("long ago"))
-        timers.at(4e9, "moved", lambda: result.append("far"))
+        timers.call_at(0.0, "long ago", lambda: result.append("long ago"))
+        timers.call_at(4e9, "moved", lambda: result.append("far"))
         timers.start()
-        timers.at(1.0, "moved", lambda: (result.append("near"), done.set()))
+        timers.call_at(1.0, "moved", lambda: (result.append("near"), done.set()))
         try:
             await done.wait()
         finally:

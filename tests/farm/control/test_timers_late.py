@@ -40,9 +40,9 @@ def test_missed_timer_runs_once(begin):
 
     async def evening():
         timers = Timers(time)
-        timers.every(60.0, "turn", turn)
+        timers.call_every(60.0, "turn", turn)
         for hour in (1.0, 2.0, 6.0):
-            timers.at(time.begun_s + hour * HOUR_S, f"alarm {hour}", lambda: alarms.append(time.now_s))
+            timers.call_at(time.begun_s + hour * HOUR_S, f"alarm {hour}", lambda: alarms.append(time.now_s))
         timers.start()
         await asyncio.sleep(7 * HOUR_S - 30.0)
         timers.stop()
@@ -66,8 +66,8 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
 
     async def day():
         timers = Timers(time)
-        timers.every(1.0, "turn", lambda: turns.append(time.now_s - time.begun_s))
-        timers.at(alarm_s, "alarm", lambda: alarms.append(time.now()))
+        timers.call_every(1.0, "turn", lambda: turns.append(time.now_s - time.begun_s))
+        timers.call_at(alarm_s, "alarm", lambda: alarms.append(time.now()))
         timers.start()
         await asyncio.sleep(60.5)
         time.set_s = step_h * HOUR_S
@@ -96,7 +96,7 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
 
     async def nights():
         timers = Timers(time)
-        nightly = NightlyBackup(state, time, BERLIN, timers.at, reported.append, tidied.append)
+        nightly = NightlyBackup(state, time, BERLIN, timers.call_at, reported.append, tidied.append)
         timers.start()
         await nightly.begin()
         if asleep:

@@ -4,10 +4,10 @@ from farm.model import Bed, Hold, HoldCode, Job, JobOptions, Link, ModelSize, Ow
 from farm.scheduling import admission
 from farm.scheduling.admission import (
     Availability,
-    Begin,
     HoldJob,
     JobAdmission,
     JobRequest,
+    PlanOrder,
     StartPlanning,
     find_mismatch,
     is_quick,
@@ -31,38 +31,38 @@ def begin(requirements, printers, least, fleet, taken, starting, starts_later=Fa
 
 def test_first_job_uses_all_idle_and_clear_printers():
     fleet = [printer("a"), printer("b", bed=Bed.NOT_CLEAR), printer("c", booked=True), printer("d")]
-    assert begin(ANY, None, 0, fleet, frozenset(), True) == Begin(("a", "d"))
-    assert begin(ANY, None, 0, fleet, frozenset("d"), True) == Begin(("a",))
-    assert begin(ANY, 1, 0, fleet, frozenset(), True) == Begin(("a",))
+    assert begin(ANY, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
+    assert begin(ANY, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
+    assert begin(ANY, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
 
 
 def test_fewer_requested_printers_are_the_largest():
     fleet = [printer("a"), printer("b", room=TALL)]
-    assert begin(ANY, 1, 0, fleet, frozenset(), True) == Begin(("b",))
+    assert begin(ANY, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
 
 def test_job_waits_for_connecting_printers():
     answer = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), True)
     assert isinstance(answer, Hold) and "b" in answer.text
     late = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), False)
-    assert late == Begin(("a",))
+    assert late == PlanOrder(("a",))
 
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
-    assert begin(ANY, None, 3, fleet, frozenset(), True) == Begin(("a", "b", "c"))
+    assert begin(ANY, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
     away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
-    assert begin(ANY, None, 2, away, frozenset(), True) == Begin(("a",), rounds=2)
-    assert begin(ANY, None, 5, fleet, frozenset(), True) == Begin(("a", "c"), rounds=3)
+    assert begin(ANY, None, 2, away, frozenset(), True) == PlanOrder(("a",), rounds=2)
+    assert begin(ANY, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
 
 
 def test_job_is_planned_though_no_printer_is_free():
     busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
     broken = printer("a", attention_reason="it smokes")
-    assert begin(ANY, None, 0, [broken, full, busy], frozenset(), True) == Begin(("b", "c"))
-    assert begin(ANY, 1, 0, [broken, full, busy], frozenset(), True) == Begin(("b",))
-    assert begin(ANY, None, 0, [broken], frozenset(), True) == Begin(("a",))  # nothing else is known
-    assert begin(ANY, None, 0, [printer("d"), busy], frozenset("d"), True) == Begin(("c", "d"))
+    assert begin(ANY, None, 0, [broken, full, busy], frozenset(), True) == PlanOrder(("b", "c"))
+    assert begin(ANY, 1, 0, [broken, full, busy], frozenset(), True) == PlanOrder(("b",))
+    assert begin(ANY, None, 0, [broken], frozenset(), True) == PlanOrder(("a",))  # nothing else is known
+    assert begin(ANY, None, 0, [printer("d"), busy], frozenset("d"), True) == PlanOrder(("c", "d"))
 
 
 def test_job_that_no_printer_matches_is_held_with_the_reason():
@@ -77,11 +77,11 @@ def test_job_that_no_printer_matches_is_held_with_the_reason():
 def test_job_at_night_is_planned_for_unattended_printers():
     fleet = [printer("a"), printer("b"), printer("c", unattended=False)]
     blocked = frozenset("c")
-    assert begin(ANY, None, 0, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"))
-    assert begin(ANY, None, 3, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"), rounds=2)
-    assert begin(ANY, None, 0, fleet[2:], frozenset(), True, blocked=blocked) == Begin(("c",))
+    assert begin(ANY, None, 0, fleet, frozenset(), True, blocked=blocked) == PlanOrder(("a", "b"))
+    assert begin(ANY, None, 3, fleet, frozenset(), True, blocked=blocked) == PlanOrder(("a", "b"), rounds=2)
+    assert begin(ANY, None, 0, fleet[2:], frozenset(), True, blocked=blocked) == PlanOrder(("c",))
     busy = [printer("a", booked=True), fleet[2]]
-    assert begin(ANY, None, 0, busy, frozenset(), True, blocked=blocked) == Begin(("a",))
+    assert begin(ANY, None, 0, busy, frozenset(), True, blocked=blocked) == PlanOrder(("a",))
 
 
 def queued(number, **changes):

@@ -4,8 +4,8 @@ import pytest
 
 from farm.scheduling.admission import (
     Availability,
-    Begin,
     JobRequest,
+    PlanOrder,
     Promise,
     choose_printers,
     choose_printers_beside,
@@ -40,16 +40,16 @@ def test_printers_are_reserved_for_replans_and_as_spares():
 
 def test_reserved_printers_are_avoided_while_another_is_free():
     fleet = (printer("a"), printer("b"), printer("c", booked=True))
-    assert choose_printers(ANY, Availability(fleet, {"b": "6/03"})) == Begin(("a",))
+    assert choose_printers(ANY, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
     promise = Promise(job=8, priority=1, printers=frozenset("b"))
-    assert choose_printers_beside(ANY, Availability(fleet), 5, [promise]) == Begin(("a",))
+    assert choose_printers_beside(ANY, Availability(fleet), 5, [promise]) == PlanOrder(("a",))
     both = Promise(job=8, priority=1, printers=frozenset("ab"))
-    assert choose_printers_beside(ANY, Availability(fleet), 1, [both]) == Begin(("a", "b", "c"))
-    assert choose_printers_beside(ANY, Availability(fleet), 2, [both]) == Begin(("a", "b"))
+    assert choose_printers_beside(ANY, Availability(fleet), 1, [both]) == PlanOrder(("a", "b", "c"))
+    assert choose_printers_beside(ANY, Availability(fleet), 2, [both]) == PlanOrder(("a", "b"))
     assert list_promised_printers([both]) == {"a": "job 8", "b": "job 8"}
 
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():
     fleet = (printer("a"), printer("c", booked=True))
-    assert choose_printers(ANY, Availability(fleet, reserved=frozenset("a"))) == Begin(("c",))
-    assert choose_printers(ANY, Availability(fleet[:1], reserved=frozenset("a"))) == Begin(("a",))
+    assert choose_printers(ANY, Availability(fleet, reserved=frozenset("a"))) == PlanOrder(("c",))
+    assert choose_printers(ANY, Availability(fleet[:1], reserved=frozenset("a"))) == PlanOrder(("a",))

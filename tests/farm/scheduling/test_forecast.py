@@ -65,7 +65,9 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, rand
     now_s = MONDAY_S + after_s
     observed = forecast(plates, fleet, start_rules, now_s)
     by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
-    assert sorted([slot.plate for slot in observed.slots] + list(observed.left)) == sorted(by_id)
+    assert sorted([slot.plate for slot in observed.slots] + list(observed.unprintable_plates)) == sorted(
+        by_id
+    )
     for name, slots in itertools.groupby(
         sorted(observed.slots, key=lambda s: s.printer), lambda s: s.printer
     ):
@@ -140,4 +142,4 @@ def test_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_ano
     plates = [plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
     fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
     observed = forecast(plates, fleet, rules(), 0.0)
-    assert (observed.left, [slot.printer for slot in observed.slots]) == ((), ["a", "b"])
+    assert (observed.unprintable_plates, [slot.printer for slot in observed.slots]) == ((), ["a", "b"])

@@ -13,7 +13,7 @@ from farm.model import Bed, HoldCode
 from farm.scheduling import assignment
 from farm.scheduling.holds import join_names
 from farm.scheduling.matching import Requirements
-from farm.scheduling.start_rules import ENDED_BEFORE_S, compute_needed_grams, find_filament_shortage
+from farm.scheduling.start_rules import CLEARING_RESERVE_S, compute_needed_grams, find_filament_shortage
 from farm.text import format_moment
 from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
 
@@ -92,7 +92,7 @@ def test_forbidden_starts_are_refused(waiting, fleet, start_rules, now_s, spares
         assert quiet is None or now_s + plate_view.expected_s <= quiet[0]
         watched = start_rules.attended.span(now_s)
         if not printer_view.unattended:
-            assert watched is not None and now_s + plate_view.expected_s + ENDED_BEFORE_S <= watched[1]
+            assert watched is not None and now_s + plate_view.expected_s + CLEARING_RESERVE_S <= watched[1]
         elif start_rules.first_layers_attended:
             assert watched is not None and now_s + plate_view.first_layer_s <= watched[1]
 

@@ -253,11 +253,11 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
         backup = back_up(state, NOW_S)
         with monkeypatch.context() as broken:
             broken.setattr(upkeep, "delete_files", fail)
-            run.tidy(backup)
+            run.clean_up(backup)
             await asyncio.gather(*run._tasks)
         context = farm.view_context(state)
         assert "old files cannot be deleted (no disk)" in list_tasks(context)[0].text
-        run.tidy(backup)
+        run.clean_up(backup)
         await asyncio.gather(*run._tasks)
 
     def fail(*_):

@@ -73,7 +73,7 @@ def render_wire(
     reader
         Person who reads it.
     problem
-        Why there are no lines.
+        Reason for which there are no lines.
     """
     zone = ZoneInfo(farm.timezone)
     shown = [

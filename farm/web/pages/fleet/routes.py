@@ -41,10 +41,10 @@ def fleet_routes(pages: PageContext) -> APIRouter:
         problem, change = None, None
         try:
             change = find_change(context, query)
-            view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.back_s, change)
+            view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.past_s, change)
         except FarmError as error:
             problem = str(error)
-            view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.back_s)
+            view = await asyncio.to_thread(describe_fleet_timeline, context, situation, query.past_s)
         return render_timeline(view, query, fleet, reader, note, problem)
 
     async def render_history_page(reader: Reader, query: HistoryQuery, note: Note | None = None) -> str:

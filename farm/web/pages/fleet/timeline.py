@@ -32,7 +32,7 @@ class TimelineQuery(BaseModel):
     at: Annotated[str, Field(max_length=40)] = ""
 
     @property
-    def back_s(self) -> float:
+    def past_s(self) -> float:
         """Return the length of the shown past, in seconds."""
         return int(self.hours) * 3600.0
 
@@ -63,7 +63,7 @@ def render_timeline(
     view
         The timeline.
     query
-        What the reader asked for.
+        The query of the address.
     farm
         The fleet.
     reader
@@ -71,7 +71,7 @@ def render_timeline(
     note
         Message about the reader's last action.
     problem
-        Why a change could not be tried out.
+        Reason for which a change could not be tried out.
     """
     return render_page(
         "timeline.html",
@@ -109,7 +109,7 @@ def describe_change(change: Change | None, query: TimelineQuery) -> str:
 
 
 def describe_shift(later_s: float | None) -> str:
-    """Describe by how much later or earlier something would end."""
+    """Describe the shift of an end: later or earlier, with the time."""
     if later_s is None:
         return "–"
     if abs(later_s) < 60.0:

@@ -22,7 +22,7 @@ class Action:
     fields
         Hidden fields of its form.
     is_destructive
-        Whether it cannot be taken back: a page asks for a second press.
+        True if it cannot be taken back: a page asks for a second press.
     """
 
     path: str
@@ -83,21 +83,21 @@ def list_part_actions(
         return
     path = f"/jobs/{job.id}/parts/{part.id.rpartition('/')[2]}"
     plate = next(candidate for candidate in job.plates if candidate.id == part.plate)
-    last = part.own_prints[-1] if part.own_prints else None
+    last_print = part.own_prints[-1] if part.own_prints else None
     if printer is not None and printer.last is not None and role.allows(Role.OPERATE):
-        is_done = last is not None and last.state is PrintState.DONE
+        is_done = last_print is not None and last_print.state is PrintState.DONE
         good, bad = ("Good", "Bad") if is_done else ("Usable", "Not usable")
         cleared, seen = f"/printers/{printer.name}/cleared", ("seen", printer.last.id)
         yield Action(cleared, f"{good}, and {printer.name} is clear", (seen, ("good", part.id)))
         verdict = (("bad", "true"),) if is_done else ()
         yield Action(cleared, f"{bad}, and {printer.name} is clear", (seen, *verdict))
     if plate.printing or plate.hold is not None:
-        is_paused = (last is not None and last.state is PrintState.PAUSED) or (
+        is_paused = (last_print is not None and last_print.state is PrintState.PAUSED) or (
             plate.hold is not None and plate.hold.code is HoldCode.PAUSED
         )
         yield Action(f"{path}/resume", "Resume") if is_paused else Action(f"{path}/pause", "Pause")
         yield Action(f"{path}/cancel", "Cancel this part", is_destructive=True)
-    elif job.pruned is None and last is not None:
+    elif job.pruned is None and last_print is not None:
         yield Action(f"{path}/reprint", "Print again", is_destructive=True)
 
 

@@ -67,7 +67,7 @@ def draw_curve(points: Sequence[CurvePoint], chosen: int, starts: datetime, now:
     chosen
         The number of printers of the plan.
     starts
-        When printing would start.
+        Time at which printing would start.
     now
         Time of the reader.
     """

@@ -107,7 +107,7 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
 
 
 def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
-    """Say in one or two sentences how far a job is, and what comes next."""
+    """Summarise the progress of a job and the next step in one or two sentences."""
     if job.progress is not None and job.state != JobState.PRINTING:
         return f"{format_planning(job.progress).capitalize()}."
     if job.state == JobState.QUEUED:
@@ -118,9 +118,9 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
     if job.state == JobState.HELD:
         return f"{_describe_plan(job, timeline)} Nothing prints before it is approved."
     if job.state == JobState.PRINTING:
-        printed = f"{job.printed} of {format_count(len(job.plates), 'part')} printed"
+        progress = f"{job.printed} of {format_count(len(job.plates), 'part')} printed"
         ends = "" if job.eta is None else _format_end(job.eta, job.now)
-        return Markup("{}{}{}.").format("Paused: " if job.paused else "", printed, ends)
+        return Markup("{}{}{}.").format("Paused: " if job.paused else "", progress, ends)
     if job.state == JobState.PRINTED:
         return "Every part is printed: take the parts off and say which are good."
     if job.state == JobState.DONE:
@@ -195,8 +195,8 @@ def list_gcode_figures(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str
 
 def list_changes(job: api.JobView) -> list[str]:
     """List the changes that the farm made to the model."""
-    scaled = [f"Scaled by {job.scale:g}."] if job.scale is not None and job.scale != 1 else []
-    return [*job.repairs, *scaled]
+    scale_notes = [f"Scaled by {job.scale:g}."] if job.scale is not None and job.scale != 1 else []
+    return [*job.repairs, *scale_notes]
 
 
 def draw_job_gantt(data: JobData, now: datetime) -> Gantt | None:

@@ -25,17 +25,17 @@ class PartRow:
     state
         State of its last print, or the verdict on it.
     remark
-        Which attempt it is, and on which bed it lies; empty if there is nothing to say.
+        Number of the attempt, and the bed on which it lies; empty if neither is known.
     kind
         Its state for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
     progress
         Share of the open print, 0 to 1; None without one.
     ends
-        When its print ends or has ended, ISO 8601; None if unknown.
+        End of its print, expected or actual, ISO 8601; None if unknown.
     expected, now, reached
         Durations: planned; of the open print by its progress; of the last print that was done.
     why
-        Why it waits or what went wrong; empty if there is nothing to say.
+        Reason for which it waits or failed; empty if there is none.
     """
 
     id: str
@@ -79,7 +79,7 @@ def list_part_rows(
     rows = []
     for part in job.parts:
         plate = plates[part.plate]
-        last = part.own_prints[-1] if part.own_prints else None
+        last_print = part.own_prints[-1] if part.own_prints else None
         progress, slot = open_prints.get(plate.id), slots.get(plate.id)
         rows.append(
             PartRow(
@@ -90,12 +90,14 @@ def list_part_rows(
                 remark=_describe_remark(part, beds.get(part.id)),
                 kind=_find_kind(part, plate),
                 progress=None if progress is None else progress.progress,
-                ends=slot.ends if slot is not None else (last.ended if last is not None else None),
+                ends=slot.ends
+                if slot is not None
+                else (last_print.ended if last_print is not None else None),
                 expected=format_duration(plate.estimated_s),
-                now=_describe_now(last, progress, job.now),
-                reached=_describe_reached(last, plate.estimated_s),
+                now=_describe_now(last_print, progress, job.now),
+                reached=_describe_reached(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
-                why=_explain(plate, last),
+                why=_explain(plate, last_print),
                 actions=tuple(list_part_actions(job, part, beds.get(part.id), role)),
             )
         )
@@ -103,14 +105,14 @@ def list_part_rows(
 
 
 def _find_kind(part: api.PartView, plate: api.PlateStatus) -> str:
-    last = part.own_prints[-1] if part.own_prints else None
+    last_print = part.own_prints[-1] if part.own_prints else None
     if plate.printing:
         return "printing"
-    if last is None or plate.hold is not None:
+    if last_print is None or plate.hold is not None:
         return "waiting"
-    if last.state is PrintState.DONE:
+    if last_print.state is PrintState.DONE:
         return str(part.verdict or "printed")
-    return str(last.state)
+    return str(last_print.state)
 
 
 def _find_state(part: api.PartView, plate: api.PlateStatus) -> str:
@@ -125,17 +127,23 @@ def _describe_remark(part: api.PartView, printer: api.PrinterView | None) -> str
     return ", ".join(remarks)
 
 
-def _describe_now(last: api.PrintView | None, progress: api.PrintProgress | None, now: str) -> str:
-    if progress is None or last is None or last.started is None:
+def _describe_now(last_print: api.PrintView | None, progress: api.PrintProgress | None, now: str) -> str:
+    if progress is None or last_print is None or last_print.started is None:
         return ""
-    elapsed = datetime.fromisoformat(now) - datetime.fromisoformat(last.started)
-    return format_duration(max(0.0, elapsed.total_seconds()) + progress.remaining_s)
+    duration = datetime.fromisoformat(now) - datetime.fromisoformat(last_print.started)
+    return format_duration(max(0.0, duration.total_seconds()) + progress.remaining_s)
 
 
-def _describe_reached(last: api.PrintView | None, expected_s: float) -> str:
-    if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
+def _describe_reached(last_print: api.PrintView | None, expected_s: float) -> str:
+    if (
+        last_print is None
+        or last_print.state is not PrintState.DONE
+        or not (last_print.started and last_print.ended)
+    ):
         return ""
-    took_s = (datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)).total_seconds()
+    took_s = (
+        datetime.fromisoformat(last_print.ended) - datetime.fromisoformat(last_print.started)
+    ).total_seconds()
     deviation = f" ({format_deviation(took_s / expected_s - 1)})" if expected_s > 0 else ""
     return format_duration(took_s) + deviation
 

@@ -14,7 +14,7 @@ from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
 from pydantic import BaseModel
 
 from farm import api
-from farm.control import READING_S, DryRuns
+from farm.control import PAGE_PATIENCE_S, DryRuns
 from farm.errors import NoSuchThing
 from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
@@ -48,16 +48,16 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     farm = controller.fleet.fleet
 
     async def read_stored_report(number: int) -> Report:
-        stored = name_stored_files(controller.books, number).get(_REPORT)
-        if stored is None:
+        file_name = name_stored_files(controller.books, number).get(_REPORT)
+        if file_name is None:
             return Report()
         try:
-            return await asyncio.to_thread(_read_report, services.state.files / stored)
+            return await asyncio.to_thread(_read_report, services.state.files / file_name)
         except OSError:  # the page shows the rest
             return Report()
 
     async def show(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
-        dry_runs.keep(number, time.monotonic(), READING_S)
+        dry_runs.keep(number, time.monotonic(), PAGE_PATIENCE_S)
         report = await read_stored_report(number)
         if curve is not None and not report.curve:
             report = report.model_copy(update={"curve": (await read_stored_report(curve)).curve})
@@ -82,8 +82,8 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
 
     @router.get("/jobs/{number}/parts.zip")
     async def send_parts(number: int) -> Response:
-        stored = name_stored_files(controller.books, number)
-        parts = {name: services.state.files / file for name, file in stored.items() if name.endswith(".stl")}
+        files = name_stored_files(controller.books, number)
+        parts = {name: services.state.files / file for name, file in files.items() if name.endswith(".stl")}
         for name in parts or ["parts.zip"]:
             await find_stored_file(services, number, name)  # a missing one is an error, and no broken archive
         headers = {"content-disposition": f'attachment; filename="job-{number}-parts.zip"'}

@@ -34,7 +34,7 @@ class Start(StrEnum):
     AT = "at"
 
 
-class Next(StrEnum):
+class NextStep(StrEnum):
     """Choice of the step after the submission."""
 
     PLAN = "plan"  # show the plan, and print nothing
@@ -42,7 +42,7 @@ class Next(StrEnum):
     HOLD = "hold"  # plan it, and wait for an approval
 
 
-_COPIED = (
+_PLAIN_FIELDS = (
     "longest_side_mm",
     "quality",
     "material",
@@ -55,7 +55,10 @@ _COPIED = (
     "priority",
 )
 DEFAULTS: Mapping[str, str] = {
-    **{field: "" if (value := getattr(JobOptions(), field)) is None else str(value) for field in _COPIED},
+    **{
+        field: "" if (value := getattr(JobOptions(), field)) is None else str(value)
+        for field in _PLAIN_FIELDS
+    },
     "scale": "1",
     "goal": Goal.AUTO,
     "printers": "",
@@ -76,12 +79,12 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
     FarmError
         If one is wrong, with its name.
     """
-    values: dict[str, object] = {name: fields[name] for name in _COPIED if fields.get(name, "").strip()}
+    values: dict[str, object] = {name: fields[name] for name in _PLAIN_FIELDS if fields.get(name, "").strip()}
     try:
         if fields.get("scale", "1") != "1" and "longest_side_mm" not in values:
             values["scale"] = fields["scale"]
         goal, start = Goal(fields.get("goal", Goal.AUTO)), Start(fields.get("start", Start.NOW))
-        following = Next(fields.get("next", Next.PLAN))
+        next_step = NextStep(fields.get("next", NextStep.PLAN))
     except ValueError as error:
         raise FarmError(f"{error}: send the form again from its page", ErrorCode.SETTINGS) from error
     if goal is Goal.COUNT:
@@ -94,8 +97,8 @@ def read_job_options(fields: Mapping[str, str]) -> JobOptions:
         values["at"] = _require(fields, "at", "give the time at which it starts")
     values["marks"] = fields.get("marks", "") != ""
     values["overnight"] = start is Start.OVERNIGHT
-    values["dry_run"] = following is Next.PLAN
-    values["hold"] = following is not Next.PRINT
+    values["dry_run"] = next_step is NextStep.PLAN
+    values["hold"] = next_step is not NextStep.PRINT
     try:
         return JobOptions.model_validate(values)
     except ValidationError as error:

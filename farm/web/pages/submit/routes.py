@@ -53,11 +53,11 @@ def submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
             options = read_job_options(form.fields)
             return await asyncio.to_thread(name_filament, options, fleet.printers, fleet.fleet.materials)
 
-        wanted = request.query_params.get("request", "")
-        request_id = wanted if _REQUEST_ID.fullmatch(wanted) else uuid.uuid4().hex
-        known = jobs.find_submission(request_id)
-        if known is not None:
-            return RedirectResponse(f"/jobs/{known}", _SEE_OTHER)
+        given_id = request.query_params.get("request", "")
+        request_id = given_id if _REQUEST_ID.fullmatch(given_id) else uuid.uuid4().hex
+        earlier_job = jobs.find_submission(request_id)
+        if earlier_job is not None:
+            return RedirectResponse(f"/jobs/{earlier_job}", _SEE_OTHER)
         try:
             number = (await uploads.submit(request, request_id, read_options, by)).job
         except (FarmError, HTTPException) as error:

@@ -35,7 +35,7 @@ class SubmitChoices:
     timezone
         Time zone of the times in the form.
     reads_step
-        Whether the extra that reads STEP is installed.
+        True if the extra that reads STEP is installed.
     """
 
     printers: int

@@ -251,7 +251,7 @@ def test_m109_reports_each_second_and_holds_three_seconds(host: Host) -> None:
     assert [line[-3:] for line in message[-4:-1]] == ["W:2", "W:1", "W:0"] and message[-1] == "ok"
     assert all(line.startswith("T:") and " E:0 W:" in line for line in message[:-1])
     assert message[0].endswith("W:?")
-    expected_s = PROFILES["ultimaker2_plus"].nozzle.seconds_to(59.0) + 3.0
+    expected_s = PROFILES["ultimaker2_plus"].nozzle.compute_heating_s(59.0) + 3.0
     assert host.now_s - started_s == pytest.approx(expected_s, abs=0.05)
     assert len(message) - 1 == int(expected_s)
 

@@ -25,7 +25,7 @@ def test_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
 def test_nozzle_reaches_its_target_at_the_modelled_time_and_holds_it(target_c: float) -> None:
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
-    needed_s = NOZZLE.seconds_to(target_c)
+    needed_s = NOZZLE.compute_heating_s(target_c)
     assert heater.power(0.0) == FULL_POWER
     assert heater.temperature_c(needed_s * 0.99) < target_c
     assert heater.temperature_c(needed_s + 1e-6) == pytest.approx(target_c)
@@ -49,7 +49,7 @@ def test_temperature_is_independent_of_the_sampling_rate(steps: list[float]) -> 
 def test_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
     heater = Heater(BED, period_s=5.0)
     heater.set_target(60.0, 0.0)
-    now_s = BED.seconds_to(60.0) + 10.0
+    now_s = BED.compute_heating_s(60.0) + 10.0
     observed = set()
     while now_s < 3000.0:
         assert heater.temperature_c(now_s) == pytest.approx(60.0, abs=1.0)
@@ -65,7 +65,7 @@ def test_unpowered_heater_cools_to_room_temperature(target_c: float, wait_s: flo
     top_c = heater.temperature_c(5000.0)
     heater.set_target(0.0, 5000.0)
     to_c = AMBIENT_C + (top_c - AMBIENT_C) / 2
-    needed_s = heater.seconds_down_to(to_c, 5000.0)
+    needed_s = heater.compute_cooling_s(to_c, 5000.0)
     assert needed_s == pytest.approx(NOZZLE.tau_s * math.log(2))
     assert AMBIENT_C <= heater.temperature_c(5000.0 + wait_s) < top_c
     assert heater.power(5000.0 + wait_s) == 0
@@ -85,4 +85,4 @@ def test_dead_element_never_warms() -> None:
     heater.set_target(60.0, 0.0)
     assert heater.temperature_c(3000.0) == pytest.approx(AMBIENT_C)
     assert heater.power(3000.0) == FULL_POWER
-    assert heater.seconds_to(60.0, 3000.0) == math.inf
+    assert heater.compute_heating_s(60.0, 3000.0) == math.inf

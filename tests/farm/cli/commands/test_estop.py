@@ -167,7 +167,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
             all_there.wait(10.0)
             for _ in range(20):
                 tell("it cools")
-            return StopResult(name, 0.0, True, "off", still=True)
+            return StopResult(name, 0.0, True, "off", is_still=True)
 
         return end
 

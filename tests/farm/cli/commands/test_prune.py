@@ -8,7 +8,7 @@ from farm import api
 from farm.cli.client import Client
 from farm.cli.main import main
 
-ANSWER = api.Pruned(
+ANSWER = api.PruneResponse(
     dry_run=True,
     jobs=[
         api.PrunedJob(id=3, name="bunny.stl", size_bytes=480_000_000),

@@ -49,7 +49,7 @@ class Daemon:
             estimated_s=None,
             waits_for_person=False,
         )
-        return api.Submitted(job=number, again=False)
+        return api.SubmitResponse(job=number, again=False)
 
     def job(self, number):
         return api.JobStatus.model_construct(job=self.jobs[number])

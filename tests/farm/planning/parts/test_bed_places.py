@@ -28,7 +28,7 @@ def test_part_is_drawn_where_it_is_sliced(size_mm):
     part = make_part(*size_mm)
     found = place_on({"um2-01": BED})(part)
     placement = place(size_mm, BED.room)
-    assert found == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.turned)
+    assert found == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
     vertices, faces = part.printing_mesh()
     drawn, _ = put_on_bed(vertices, faces, found)
     mesh = trimesh.Trimesh(vertices, faces, process=False)

@@ -17,7 +17,7 @@ from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.storage import backups
 from farm.state.storage.backups import (
-    KEPT,
+    BACKUP_COUNT,
     back_up,
     compute_next_backup_s,
     is_due,
@@ -64,10 +64,10 @@ def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
     books = fill(state)
     assert is_due(state, NIGHT_S)
     with Store(state.books):
-        for night in range(KEPT + 2):
+        for night in range(BACKUP_COUNT + 2):
             back_up(state, NIGHT_S + night * DAY_S)
     created = [parse_backup_time_s(copy) for copy in list_backups(state)]
-    assert created == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
+    assert created == [NIGHT_S + night * DAY_S for night in range(BACKUP_COUNT + 1, 1, -1)]
     assert not is_due(state, created[0] + DAY_S - 1)
     (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
     assert [parse_backup_time_s(copy) for copy in list_backups(state)] == created

@@ -45,9 +45,9 @@ def night():
     return books
 
 
-def describe(books, change=None, back_s=3600.0, **hours):
+def describe(books, change=None, past_s=3600.0, **hours):
     context, situation = make_context(books, NOW_S), make_situation(books, NOW_S, "a", **hours)
-    return describe_fleet_timeline(context, situation, back_s, change)
+    return describe_fleet_timeline(context, situation, past_s, change)
 
 
 def test_past_running_and_planned_prints_are_shown_in_order():
@@ -69,7 +69,7 @@ def test_past_running_and_planned_prints_are_shown_in_order():
 
 
 def test_prints_before_the_period_are_left_out():
-    kinds = [row.kind for row in describe(night(), back_s=800.0).table]
+    kinds = [row.kind for row in describe(night(), past_s=800.0).table]
     assert "good" not in kinds
     assert "failed" in kinds  # it ended 750 s ago
 
@@ -117,7 +117,7 @@ def test_unknown_job_is_refused():
 
 def test_empty_farm_has_an_empty_timeline():
     view = describe(empty_books("abc"))
-    assert (view.table, view.shifts, view.left) == ((), (), ())
+    assert (view.table, view.shifts, view.unprintable_parts) == ((), (), ())
     assert view.chart.height > 0
 
 
