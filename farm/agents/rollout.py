@@ -38,7 +38,7 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
     updates
         State of the update of each host, by its name; None: it is not connected.
     started_hosts
-        Hosts whose update has begun, in order. The others wait until the first one is done.
+        Hosts whose update has started_hosts, in order. The others wait until the first one is done.
 
     Returns
     -------
@@ -61,9 +61,9 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
     )
     if not started_hosts and todo:
         return RolloutStep(begin=todo[:1])
-    repeated = tuple(host for host in begun if phases.get(host) is UpdatePhase.OUTDATED)
-    following = todo if begun and phases.get(begun[0]) is UpdatePhase.CURRENT else ()
-    if repeated or following:
-        return RolloutStep(begin=(*repeated, *following))
-    done = all(phase is UpdatePhase.CURRENT for phase in phases.values())
-    return RolloutStep(ended=done)
+    outdated_hosts = tuple(host for host in started_hosts if phases.get(host) is UpdatePhase.OUTDATED)
+    next_hosts = todo if started_hosts and phases.get(started_hosts[0]) is UpdatePhase.CURRENT else ()
+    if outdated_hosts or next_hosts:
+        return RolloutStep(begin=(*outdated_hosts, *next_hosts))
+    is_done = all(phase is UpdatePhase.CURRENT for phase in phases.values())
+    return RolloutStep(ended=is_done)
