@@ -10,6 +10,7 @@ MIN_GLUE_MM2 = 25.0
 """Area of a joint of 5 x 5 mm, which holds a hand-sized part."""
 BUDGET_S = 20.0
 FILAMENT_MM = 2.85
+THIN_FILAMENT_MM = 1.75
 MIN_PIN_MM, MAX_PIN_MM = 1.0, 10.0
 PIN_FIT_MM = 0.4
 """[assumed] Width of a printed hole across its flats beyond a pin of filament that fits it."""

@@ -105,13 +105,26 @@ class Room:
         shapely.Geometry
             In the coordinates of the face. Tools have to keep `RIM_MM` from its border.
         """
+        return self.find_solid_area(side, depth_mm + RIM_MM)
+
+    def find_solid_area(self, side: Side, depth_mm: float, wall_mm: float = RIM_MM) -> shapely.Geometry:
+        """Find the area of a face below which a part is solid to a depth, and free of other tools.
+
+        Parameters
+        ----------
+        side, depth_mm
+            The face, and the depth with all rims.
+        wall_mm
+            Distance that is kept from the border; other tools are left `RIM_MM` all the same.
+        """
         room = self._find_solid(side, depth_mm)
         for tool in self.tools:
             if tool.part != side.part:
                 continue
             heights_mm = tool.points_mm @ side.into - side.sign * side.face.offset_mm
-            if heights_mm.min() < depth_mm + RIM_MM and heights_mm.max() > -RIM_MM:
-                room = room - shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
+            if heights_mm.min() < depth_mm + RIM_MM - wall_mm and heights_mm.max() > -RIM_MM:
+                outline = shapely.MultiPoint(side.flatten(tool.points_mm)).convex_hull
+                room = room - (outline.buffer(RIM_MM - wall_mm) if wall_mm < RIM_MM else outline)
         return room
 
     def _find_solid(self, side: Side, depth_mm: float) -> shapely.Geometry:
@@ -125,7 +138,7 @@ def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
     """Find the area of a face below which a solid has no gap, by a slab and the outline of what it lacks."""
     outline = side.face.outline
     frame = np.vstack([side.face.axes, side.face.normal])
-    ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm + RIM_MM])
+    ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm])
     slab = Solid.prism(rings_of(outline), frame, float(ends.min()), float(ends.max()))
     lacking = slab.subtract(solid)
     if lacking.is_empty:

@@ -1,7 +1,8 @@
 """Places of pins: for each step of the assembly two far apart, and more where the glue is far from them.
 
 The two differ in depth, so that a body that is turned half around stays open by millimetres; and no two steps
-have their pins at the same distance, so that a body fits nowhere else.
+have their pins at the same distance, so that a body fits nowhere else. Where holes have no room, keys lie
+along the joint.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
+from decompose.connectors.coverage import Site, find_far_glue, sample_points, sort_by_gain
 from decompose.connectors.faces import Room, Side, erode, find_sides
+from decompose.connectors.keys import KeyMaker, KeyPlacer
 from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
 from decompose.connectors.tools import make_hole
-from decompose.options import ConnectorOptions
+from decompose.options import THIN_FILAMENT_MM, ConnectorOptions
 from decompose.pieces import Joint, list_polygons
 
 SHALLOW = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
@@ -29,23 +32,12 @@ DISTINCT_MM = 0.7  # least difference between the distances of two pairs, beside
 NEAREST_PAIR_MM = 8.0  # nearer to each other, two pins fix no angle
 FAR_PAIR_MM = 80.0  # further apart, one hole is a slot
 SLOT_MM = 0.25  # by which it is longer both ways: 0.2 % of shrinkage and the play of the pins
-REACH_MM = 60.0  # glue further from each pin gets another
-NEAR_SHARE = 0.95  # share of a step's glue that has to be nearer
-GLUE_MM, PLACES_MM = 5.0, 15.0  # pitches of the points of glue, and of the places that are tried for it
+PLACES_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
 MAX_FURTHER_PINS = 8  # pins of a step besides the two
-WORTH_MM2 = 100.0  # glue for which another pin is worthwhile
 COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # further inside, where that keeps this share of the distance
 ROUND_MM = 0.03  # by which an inner corner of a buffer may be cut
 CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
 ALONG = 0.999
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Site:
-    """Face that closes along the direction of a step: the side of the moved part, and of the other."""
-
-    moved: Side
-    fixed: Side
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
@@ -55,6 +47,11 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
     """
     shallow_mm = max(SHALLOWEST_MM, round(2.0 * SHALLOW * pin_mm) / 2.0)
     return shallow_mm + DEEPER_MM, shallow_mm
+
+
+def choose_keys_mm(pin_mm: float) -> list[float]:
+    """Choose the diameters of keys: that of the pins, and of thin filament where it has no room."""
+    return sorted({pin_mm, min(pin_mm, THIN_FILAMENT_MM)}, reverse=True)
 
 
 def place_pins(
@@ -88,28 +85,31 @@ def place_pins(
 
 
 def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
-    """Find the pair of each step that has one: the deep pin, and the first of the shallow ones."""
+    """Find the pair of each step that has one: its first two pins, unless they are alike."""
     by_step: dict[int, list[Pin]] = {}
     for pin in pins:
         by_step.setdefault(pin.step, []).append(pin)
-    deepest = max((pin.depth_mm for pin in pins), default=0.0)
     return {
         step: (own[0], own[1])
         for step, own in by_step.items()
-        if len(own) > 1 and own[0].depth_mm == deepest and own[1].depth_mm < deepest
+        if len(own) > 1 and _describe_shape(own[0]) != _describe_shape(own[1])
     }
+
+
+def _describe_shape(pin: Pin) -> tuple[float, float, bool]:
+    return pin.length_mm, pin.diameter_mm, pin.along is None
 
 
 def _pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
     return [distance_mm(*pair) for pair in pairs_of(pins).values()]
 
 
-def _find_sites(room: Room, number: int, joint: Joint, step: AssemblyStep) -> list[_Site]:
+def _find_sites(room: Room, number: int, joint: Joint, step: AssemblyStep) -> list[Site]:
     sites = []
     for one, other in find_sides(room.blanks, number, joint):
         moved, fixed = (one, other) if one.part in step.moved else (other, one)
         if float(moved.into @ step.direction) > ALONG:
-            sites.append(_Site(moved, fixed))
+            sites.append(Site(moved, fixed))
     return sites
 
 
@@ -120,22 +120,45 @@ class _Placer:
     room: Room
     number: int
     step: AssemblyStep
-    sites: list[_Site]
+    sites: list[Site]
     pin_mm: float
 
     def place(self, taken_mm: Sequence[float]) -> list[Pin]:
-        """Place all pins of the step; the distance of its pair differs from those taken."""
+        """Place all pins and keys of the step; the distance of its pair differs from those taken.
+
+        Two pins locate best, then two keys, which thin walls take, then one pin with a key.
+        """
         deep, shallow = (self._find_places(index) for index in range(2))
-        pins = self._place_pair(deep, shallow, taken_mm) or self._place_one(deep, shallow)
+        pins = self._place_pair(deep, shallow, taken_mm)
+        keys = [
+            KeyPlacer(
+                KeyMaker(self.room, self.number, self.step.direction, key_mm),
+                self.sites,
+                pins,
+                taken_mm,
+                self.distinct_mm,
+            )
+            for key_mm in choose_keys_mm(self.pin_mm)
+        ]
+        for placer in keys:
+            if not pins:
+                placer.place_pair()
+        if not pins:
+            pins += self._place_one(deep, shallow)
+        for placer in keys:
+            if len(pins) < 2:
+                placer.place_second()
         for _ in range(MAX_FURTHER_PINS if pins else 0):
             further = self._place_further(pins)
             if further is None:
                 break
             pins.append(further)
+        for placer in keys:
+            placer.place_further()
         return pins
 
     @property
-    def _distinct_mm(self) -> float:
+    def distinct_mm(self) -> float:
         return 2.0 * max(blank.pin_fit_mm for blank in self.room.blanks) + DISTINCT_MM
 
     def _size_mm(self, side: Side, index: int) -> tuple[float, float]:
@@ -183,7 +206,7 @@ class _Placer:
         for back_mm in np.arange(0.0, apart_mm - NEAREST_PAIR_MM, 0.5):
             moved = end + self._flat((at - end)[None])[0] * back_mm / apart_mm  # stays in its plane
             new_mm = self._across_mm(at, moved)
-            if any(abs(new_mm - known_mm) < self._distinct_mm for known_mm in taken_mm):
+            if any(abs(new_mm - known_mm) < self.distinct_mm for known_mm in taken_mm):
                 continue
             if not shallow[other].contains(shapely.Point(self.sites[other].moved.flatten(moved))):
                 continue
@@ -254,22 +277,18 @@ class _Placer:
 
     def _place_further(self, pins: Sequence[Pin]) -> Pin | None:
         """Place a shallow pin where most glue is far from the others; None where none is worthwhile."""
-        glue = np.concatenate([_sample(site.moved, site.moved.face.outline, GLUE_MM) for site in self.sites])
-        far = glue[cdist(glue, [pin.at_mm for pin in pins]).min(axis=1) > REACH_MM]
-        if len(far) <= (1.0 - NEAR_SHARE) * len(glue):
+        far = find_far_glue(self.sites, pins)
+        if not len(far):
             return None
         places = self._find_places(1)
         sites, corners = self._corners(places)
         inside = [
-            _sample(site.moved, place.buffer(-ROUND_MM), PLACES_MM)
+            sample_points(site.moved, place.buffer(-ROUND_MM), PLACES_MM)
             for site, place in zip(self.sites, places, strict=True)
         ]
         sites += [number for number, points in enumerate(inside) for _ in points]
         points = np.concatenate([corners, *inside])
-        gains_mm2 = (cdist(points, far) < REACH_MM).sum(axis=1) * GLUE_MM**2
-        for best in np.argsort(-gains_mm2, kind="stable").tolist():
-            if gains_mm2[best] < WORTH_MM2:
-                break
+        for best in sort_by_gain(points, far):
             pin = self._make_pin(sites[best], points[best], 1, np.zeros(3))
             if pin is not None:
                 self.room.tools += pin.holes
@@ -302,14 +321,3 @@ class _Placer:
         reach_mm = float((hole.points_mm @ side.into).max()) - side.sign * side.face.offset_mm
         outline = shapely.MultiPoint(side.flatten(hole.points_mm)).convex_hull
         return bool(self.room.find_room(side, reach_mm).contains(outline.buffer(RIM_MM)))
-
-
-def _sample(side: Side, area: shapely.Geometry, pitch_mm: float) -> Floats:
-    """List points (n, 3) of a square grid inside an area of a face; at least one, unless it is empty."""
-    if area.is_empty:
-        return np.zeros((0, 3))
-    low_x, low_y, high_x, high_y = area.bounds
-    spans = (np.arange(a + pitch_mm / 2.0, b, pitch_mm) for a, b in ((low_x, high_x), (low_y, high_y)))
-    grid = np.array(np.meshgrid(*spans)).reshape(2, -1).T
-    inside = grid[shapely.contains_xy(area, grid)]
-    return side.lift(inside if len(inside) else shapely.get_coordinates(area.representative_point()))

@@ -9,6 +9,7 @@ import numpy as np
 from decompose.arrays import Floats
 
 RIM_MM = 1.2  # least distance of a tool from the outside of its part, and from another tool
+KEY_RIM_MM = 0.8  # of the groove of a key from the outside: two lines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +36,7 @@ class Tool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pin:
-    """Loose pin, which sits in two parts.
+    """Loose pin, which sits in holes of two parts, or lies in grooves of both as a key.
 
     Attributes
     ----------
@@ -54,7 +55,9 @@ class Pin:
     slotted
         Whether one of its holes is longer towards the other pin, as the distance may shrink.
     holes
-        Holes in the moved part, and in the fixed one.
+        Holes, or grooves, in the moved part and in the fixed one.
+    along
+        (3,) unit vector in which a key lies; None for a pin in holes.
     """
 
     step: int
@@ -66,6 +69,12 @@ class Pin:
     length_mm: float
     slotted: bool
     holes: tuple[Tool, Tool]
+    along: Floats | None = None
+
+    @property
+    def rod_axis(self) -> Floats:
+        """Unit vector (3,) along the pin itself."""
+        return self.axis if self.along is None else self.along
 
 
 @dataclass(frozen=True, slots=True, eq=False)

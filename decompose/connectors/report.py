@@ -12,9 +12,10 @@ from decompose.connectors.records import Connectors, Mark, Pin
 from decompose.pieces import Joint
 
 
-def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, int]]:
-    """List the lengths to which pins are cut, in mm, the longest first, with their numbers."""
-    return sorted(Counter(round(pin.length_mm, 1) for pin in pins).items(), reverse=True)
+def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
+    """List the diameters and lengths of pins and keys to cut, in mm, and their counts; the largest first."""
+    counts = Counter((pin.diameter_mm, round(pin.length_mm, 1)) for pin in pins)
+    return sorted(((*cut, count) for cut, count in counts.items()), reverse=True)
 
 
 def describe_connectors(
@@ -40,7 +41,10 @@ def describe_connectors(
             {"id": number, "joint": name_joint(pin.joint), **_describe_pin(pin)}
             for number, pin in enumerate(connectors.pins, 1)
         ],
-        "cut_list": [{"length_mm": length, "count": count} for length, count in list_cuts(connectors.pins)],
+        "cut_list": [
+            {"length_mm": length_mm, "diameter_mm": diameter_mm, "count": count}
+            for diameter_mm, length_mm, count in list_cuts(connectors.pins)
+        ],
         "marks": [
             {"part": names[mark.part], "joint": name_joint(mark.joint), **_describe_mark(mark)}
             for mark in connectors.marks
@@ -80,7 +84,8 @@ def _describe_pin(pin: Pin) -> dict[str, Any]:
         "diameter_mm": pin.diameter_mm,
         "depth_mm": pin.depth_mm,
         "length_mm": pin.length_mm,
-        "kind": "slot" if pin.slotted else "round",
+        "kind": "key" if pin.along is not None else "slot" if pin.slotted else "round",
+        "along": None if pin.along is None else (pin.along + 0.0).tolist(),
     }
 
 

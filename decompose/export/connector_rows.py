@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 from decompose.connectors import Mark, Pin
-from decompose.export.pin_sheet import format_length
+from decompose.export.pin_sheet import format_size
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition
 
@@ -38,7 +39,7 @@ def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
 def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
     """List the pins of a joint, with their numbers in the report."""
     return [
-        {"id": str(number), "length": format_length(pin.length_mm), "depth": format_length(pin.depth_mm)}
+        {"id": str(number), "kind": "pin" if pin.along is None else "key", "size": format_size(pin)}
         for number, pin in enumerate(decomposition.connectors.pins, 1)
         if pin.joint == joint
     ]
@@ -53,12 +54,20 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
         reasons = dict(decomposition.connectors.unpinned)
         reason = reasons.get(step, "its holes were left out")
         return f"No pins ({reason}): line the faces up by their rims."
-    text = f"Put {_count_pins(pins)} into the lower body first, as drawn. "
-    if len({round(pin.length_mm, 1) for pin in pins}) > 1:
-        text += "The longer one belongs into the deeper hole: exchanged, the joint stays open."
-    elif len(pins) == 1:
-        text += "One pin leaves a turn free: line the rims up."
-    return text.strip()
+    upright = [pin for pin in pins if pin.along is None]
+    keys = [pin for pin in pins if pin.along is not None]
+    sentences = []
+    if upright:
+        sentences.append(f"Put {_count(upright, 'pin')} into the lower body first, as drawn.")
+    if len({round(pin.length_mm, 1) for pin in upright}) > 1:
+        sentences.append("The longer one belongs into the deeper hole: exchanged, the joint stays open.")
+    if keys:
+        sentences.append(f"Lay {_count(keys, 'key')} into the grooves of the lower body, as drawn.")
+        if min(key.diameter_mm for key in keys) < (decomposition.options.connectors.pin_mm or 0.0):
+            sentences.append("Without filament of that size leave these grooves empty, and line the rims up.")
+    if len(pins) == 1 and upright:
+        sentences.append("One pin leaves a turn free: line the rims up.")
+    return " ".join(sentences)
 
 
 def name_mark(decomposition: Decomposition, mark: Mark) -> str:
@@ -74,7 +83,6 @@ def list_orphans(decomposition: Decomposition) -> list[dict[str, Any]]:
     return [code for joint in joints if joint not in used for code in list_codes(decomposition, joint)]
 
 
-def _count_pins(pins: list[Pin]) -> str:
-    lengths = [format_length(pin.length_mm) for pin in pins]
-    counts = {length: lengths.count(length) for length in dict.fromkeys(lengths)}
-    return " and ".join(f"{count} pin{'s' * (count > 1)} of {length} mm" for length, count in counts.items())
+def _count(pins: list[Pin], noun: str) -> str:
+    sizes = Counter(format_size(pin) for pin in pins)
+    return " and ".join(f"{count} {noun}{'s' * (count > 1)} of {size} mm" for size, count in sizes.items())

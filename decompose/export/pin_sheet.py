@@ -19,22 +19,16 @@ class PinSheet:
 
     Attributes
     ----------
-    diameter
-        Of all pins, in mm, as text.
     rows
-        (length in mm, number of pins) as texts, the longest first.
-    count
-        Number of all pins.
-    stock_mm
-        Length of the stock that they need, with the cuts.
+        (diameter in mm, length in mm, number of pins), the longest first.
+    stocks
+        (diameter in mm, number of pins, length of the stock that they need, with the cuts).
     drawing
         SVG, in mm.
     """
 
-    diameter: str
-    rows: tuple[tuple[str, int], ...]
-    count: int
-    stock_mm: str
+    rows: tuple[tuple[str, str, int], ...]
+    stocks: tuple[tuple[str, int, str], ...]
     drawing: str
 
 
@@ -43,14 +37,20 @@ def make_sheet(pins: Sequence[Pin]) -> PinSheet | None:
     if not pins:
         return None
     cuts = list_cuts(pins)
-    diameter_mm = pins[0].diameter_mm
+    diameters_mm = dict.fromkeys(diameter_mm for diameter_mm, _, _ in cuts)
     return PinSheet(
-        diameter=f"{diameter_mm:g}",
-        rows=tuple((format_length(length_mm), count) for length_mm, count in cuts),
-        count=len(pins),
-        stock_mm=f"{sum(count * (length_mm + SAW_MM) for length_mm, count in cuts):,.0f}",
-        drawing=draw_gauge([length_mm for length_mm, _ in cuts], diameter_mm),
+        rows=tuple(
+            (f"{diameter_mm:g}", format_length(length_mm), count) for diameter_mm, length_mm, count in cuts
+        ),
+        stocks=tuple(_describe_stock(cuts, diameter_mm) for diameter_mm in diameters_mm),
+        drawing=draw_gauge([(length_mm, diameter_mm) for diameter_mm, length_mm, _ in cuts]),
     )
+
+
+def _describe_stock(cuts: Sequence[tuple[float, float, int]], diameter_mm: float) -> tuple[str, int, str]:
+    own = [(length_mm, count) for diameter, length_mm, count in cuts if diameter == diameter_mm]
+    stock_mm = sum(count * (length_mm + SAW_MM) for length_mm, count in own)
+    return f"{diameter_mm:g}", sum(count for _, count in own), f"{stock_mm:,.0f}"
 
 
 def format_length(length_mm: float) -> str:
@@ -58,24 +58,28 @@ def format_length(length_mm: float) -> str:
     return f"{round(length_mm, 1):g}"
 
 
-def draw_gauge(lengths_mm: Sequence[float], diameter_mm: float) -> str:
+def format_size(pin: Pin) -> str:
+    """Format the length of a pin, of a key with its diameter."""
+    length = format_length(pin.length_mm)
+    return length if pin.along is None else f"{length} × {pin.diameter_mm:g}"
+
+
+def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
     """Draw a ruler of 10 cm, and a pin of each length between two lines, as SVG in mm.
 
     Parameters
     ----------
-    lengths_mm
-        Distinct lengths.
-    diameter_mm
-        Of all pins.
+    sizes_mm
+        Distinct pairs of a length and a diameter.
     """
-    height_mm = RULER_HIGH_MM + ROW_MM * len(lengths_mm)
+    height_mm = RULER_HIGH_MM + ROW_MM * len(sizes_mm)
     marks = [_draw_line(LEFT_MM, 2.0, LEFT_MM + RULER_MM, 2.0)]
     for mm in range(RULER_MM + 1):
         long_mm = 6.0 if mm % 10 == 0 else 4.5 if mm % 5 == 0 else 3.0
         marks.append(_draw_line(LEFT_MM + mm, 2.0, LEFT_MM + mm, 2.0 + long_mm))
         if mm % 10 == 0:
             marks.append(_write(LEFT_MM + mm, 11.5, f"{mm}", anchor="middle"))
-    for row, length_mm in enumerate(lengths_mm):
+    for row, (length_mm, diameter_mm) in enumerate(sizes_mm):
         top_mm = RULER_HIGH_MM + ROW_MM * row
         end_mm = LEFT_MM + length_mm
         marks += [_draw_line(x, top_mm - 2.0, x, top_mm + diameter_mm + 2.0) for x in (LEFT_MM, end_mm)]
@@ -83,7 +87,9 @@ def draw_gauge(lengths_mm: Sequence[float], diameter_mm: float) -> str:
             f'<rect x="{LEFT_MM:g}" y="{top_mm:g}" width="{length_mm:g}" height="{diameter_mm:g}" '
             'fill="#9db8f2" stroke="#000" stroke-width="0.1"/>'
         )
-        marks.append(_write(end_mm + 3.0, top_mm + diameter_mm / 2.0 + 1.2, f"{length_mm:g} mm"))
+        marks.append(
+            _write(end_mm + 3.0, top_mm + diameter_mm / 2.0 + 1.2, f"{length_mm:g} × {diameter_mm:g} mm")
+        )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH_MM:g}mm" height="{height_mm:g}mm" '
         f'viewBox="0 0 {WIDTH_MM:g} {height_mm:g}" role="img" aria-label="Ruler of {RULER_MM} mm and pins">'

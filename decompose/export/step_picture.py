@@ -11,9 +11,10 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
+from decompose.connectors import Pin
 from decompose.export.glb import find_moves
 from decompose.export.picture import AZIMUTH_DEG, encode_png, make_figure, make_white_outline, write_labels
-from decompose.export.pin_sheet import format_length
+from decompose.export.pin_sheet import format_size
 from decompose.export.raster import Drawing, draw, make_camera
 from decompose.export.step_scene import Scene, build_both, build_moved
 from decompose.files.names import find_part_number
@@ -177,9 +178,9 @@ def _draw_both(
     figure, axes = make_figure(drawing)
     write_labels(axes, drawing, [find_part_number(decomposition.parts[number].id) for number in scene.parts])
     for pin in scene.pins:
-        rod = np.array([pin.at_mm + pin.length_mm / 2.0 * pin.axis, pin.at_mm + apart_mm])
+        rod = np.array([_find_tip(pin), pin.at_mm + apart_mm])
         axes.plot(*drawing.place(rod).T, ls=":", lw=1.2, color=PIN_INK)
-    _name_pins(axes, drawing, scene, [pin.at_mm + pin.length_mm / 2.0 * pin.axis for pin in scene.pins])
+    _name_pins(axes, drawing, scene, [_find_tip(pin) for pin in scene.pins])
     _draw_arrow(axes, drawing, step, decomposition, apart_mm)
     _draw_scale(axes, drawing)
     return encode_png(figure)
@@ -193,6 +194,12 @@ def _draw_moved(scene: Scene, decomposition: Decomposition, camera: Floats) -> b
     return encode_png(figure)
 
 
+def _find_tip(pin: Pin) -> Floats:
+    """Find the highest point (3,) of a pin or key over the lower body."""
+    height_mm = pin.length_mm if pin.along is None else pin.diameter_mm
+    return np.asarray(pin.at_mm + height_mm / 2.0 * pin.axis)
+
+
 def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Floats]) -> None:
     """Write the length of each pin that is seen beside it."""
     for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
@@ -200,7 +207,7 @@ def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Fl
             continue
         x, y = drawing.place(point_mm[None])[0]
         axes.text(
-            x + PIN_PT, y + PIN_PT / 2.0, format_length(pin.length_mm),
+            x + PIN_PT, y + PIN_PT / 2.0, format_size(pin),
             fontsize=PIN_PT, weight="bold", color=PIN_INK, path_effects=make_white_outline(),
         )  # fmt: skip
 

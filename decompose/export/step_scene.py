@@ -168,8 +168,8 @@ def _make_rod(pin: Pin) -> Floats:
     """Build triangles (m, 3, 3) of a pin in its place."""
     angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    ring = pin.diameter_mm / 2.0 * circle @ choose_plane_axes(pin.axis)
-    ends = [pin.at_mm + sign * pin.length_mm / 2.0 * pin.axis for sign in (-1.0, 1.0)]
+    ring = pin.diameter_mm / 2.0 * circle @ choose_plane_axes(pin.rod_axis)
+    ends = [pin.at_mm + sign * pin.length_mm / 2.0 * pin.rod_axis for sign in (-1.0, 1.0)]
     low, high = (ring + end for end in ends)
     after_low, after_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
     return np.concatenate(
@@ -177,6 +177,7 @@ def _make_rod(pin: Pin) -> Floats:
             np.stack([low, after_low, high], axis=1),
             np.stack([after_low, after_high, high], axis=1),
             np.stack([np.broadcast_to(ends[1], high.shape), high, after_high], axis=1),
+            np.stack([np.broadcast_to(ends[0], low.shape), after_low, low], axis=1),
         ]
     )
 

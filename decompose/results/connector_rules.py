@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import shapely
@@ -25,7 +25,10 @@ FILM_MM = 0.06  # depth at a face that rounding may leave undecided
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
 SIDE = -0.99
 THIN_MM = 0.05  # what is thinner is an error of the operation where faces of tools nearly coincide
+KEY_END_MM = 0.25  # free at each end of a key
+KEY_RIM_MM = 0.75  # least wall around the groove of a key
 COAXIAL = 1.0 - 1e-9
+LEVEL = 1e-6
 OPEN_MM = 1.0  # gap by which a body that is turned half around has to stay open
 
 
@@ -66,7 +69,8 @@ class DrilledParts:
     def _list_groups(self) -> Iterator[_Group]:
         for pin in self.connectors.pins:
             for hole in pin.holes:
-                yield _Group((hole,), self.joints[pin.joint], math.radians(HOLE_DEG), "hole")
+                kind, limit_deg = ("hole", HOLE_DEG) if pin.along is None else ("groove", GROOVE_DEG)
+                yield _Group((hole,), self.joints[pin.joint], math.radians(limit_deg), kind)
         for mark in self.connectors.marks:
             yield _Group(mark.grooves, self.joints[mark.joint], math.radians(GROOVE_DEG), "mark")
         for gutter in self.connectors.gutters:
@@ -84,7 +88,7 @@ class DrilledParts:
             yield Rule.DRILLED, "it is not one piece any more"
         sleeves = Solid.union([group.sleeve() for group in groups])
         if sleeves.subtract(blank).volume_mm3 > EPS_MM3:
-            yield Rule.SKIN, f"the wall around a hole or mark is thinner than {RIM_MM:g} mm"
+            yield Rule.SKIN, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden() for group in groups):
             yield Rule.SKIN, "a hole or mark is not inside of its joint"
         if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _is_near(a, b)):
@@ -102,9 +106,12 @@ class DrilledParts:
         along = moved.into @ step.direction, -fixed.into @ step.direction, pin.axis @ step.direction
         if min(along) < COAXIAL or moved.part not in step.moved or fixed.part not in step.fixed:
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
-        circle = shapely.Point(pin.at_mm @ choose_plane_axes(pin.axis).T).buffer(pin.diameter_mm / 2.0)
-        middle_mm = float(pin.at_mm @ pin.axis)
-        rod = _extrude(circle, pin.axis, middle_mm - pin.length_mm / 2.0, middle_mm + pin.length_mm / 2.0)
+        axis = pin.rod_axis
+        if pin.along is not None and abs(float(pin.along @ pin.axis)) > LEVEL:
+            yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
+        circle = shapely.Point(pin.at_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
+        middle_mm = float(pin.at_mm @ axis)
+        rod = _extrude(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + pin.length_mm / 2.0)
         for hole in pin.holes:
             if rod.intersect(self.drilled[hole.part]).volume_mm3 > EPS_MM3:
                 yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
@@ -124,19 +131,31 @@ def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list
     pairs = pairs_of(pins)
     for step, (deep, shallow) in pairs.items():
         open_mm = deep.length_mm - deep.depth_mm - shallow.depth_mm
-        if open_mm < OPEN_MM:
+        if deep.along is None and shallow.along is None:
+            is_open = open_mm >= OPEN_MM
+        else:  # a key goes into no hole, and a long one into no short groove
+            is_open = (deep.along is None) != (shallow.along is None) or deep.length_mm > _mouth_mm(shallow)
+        if not is_open:
             faults.append(f"step {step + 1} can be turned half around")
         if any(abs(distance_mm(deep, shallow) - taken) <= 2.0 * _play_mm(deep) for taken in taken_mm):
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other, others) in combinations(pairs.items(), 2):
         play_mm = 2.0 * max(_play_mm(pin) for pin in (*pair, *others))
-        if abs(distance_mm(*pair) - distance_mm(*others)) <= play_mm:
+        alike = [pin.along is None for pin in pair] == [pin.along is None for pin in others]
+        if alike and abs(distance_mm(*pair) - distance_mm(*others)) <= play_mm:
             faults.append(f"bodies of the steps {step + 1} and {other + 1} fit each other")
     return faults
 
 
+def _mouth_mm(key: Pin) -> float:
+    """Measure the longer of the mouths of the grooves of a key, along it."""
+    return float(max(np.ptp(groove.points_mm @ key.rod_axis) for groove in key.holes))
+
+
 def _play_mm(pin: Pin) -> float:
     """Measure how far a pin can move across its holes, by the narrowest width of the wider one."""
+    if pin.along is not None:  # across it, between the sides of a V groove; along it, by its free ends
+        return max(2.0 * KEY_END_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)
     across = choose_plane_axes(pin.axis)
     hulls = [shapely.MultiPoint((hole.points_mm - pin.at_mm) @ across.T).convex_hull for hole in pin.holes]
     inner_mm = max(shapely.Point(0.0, 0.0).distance(hull.exterior) for hull in hulls)
@@ -160,11 +179,21 @@ class _Group:
     def _draw_outline(self) -> shapely.Geometry:
         across = choose_plane_axes(self.tools[0].into)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
-        return shapely.union_all(hulls).buffer(RIM_MM)
+        return shapely.union_all(hulls).buffer(self.rim_mm)
+
+    @property
+    def rim_mm(self) -> float:
+        """Least wall around the tools."""
+        return KEY_RIM_MM if self.kind == "groove" else RIM_MM
 
     def sleeve(self) -> Solid:
         """Build the tools with the wall around them, from just below the face."""
         first = self.tools[0]
+        if self.kind == "groove":
+            swollen = (first.points_mm[:, None] + self.rim_mm * _SPHERE).reshape(-1, 3)
+            end_mm = float((swollen @ first.into).max())
+            below = _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, end_mm)
+            return Solid.hull(swollen).intersect(below)
         reach_mm = max(float((tool.points_mm @ first.into).max()) for tool in self.tools)
         return _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
 
@@ -202,6 +231,11 @@ class _Group:
             sides = normals[normals @ tool.into > SIDE]
             steepest = max(steepest, float((sides @ up).max()))
         return math.asin(min(1.0, steepest))
+
+
+_CORNERS = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
+_SPHERE = _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(axis=1)], axis=1)[:, None]
+"""Points (26, 3) on the unit sphere."""
 
 
 def _is_thick(solid: Solid) -> bool:

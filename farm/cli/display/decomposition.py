@@ -74,10 +74,13 @@ def _summarise_assembly(report: dict[str, Any]) -> list[str]:
         assembly = f"{format_count(len(steps), 'step')} of assembly, about {duration}"
         lines.append(f"{assembly}; {report['seam_mm']:.0f} mm of seam outside")
     connectors = report["connectors"]
-    if connectors["pins"]:
-        cuts = ", ".join(f"{cut['count']} of {cut['length_mm']:g} mm" for cut in connectors["cut_list"])
-        diameter_mm = report["options"]["pin_mm"]
-        lines.append(f"{format_count(len(connectors['pins']), 'pin')} of {diameter_mm:g} mm: cut {cuts}")
+    own_mm: dict[float, list[dict[str, Any]]] = {}
+    for cut in connectors["cut_list"]:
+        own_mm.setdefault(cut.get("diameter_mm", report["options"]["pin_mm"]), []).append(cut)
+    for diameter_mm, cuts in own_mm.items():
+        lengths = ", ".join(f"{cut['count']} of {cut['length_mm']:g} mm" for cut in cuts)
+        count = format_count(sum(cut["count"] for cut in cuts), "pin")
+        lines.append(f"{count} of {diameter_mm:g} mm: cut {lengths}")
     return lines
 
 

@@ -157,7 +157,7 @@ def test_faces_without_a_code_are_named(drilled: Decomposition, drawn: list[Step
 
 
 def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
-    drawing = draw_gauge([13.0, 7.0], 2.85)
+    drawing = draw_gauge([(13.0, 2.85), (7.0, 2.85)])
     size = re.search(r'width="([\d.]+)mm" height="([\d.]+)mm" viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing)
     assert size is not None and size.groups()[:2] == size.groups()[2:]
     assert re.findall(r'<rect [^>]*width="([\d.]+)" height="([\d.]+)"', drawing) == [

@@ -1,0 +1,229 @@
+"""Places of keys: pins that lie along a joint, half in a V groove of each part.
+
+A key serves joints whose rims have no room for a hole. Its groove is shallow and tapers, so that it stays
+inside of a thin wall which slopes. It holds the parts across its length by its sides, along it by its ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from scipy.spatial.distance import cdist
+
+from decompose.arrays import Bools, Floats
+from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
+from decompose.connectors.coverage import Site, find_far_glue, sort_by_gain
+from decompose.connectors.faces import Room, Side
+from decompose.connectors.records import KEY_RIM_MM, Pin, Tool
+from decompose.connectors.tools import GROOVE_SIN, make_groove
+from decompose.pieces import list_polygons
+
+SHORT_MM = 5.0  # length of the shorter key of a pair, and of further ones
+LONGER_MM = 1.0  # than the mouth of the short groove: turned half around, the long key stays on its rims
+END_MM = 0.25  # free at each end of a key
+LEVELS = 6  # depths at which the wall around a groove is examined
+NEAREST_MM = 12.0  # least distance of two keys, or of a key from a pin
+MAX_TRIED = 20  # places that are tried, the best first
+PITCH_MM = 3.0  # of the points between which grooves are tried
+MAX_POINTS = 150  # of them on one face
+SLACK_MM = 0.05  # rounding of buffers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyPlace:
+    """Place where a key may lie: its site, its middle (3,), and its direction (3,)."""
+
+    site: Site
+    at_mm: Floats
+    along: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class KeyMaker:
+    """Finds places of keys of one diameter, and makes them for a step with a direction (3,)."""
+
+    room: Room
+    step: int
+    direction: Floats
+    key_mm: float
+
+    @property
+    def lengths_mm(self) -> tuple[float, float]:
+        """Lengths of the long and the short key of a pair."""
+        return math.ceil(2.0 * (SHORT_MM + self.key_mm + LONGER_MM)) / 2.0, SHORT_MM
+
+    def find_places(self, sites: Sequence[Site], length_mm: float) -> list[KeyPlace]:
+        """List the places on the sites where a key of a length has its wall on both sides."""
+        return [place for site in sites for place in self._find_on_site(site, length_mm)]
+
+    def make(self, place: KeyPlace, length_mm: float) -> Pin | None:
+        """Make a key with its grooves; None where one of them does not print without support."""
+        site = place.site
+        ends = place.at_mm + self._groove_mm(site, length_mm) / 2.0 * np.outer([-1.0, 1.0], place.along)
+        grooves: list[Tool] = []
+        for side in (site.moved, site.fixed):
+            up = self.room.blanks[side.part].up
+            groove = make_groove(side.part, ends, side.into, self._depth_mm(site))
+            if overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN or closes_in_a_step(groove, up):
+                return None
+            grooves.append(groove)
+        return Pin(
+            step=self.step,
+            joint=site.moved.joint,
+            at_mm=place.at_mm,
+            axis=self.direction,
+            diameter_mm=self.key_mm,
+            depth_mm=self._depth_mm(site),
+            length_mm=length_mm,
+            slotted=False,
+            holes=(grooves[0], grooves[1]),
+            along=place.along,
+        )
+
+    def _depth_mm(self, site: Site) -> float:
+        """Depth of a groove, and half its width: its sides touch a circle as wide as the key and the fit."""
+        fit_mm = max(self.room.blanks[side.part].pin_fit_mm for side in (site.moved, site.fixed))
+        return (self.key_mm + fit_mm) / 2.0 * math.sqrt(2.0)
+
+    def _groove_mm(self, site: Site, length_mm: float) -> float:
+        """Length of the bottom of a groove; its ends rise from there, until they meet those of the key."""
+        return length_mm + 2.0 * END_MM - 2.0 * (self._depth_mm(site) - self.key_mm / 2.0)
+
+    def _find_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
+        room = shapely.intersection_all(
+            [self._find_room(side, self._depth_mm(site)) for side in (site.moved, site.fixed)]
+        )
+        bottom_mm = self._groove_mm(site, length_mm)
+        for polygon in list_polygons(room):
+            points = _list_rim(polygon)
+            distances_mm = np.triu(cdist(points, points))
+            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < PITCH_MM / 2.0)
+            if not len(first):
+                continue
+            along = (points[second] - points[first]) / distances_mm[first, second][:, None]
+            middles = (points[first] + points[second]) / 2.0
+            half = bottom_mm / 2.0 * along
+            lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
+            shapely.prepare(polygon)
+            for n in np.flatnonzero(shapely.covers(polygon.buffer(SLACK_MM / 2.0), lines)).tolist():
+                direction = along[n] @ site.moved.face.axes
+                yield KeyPlace(site, site.moved.lift(middles[n]), direction)
+
+    def _find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
+        """Find where the bottom of a groove may be, level by level, as its sides taper."""
+        levels_mm = np.linspace(0.0, depth_mm + KEY_RIM_MM, LEVELS)
+        rooms = []
+        for above_mm, below_mm in pairwise(levels_mm.tolist()):
+            reach_mm = depth_mm + min(KEY_RIM_MM, math.sqrt(2.0) * KEY_RIM_MM - above_mm)
+            rooms.append(self.room.find_solid_area(side, below_mm, KEY_RIM_MM).buffer(-reach_mm - SLACK_MM))
+        return shapely.intersection_all(rooms)
+
+
+@dataclass(slots=True)
+class KeyPlacer:
+    """Places keys of one diameter for a step, and adds their grooves to the tools of the room.
+
+    Attributes
+    ----------
+    maker
+        For the step.
+    sites, pins
+        Faces of the step that close along its direction; its pins and keys so far.
+    taken_mm
+        Distances of the pairs of other steps, from which that of its pair differs by `distinct_mm`.
+    """
+
+    maker: KeyMaker
+    sites: Sequence[Site]
+    pins: list[Pin]
+    taken_mm: Sequence[float]
+    distinct_mm: float
+    _places: dict[float, list[KeyPlace]] = field(default_factory=dict)
+
+    def place_pair(self) -> None:
+        """Place a long and a short key as far apart as can be."""
+        lengths_mm = self.maker.lengths_mm
+        long, short = (self._list_places(length_mm) for length_mm in lengths_mm)
+        if not long or not short:
+            return
+        apart_mm = cdist(*(self._flatten(places) for places in (long, short)))
+        apart_mm[~self._is_free(apart_mm)] = 0.0
+        for index in np.argsort(-apart_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
+            first, second = np.unravel_index(index, apart_mm.shape)
+            if apart_mm[first, second] < NEAREST_MM:
+                return
+            keys = [
+                self.maker.make(place, length_mm)
+                for place, length_mm in zip((long[first], short[second]), lengths_mm, strict=True)
+            ]
+            if all(keys):
+                self._add(*(key for key in keys if key is not None))
+                return
+
+    def place_second(self) -> None:
+        """Place a short key as far from the only pin as can be, or where there is none, anywhere."""
+        places = self._list_places(SHORT_MM)
+        if not places:
+            return
+        if not self.pins:
+            self._place_first(range(len(places)))
+            return
+        apart_mm = cdist(self._flatten(places), self._flat(self.pins[0].at_mm[None]))[:, 0]
+        order = np.argsort(-apart_mm, kind="stable")
+        self._place_first(order[self._is_free(apart_mm[order])].tolist())
+
+    def place_further(self) -> None:
+        """Place short keys where most glue is far from the others."""
+        count = 0
+        while self.pins and len(self.pins) > count:
+            count = len(self.pins)
+            far = find_far_glue(self.sites, self.pins)
+            places = self._list_places(SHORT_MM) if len(far) else []
+            if places:
+                self._place_first(sort_by_gain(np.array([place.at_mm for place in places]), far))
+
+    def _place_first(self, numbers: Sequence[int]) -> None:
+        places = self._list_places(SHORT_MM)
+        for number in numbers[:MAX_TRIED]:
+            key = self.maker.make(places[number], SHORT_MM)
+            if key is not None:
+                self._add(key)
+                return
+
+    def _add(self, *keys: Pin) -> None:
+        self.pins += keys
+        self.maker.room.tools += [groove for key in keys for groove in key.holes]
+
+    def _list_places(self, length_mm: float) -> list[KeyPlace]:
+        """List the places of a length that are not near a key or pin of the step."""
+        if length_mm not in self._places:
+            self._places[length_mm] = self.maker.find_places(self.sites, length_mm)
+        return [
+            place
+            for place in self._places[length_mm]
+            if all(np.linalg.norm(place.at_mm - pin.at_mm) > NEAREST_MM for pin in self.pins)
+        ]
+
+    def _is_free(self, apart_mm: Floats) -> Bools:
+        taken_mm = np.array([-1e3, *self.taken_mm])
+        return np.asarray(np.abs(apart_mm[..., None] - taken_mm).min(axis=-1) > self.distinct_mm)
+
+    def _flatten(self, places: Sequence[KeyPlace]) -> Floats:
+        return self._flat(np.array([place.at_mm for place in places]).reshape(-1, 3))
+
+    def _flat(self, points_mm: Floats) -> Floats:
+        direction = self.maker.direction
+        return points_mm - np.outer(points_mm @ direction, direction)
+
+
+def _list_rim(polygon: shapely.Polygon) -> Floats:
+    """List points (n, 2) along the rims of a polygon."""
+    rings = [polygon.exterior, *polygon.interiors]
+    pitch_mm = max(PITCH_MM, sum(ring.length for ring in rings) / MAX_POINTS)
+    points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]
+    return np.asarray(shapely.get_coordinates(np.concatenate(points)))
