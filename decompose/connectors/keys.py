@@ -16,11 +16,10 @@ import shapely
 from scipy.spatial.distance import cdist
 
 from decompose.arrays import Bools, Floats
-from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.coverage import Site, find_far_glue, sort_by_gain
 from decompose.connectors.faces import Room, Side
 from decompose.connectors.records import KEY_RIM_MM, Pin, Tool
-from decompose.connectors.tools import GROOVE_SIN, make_groove
+from decompose.connectors.tools import GROOVE_SIN, closes_in_a_step, make_groove, overhang_sin
 from decompose.pieces import list_polygons
 
 SHORT_MM = 5.0  # length of the shorter key of a pair, and of further ones

@@ -13,11 +13,17 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly
-from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.faces import Room, Side, find_sides
 from decompose.connectors.records import RIM_MM, Mark
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
-from decompose.connectors.tools import GROOVE_SIN, LIP_MM, RIDGE_MM, make_groove
+from decompose.connectors.tools import (
+    GROOVE_SIN,
+    LIP_MM,
+    RIDGE_MM,
+    closes_in_a_step,
+    make_groove,
+    overhang_sin,
+)
 from decompose.pieces import Joint, list_polygons
 
 SIZES_MM = ((6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves

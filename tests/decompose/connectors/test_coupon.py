@@ -7,9 +7,8 @@ import pytest
 import shapely
 
 from decompose.connectors import Coupon, make_coupon
-from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.coupon import UP
-from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN
+from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, closes_in_a_step, overhang_sin
 from decompose.geometry import round_triangles
 
 

@@ -10,9 +10,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.connectors.ceilings import closes_in_a_step, overhang_sin
 from decompose.connectors.strokes import draw_strokes
-from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, make_groove, make_hole
+from decompose.connectors.tools import (
+    GROOVE_SIN,
+    HOLE_SIN,
+    closes_in_a_step,
+    make_groove,
+    make_hole,
+    overhang_sin,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 SIZE = (3.25, 7.0)
