@@ -36,6 +36,8 @@ from farm.paths import StateFolder
 from farm.planning import Plan
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate
 from farm.scheduling import (
+    LARGE_FLEET,
+    MAX_STARTS,
     Assignment,
     BuildVolumes,
     FleetPrinter,
@@ -134,12 +136,15 @@ class Controller:
         """
         self._handle_all(events)
 
-    def _handle_all(self, events: Iterable[ev.AnyEvent], printer: str | None = None) -> None:
-        """Handle events, and repeat unconfirmed instructions to the agent of one printer, or to all."""
+    def _handle_all(
+        self, events: Iterable[ev.AnyEvent], printer: str | None = None, at_once: bool = True
+    ) -> None:
+        """Handle events, repeat instructions to one agent or all, and schedule: now, or at the next tick."""
         effects: list[Effect] = []
         self._next_change_s = -math.inf
         try:
-            for effect in chain(self._commit(events), self._list_unconfirmed(printer), self._schedule()):
+            scheduled = self._schedule() if at_once else ()
+            for effect in chain(self._commit(events), self._list_unconfirmed(printer), scheduled):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
             self._perform(effects)
@@ -201,14 +206,15 @@ class Controller:
         yield from self.planning.revisions.revise(self.books, situation, find_reservations)
         revision_holds = self.planning.revisions.holds(self.books, now_s)
         # A job that is planned again keeps its place: no other takes its printers meanwhile.
-        assignments = [
-            assignment for assignment in self._assign(situation) if assignment.plate not in revision_holds
-        ]
+        assignments = [a for a in self._assign(situation) if a.plate not in revision_holds]
         situation = situation.without(revision_holds)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
-            for a in assignments
+            for a in assignments[:MAX_STARTS]
         )
+        if len(assignments) > MAX_STARTS:
+            self._next_change_s = now_s  # the next tick goes on
+            return
         if assignments:
             situation = situation.without({a.plate for a in assignments})
             situation = situation.with_printers(self.fleet_printers())
@@ -290,7 +296,7 @@ class Controller:
         has_changed = self.telemetry.store(snapshot, self.clock.now())
         try:
             if reading.events or has_changed:
-                self._handle_all(reading.events, name)
+                self._handle_all(reading.events, name, at_once=len(self.fleet.printers) <= LARGE_FLEET)
             else:
                 self._perform(self._list_unconfirmed(name))
             self._perform(reading.instructions)

@@ -15,7 +15,13 @@ from farm.scheduling.admission import (
     list_promised_printers,
     list_reservations,
 )
-from farm.scheduling.assignment import Assignment, assign_plates, find_holds
+from farm.scheduling.assignment import (
+    LARGE_FLEET,
+    MAX_STARTS,
+    Assignment,
+    assign_plates,
+    find_holds,
+)
 from farm.scheduling.forecast import ForecastCache, Slot, compute_seconds_on, forecast_prints, make_idle
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
@@ -38,6 +44,8 @@ from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 __all__ = [
+    "LARGE_FLEET",
+    "MAX_STARTS",
     "SPARE_USE",
     "Assignment",
     "Availability",

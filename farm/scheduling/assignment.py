@@ -13,6 +13,11 @@ from farm.scheduling.matching import WaitingPlate
 from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
 
+LARGE_FLEET = 200
+"""Printers beyond which one run of the scheduler, which takes longer then, serves all reports of a second."""
+MAX_STARTS = 50
+"""Starts of one run of the scheduler; each is a commit, and the daemon must not be deaf for seconds."""
+
 
 @dataclass(frozen=True, slots=True)
 class Assignment:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain, compress, islice
+from operator import is_, is_not
 from typing import TypeVar
 
 from farm.errors import NoSuchThing
@@ -107,7 +109,13 @@ class Books:
 
     def open_prints(self, job: int | None = None) -> Iterator[Print]:
         """Yield the prints that have not ended, of one job or of all."""
-        return (p for p in self._open.values() if job in (None, p.job))
+        if job is None:
+            return iter(self._open.values())
+        plates = self.plates_of(self.jobs[job]) if job in self.jobs else ()
+        names = dict.fromkeys(
+            name for plate in plates for name in plate.prints
+        )  # replaced plates share prints
+        return (self._open[name] for name in names if name in self._open)
 
     def open_print_on(self, printer: str) -> Print | None:
         return self._open_on.get(printer)
@@ -237,7 +245,15 @@ def list_changed_entities(before: Books, after: Books) -> Iterable[Entity]:
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:
-            yield from (entity for key, entity in new.items() if old.get(key) is not entity)
+            yield from _list_changes(old, new)
+
+
+def _list_changes(old: Mapping[object, E], new: Mapping[object, E]) -> Iterable[E]:
+    """Yield the entities of one table that differ; quickly where `put` has made it, which keeps the order."""
+    if not all(map(is_, old, new)):
+        return (entity for key, entity in new.items() if old.get(key) is not entity)
+    replaced = compress(new.values(), map(is_not, new.values(), old.values()))
+    return chain(replaced, islice(new.values(), len(old), None))
 
 
 def list_removed_keys(before: Books, after: Books) -> Iterable[Key]:

@@ -29,8 +29,8 @@ def event_routes(services: Services) -> APIRouter:
     router, controller, streams = APIRouter(), services.controller, services.streams
 
     def describe(rows: Sequence[EventRow]) -> str:
-        context = controller.build_view_context(services.state)
-        return "".join(_format(describe_event(context, row)) for row in rows) or _HEARTBEAT
+        books, zone = controller.books, controller.fleet.zone
+        return "".join(_format(describe_event(books, zone, row)) for row in rows) or _HEARTBEAT
 
     @router.get(
         "/events",

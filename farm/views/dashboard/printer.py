@@ -110,7 +110,7 @@ def describe_printer_page(
         figures=sum_figures(name, prints, context.books.plates),
         prints=list(reversed(list_prints(context, None, name, None, _PRINTS))),
         faults=_list_faults(context, prints),
-        upkeep=[describe_event(context, row) for row in upkeep],
+        upkeep=[describe_event(context.books, context.fleet.zone, row) for row in upkeep],
     )
 
 

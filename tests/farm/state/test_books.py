@@ -3,7 +3,7 @@
 import itertools
 
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -16,7 +16,7 @@ from farm.model import (
     Verdict,
 )
 from farm.state import events as ev
-from farm.state.books import Books
+from farm.state.books import Books, _list_changes
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState, list_charged_failures
 from farm.state.transitions import apply
@@ -279,3 +279,19 @@ class RandomNight(RuleBasedStateMachine):
 
 RandomNight.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
 TestAnyNight = RandomNight.TestCase
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 2)), max_size=12), st.booleans())
+def test_changes_are_found_in_any_order(puts, is_shuffled):
+    old = {number: object() for number in range(3)}
+    new = dict(old)
+    for number, change in puts:
+        if change == 2:
+            new.pop(number, None)
+        else:
+            new[number] = object()
+    if is_shuffled:
+        new = dict(reversed(new.items()))
+    expected = {number for number, entity in new.items() if old.get(number) is not entity}
+    changed = {id(entity) for entity in _list_changes(old, new)}
+    assert changed == {id(new[number]) for number in expected}

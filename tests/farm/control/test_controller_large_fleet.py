@@ -1,0 +1,53 @@
+"""A large fleet: reports are scheduled together, and starts are spread over several ticks."""
+
+import pytest
+
+from farm.control import controller as module
+from farm.model import JobOptions, Link, PrintState
+from farm.planning import Plan
+from make_books import make_plan_event
+from recording_controller import MODEL, Farm
+
+
+@pytest.fixture
+def farm(tmp_path, monkeypatch):
+    """A planned job of two parts, on a fleet of two printers, which is large here."""
+    monkeypatch.setattr(module, "LARGE_FLEET", 1)
+    monkeypatch.setattr(module, "MAX_STARTS", 1)
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    farm.controller.tick()
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.ready("a", "b", link=Link.STARTING)
+    event = make_plan_event(1, 2)
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    return farm
+
+
+def list_starts(farm):
+    return sorted(attempt.printer for attempt in farm.controller.books.open_prints(1))
+
+
+def test_reports_wait_for_the_tick_and_each_tick_starts_its_share(farm):
+    farm.ready("a", "b")
+    assert list_starts(farm) == []
+    farm.controller.tick()
+    assert len(list_starts(farm)) == 1
+    farm.controller.tick()
+    assert list_starts(farm) == ["a", "b"]
+    assert sorted(attempt.printer for attempt in farm.controller.books.open_prints()) == ["a", "b"]
+
+
+def test_events_of_a_report_are_recorded_at_once(farm):
+    farm.ready("a", "b")
+    farm.controller.tick()
+    farm.controller.tick()
+    ended = farm.controller.books.open_print_on("a")
+    farm.ready("a", link=Link.ABSENT, agent_pid=None)
+    assert farm.controller.books.prints[ended.id].state is PrintState.CANCELLED
+
+
+def test_a_command_of_a_person_is_scheduled_at_once(farm):
+    farm.ready("a", "b")
+    farm.clear_bed("a")
+    assert len(list_starts(farm)) == 1
