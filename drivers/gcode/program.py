@@ -123,7 +123,7 @@ class Program:
 
         Raises
         ------
-        Unreadable
+        UnreadableFile
             The store does not return the written bytes.
         """
         stop = min(stop, self.count)

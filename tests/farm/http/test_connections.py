@@ -140,7 +140,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
 )
 def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, sent):
     monkeypatch.setattr(connections, "REQUEST_S", -1.0)
-    monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
+    monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario(server, path):
         await ask(path, sent)  # until the other end closes
@@ -172,7 +172,7 @@ def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
 
 
 def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
+    monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario(server, path):
         loop, tries = asyncio.get_running_loop(), []
@@ -195,7 +195,7 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
 
 
 def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
+    monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
     monkeypatch.setattr(connections, "_LOG_EVERY_S", 0.0)
 
     async def scenario(server, path):
