@@ -26,10 +26,18 @@ class Code(_Record):
 
 
 class Pin(_Record):
-    """Pin in the holes of two parts."""
+    """Pin in the holes of two parts, or key in their grooves."""
 
     id: int
     length_mm: float
+    diameter_mm: float = 0.0
+    kind: str = "round"
+
+    @property
+    def size(self) -> str:
+        """Length in mm as text, of a key with its diameter."""
+        length = f"{round(self.length_mm, 1):g}"
+        return f"{length} × {self.diameter_mm:g}" if self.kind == "key" else length
 
 
 class Step(_Record):
@@ -102,10 +110,10 @@ class Report(_Record):
     seam_mm: float = 0.0
     thin_rims: str = ""
 
-    def list_pins_mm(self, step: Step) -> list[float]:
-        """List the lengths of a step's pins."""
-        lengths = {pin.id: pin.length_mm for pin in self.connectors.pins}
-        return [lengths[number] for number in step.pins if number in lengths]
+    def list_pins(self, step: Step) -> list[Pin]:
+        """List the pins and keys of a step."""
+        pins = {pin.id: pin for pin in self.connectors.pins}
+        return [pins[number] for number in step.pins if number in pins]
 
 
 def parse_report(text: bytes) -> Report:

@@ -105,7 +105,7 @@ def _list_steps(report: Report) -> list[tuple[str, ...]]:
             ", ".join(step.moved),
             ", ".join(step.fixed),
             ", ".join(dict.fromkeys(code.text.translate(_SIGNS) for code in step.codes)),
-            ", ".join(f"{round(length_mm, 1):g}" for length_mm in report.list_pins_mm(step)),
+            ", ".join(pin.size for pin in report.list_pins(step)),
             f"{step.seam_mm:,.0f}",
         )
         for step in report.assembly.steps

@@ -82,17 +82,20 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
 def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
     view, rows, now = report_of(night_books())
     step = {
-        "number": 1, "moved": ["p02"], "fixed": ["p01"], "seam_mm": 1234.4, "pins": [2, 1],
+        "number": 1, "moved": ["p02"], "fixed": ["p01"], "seam_mm": 1234.4, "pins": [2, 1, 3],
         "codes": [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": ".."}],
     }  # fmt: skip
     decomposition = {
         "assembly": {"steps": [step]}, "seam_mm": 1300.0, "thin_rims": "a rim <is> thin",
-        "connectors": {"pins": [{"id": 1, "length_mm": 6.98}, {"id": 2, "length_mm": 12.965}]},
     }  # fmt: skip
+    key = {"id": 3, "length_mm": 8.0, "diameter_mm": 1.75, "kind": "key"}
+    decomposition["connectors"] = {
+        "pins": [{"id": 1, "length_mm": 6.98}, {"id": 2, "length_mm": 12.965}, key]
+    }
     report = parse_report(json.dumps(decomposition).encode())
     page = render_page(view, rows, now, list_figures(view), JobContents(decomposition=report))
     cells = re.findall(r"<td>([^<]*)</td>", page[page.index('<table class="steps">') :])
-    assert cells == ["1", "p02", "p01", "1-2, ●●", "13, 7", "1,234"]
+    assert cells == ["1", "p02", "p01", "1-2, ●●", "13, 7, 8 × 1.75", "1,234"]
     assert "1,300 mm of seam are seen" in page and "a rim &lt;is&gt; thin" in page
     assert "Assembly" not in render_page(view, rows, now, list_figures(view), JobContents())
 
