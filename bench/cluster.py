@@ -6,10 +6,11 @@ printed when it ends, with `--json` to standard error. Checked: the job is plann
 result is taken once, no task and in the end no process is left on any host.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
-this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
+this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded. ``... drawings [--parts
+20,100] [--json]`` draws the parts of such jobs, by one worker and by several.
 
-``... replay [--workers 4,16,64,256] [--tasks FILE] [--jobs N] [--scale F] [--page FILE] [--json]`` runs jobs
-with tasks that only sleep through the real scheduler, a job for each four workers; see
+``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--page FILE] [--json]`` runs
+jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
 `bench.cluster_replay`. `late_ms` is the median of what a task takes beyond its sleep, `efficiency` the work
 over workers times duration, `critical_s` the longest job on workers without number, its tasks named in
 `critical_path`; all but `late_ms` in unscaled seconds. The jobs run a second time with all drawings of a job
@@ -59,7 +60,7 @@ FAULT_COLUMNS = {
 def main() -> None:
     """Parse the command line, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("what", choices=["faults", "jobs", "replay"])
+    parser.add_argument("what", choices=["faults", "jobs", "drawings", "replay"])
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--parts", default="20,100")
@@ -79,6 +80,8 @@ def main() -> None:
             figures = measure_faults(args.rounds, args.seed, folder, args.json)
         elif args.what == "jobs":
             figures = {"runs": measure_jobs(args, folder)}
+        elif args.what == "drawings":
+            figures = {"runs": measure_drawings(args, folder)}
         else:
             figures = {"runs": replay_jobs(args, folder)}
     if args.page is not None:
@@ -113,9 +116,17 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
     return rows
 
 
+def measure_drawings(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
+    """Draw the parts of each job, by one worker and by several."""
+    from bench.cluster_jobs import measure_drawing
+
+    return [measure_drawing(int(parts), folder) for parts in args.parts.split(",")]
+
+
 def replay_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Run the recorded jobs on each number of sleeping workers."""
-    recorded = list(json.loads(args.tasks.read_text()).values())
+    by_parts = json.loads(args.tasks.read_text())
+    recorded = [by_parts[parts] for parts in args.parts.split(",")]
     rows = []
     for workers in map(int, (args.workers or "4,16,64,256").split(",")):
         jobs = [recorded[n % len(recorded)] for n in range(args.jobs or max(2, workers // 4))]

@@ -23,8 +23,9 @@ from farm.model import Job, JobOptions
 from farm.paths import StateFolder
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import JobPlanner
-from farm.planning.plan import Plan, PlanRequest
-from farm.planning.tasks import warm
+from farm.planning.parts.drawings import split_steps
+from farm.planning.plan import DecomposeTask, Plan, PlanRequest
+from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm
 
 MODEL = "ultimaker2_plus"
 KIND, SEED = "organic", 1
@@ -127,6 +128,46 @@ async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]
         "expected_s": plan.expected_s,
         "plates": sorted(plate.sha256 for plate in plan.plates),
         "tasks": [asdict(task) for task in pool.tasks],
+    }
+
+
+def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
+    """Cut a job, and draw its parts by one worker and by several. Returns the processor's seconds.
+
+    Returns
+    -------
+    dict
+        `one_draws_s`; `tasks`, as in a stage of `list_stages`; `chain_s`, the longest picture and the page;
+        and `ratio`, the chain as a share of `one_draws_s`.
+    """
+    state = StateFolder(folder / f"{parts}-drawn")
+    job, fleet = _make_job(parts, state)
+    work = state.work / "job"
+    work.mkdir(parents=True)
+    model = state.files / job.model_file
+    task = DecomposeTask(1, model, job.options, fleet.printers, 1, work, budget_s=BUDGET_S)
+    cut = decompose_job(task)
+    record, overview = cut.drawing_record, work / "overview.png"
+    ranges = split_steps(cut.steps)
+    files = [work / f"steps-{first}.pickle" for first, _ in ranges]
+    run_timed(draw_overview, record, overview)  # loads the modules
+    _, one_draws_s = run_timed(draw_job, task, record)
+    tasks = {
+        "draw_overview": [run_timed(draw_overview, record, overview)[1]],
+        "draw_some_steps": [
+            run_timed(draw_some_steps, record, first, end, file)[1]
+            for (first, end), file in zip(ranges, files, strict=True)
+        ],
+        "draw_job": [run_timed(draw_job, task, record, overview, tuple(files))[1]],
+    }
+    shutil.rmtree(state.root)
+    chain_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
+    return {
+        "parts": len(cut.parts),
+        "one_draws_s": one_draws_s,
+        "tasks": tasks,
+        "chain_s": chain_s,
+        "ratio": chain_s / one_draws_s,
     }
 
 
