@@ -9,7 +9,7 @@ from farm.views.accounting import compute_duration_s
 from farm.views.context import ViewContext
 from farm.views.events import describe_event
 from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
-from farm.views.jobs import describe_job
+from farm.views.jobs import describe_job, describe_jobs
 from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
 from farm.views.printers import describe_printer
@@ -22,6 +22,7 @@ __all__ = [
     "compute_duration_s",
     "describe_event",
     "describe_job",
+    "describe_jobs",
     "describe_night",
     "describe_printer",
     "describe_timeline",

@@ -32,14 +32,24 @@ _LIVE_STATES = (JobState.PLANNING, JobState.PRINTING)
 """States in which a job may be planned: for the first time, or again before it starts."""
 
 
+def describe_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobView]:
+    """Describe jobs with their parts, plates and prints."""
+    ratio = compute_assembly_ratio(context.books.jobs.values())  # once: it reads all jobs ever
+    return [_describe_job(context, job, ratio) for job in jobs]
+
+
 def describe_job(context: ViewContext, job: Job) -> api.JobView:
     """Describe a job with its parts, plates and prints."""
+    return describe_jobs(context, [job])[0]
+
+
+def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.JobView:
     books = context.books
     plates = list(books.plates_of(job))
     files = None if job.pruned_s is not None else str(context.state.files)
     summary = summarise_job(books, job)
     times = measure_times(context, job)
-    glue = measure_assembly(job, times.end_s, compute_assembly_ratio(books.jobs.values()))
+    glue = measure_assembly(job, times.end_s, assembly_ratio)
     return api.JobView(
         id=job.id,
         name=job.name,

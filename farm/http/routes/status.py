@@ -13,7 +13,7 @@ from farm.http.cluster_view import describe_cluster
 from farm.http.services import Services
 from farm.model import JobState, PrintState
 from farm.views import (
-    describe_job,
+    describe_jobs,
     describe_night,
     describe_printer,
     list_history,
@@ -133,6 +133,6 @@ def describe_farm(services: Services) -> api.Status:
             describe_printer(context, p, obstacles.get(p.name), reservations.get(p.name))
             for p in fleet.printers
         ],
-        jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
+        jobs=describe_jobs(context, select_shown_jobs(controller.books)),
         cluster=None if services.cluster is None else describe_cluster(services.cluster.state),
     )
