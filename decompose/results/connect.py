@@ -10,7 +10,7 @@ from decompose.files.names import find_part_number
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
 
-HOLE_S, MARK_S = 30.0, 20.0  # print time of a hole, and of a mark
+HOLE_S, GROOVE_S, MARK_S = 30.0, 5.0, 20.0  # print time of a hole, of the groove of a key, and of a mark
 
 
 def connect_parts(decomposition: Decomposition) -> Decomposition:
@@ -73,8 +73,13 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
 
 
 def _compute_price_s(connectors: Connectors, part: int) -> float:
-    holes = sum(hole.part == part for pin in connectors.pins for hole in pin.holes)
-    return HOLE_S * holes + MARK_S * sum(mark.part == part for mark in connectors.marks)
+    pins_s = sum(
+        HOLE_S if pin.along is None else GROOVE_S
+        for pin in connectors.pins
+        for hole in pin.holes
+        if hole.part == part
+    )
+    return pins_s + MARK_S * sum(mark.part == part for mark in connectors.marks)
 
 
 def _leave_out(
