@@ -113,6 +113,7 @@ docs: $(VENV)/.installed-dev
 	@echo "The documentation is in build/docs/index.html"
 
 # Pictures of the dashboard: a daemon, simulated printers and Debian's Chromium; ten minutes on an idle machine.
+# Ended early, it leaves its farm up, and the next run takes the pictures that are missing.
 screenshots: $(VENV)/.installed-dev engine pages
 	PYTHONPATH=tests/support $(BIN)/python docs/screenshots.py
 

@@ -1,6 +1,8 @@
 """Takes the pictures of the dashboard: a real daemon, simulated printers, and Chromium without a window.
 
-Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...] [--keep FOLDER]
+A run that was ended early leaves its farm up in the folder; the next one takes the pictures that are missing.
+
+Usage: PYTHONPATH=tests/support python docs/screenshots.py [--only PAGE ...] [--stage FOLDER] [--keep]
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import asyncio
 import base64
 import io
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -27,13 +30,14 @@ from chromium import CHROMIUM, Chromium  # type: ignore[import-not-found]  # in 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures" / "dashboard"
 FARM = Path(sys.executable).with_name("farm")
+STAGE = ROOT / "build" / "screenshots"
 PORT = 8479
 SCALE = 120
 PATIENCE_S = 900.0
 WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
 HIGHEST_PX = 4000
-COLOURS = 64
+COLOURS = 256
 PAGES = {
     "home": "/",
     "submit": "/submit",
@@ -72,21 +76,39 @@ class Stage:
     Parameters
     ----------
     folder
-        For its state and its fleet file.
+        For its state, its fleet file, and the list of the pictures that were taken.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.is_set = (folder / "state" / "farm.db").exists()
-        if self.is_set:
-            return
+        self._folder, self._taken = folder, folder / "taken"
+        self.is_set = self._taken.exists()
+
+    def prepare(self) -> None:
+        """Empty the folder, in which a run may have ended early, and write the fleet file."""
+        self.clear()
+        self._folder.mkdir(parents=True)
         models = ["ultimaker2_plus"] * 5 + ["ultimaker2_extended_plus"] * 2
         rows = [
             f'  - {{name: um2-{n:02d}, model: {model}, port: "sim://{model}?seed={n}"}}\n'
             for n, model in enumerate(models, 1)
         ]
         text = FLEET.format(zone=find_afternoon(), scale=SCALE, port=PORT) + "".join(rows)
-        (folder / "fleet.yaml").write_text(text)
+        (self._folder / "fleet.yaml").write_text(text)
+
+    def clear(self) -> None:
+        """End the farm, if it is up, and delete the folder."""
+        if (self._folder / "state").exists():
+            self.farm("down", "--now")
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def read_taken(self) -> list[str]:
+        """Return the names of the pictures that were taken."""
+        return self._taken.read_text().split() if self._taken.exists() else []
+
+    def record(self, *names: str) -> None:
+        """Record that pictures were taken; without a name, that the stage is set."""
+        with self._taken.open("a") as file:
+            file.writelines(f"{name}\n" for name in names)
 
     def farm(self, *arguments: str) -> str:
         """Run a farm command, and return what it prints."""
@@ -140,6 +162,7 @@ def set_stage(stage: Stage) -> None:
     for printer in [one for one in stage.read_status()["printers"] if one["look"] is None][2:]:
         stage.farm("cleared", printer["name"])
     stage.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
+    stage.record()
     print("the stage is set", flush=True)
 
 
@@ -148,11 +171,13 @@ def is_done(printer: Any) -> bool:
     return bool(printer["last"]) and printer["last"]["state"] == "done"
 
 
-async def take_pictures(address: str, zone: str, profile: Path, names: list[str]) -> None:
-    """Take a picture of each page in each width and theme.
+async def take_pictures(stage: Stage, address: str, zone: str, profile: Path, names: list[str]) -> None:
+    """Take a picture of each page in each width and theme, except those that were taken.
 
     Parameters
     ----------
+    stage
+        Knows the pictures that were taken.
     address
         A link that logs in.
     zone
@@ -162,7 +187,7 @@ async def take_pictures(address: str, zone: str, profile: Path, names: list[str]
     names
         Pages, as in `PAGES`.
     """
-    base = address.partition("/login/")[0]
+    base, taken = address.partition("/login/")[0], set(stage.read_taken())
     PICTURES.mkdir(parents=True, exist_ok=True)
     async with Chromium(profile, "") as browser:
         await browser.open(address)
@@ -174,9 +199,13 @@ async def take_pictures(address: str, zone: str, profile: Path, names: list[str]
             for width_px in WIDTHS_PX:
                 await resize(browser, width_px, 900)
                 for name in names:
+                    picture = f"{name}-{width_px}-{theme}.png"
+                    if picture in taken:
+                        continue
                     await browser.open(base + PAGES[name])
                     await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # scripts draw
-                    await save(browser, width_px, PICTURES / f"{name}-{width_px}-{theme}.png")
+                    await save(browser, width_px, PICTURES / picture)
+                    stage.record(picture)
         for message in browser.messages:
             print(f"the browser says: {message}")
 
@@ -208,32 +237,23 @@ def main() -> int:
     """Take the pictures. Returns an exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=PAGES, default=list(PAGES))
-    parser.add_argument("--keep", type=Path, help="folder in which the farm stays up; the next run takes it")
+    parser.add_argument("--stage", type=Path, default=STAGE, help="folder of the farm: build/screenshots")
+    parser.add_argument("--keep", action="store_true", help="leave the farm up once all pictures are taken")
     arguments = parser.parse_args()
     if CHROMIUM is None:
         print("pictures need a browser: apt-get install chromium")
         return 1
-    if arguments.keep is not None:
-        arguments.keep.mkdir(parents=True, exist_ok=True)
-        run_stage(Stage(arguments.keep), arguments.only, keep=True)
-        return 0
-    with tempfile.TemporaryDirectory(prefix="farm-screenshots-") as folder:
-        run_stage(Stage(Path(folder)), arguments.only)
+    stage = Stage(arguments.stage.resolve())
+    if not stage.is_set:
+        stage.prepare()
+        set_stage(stage)
+    link = json.loads(stage.farm("web", "--json"))["url"]
+    zone = stage.read_status()["fleet"]["timezone"]
+    with tempfile.TemporaryDirectory() as profile:
+        asyncio.run(take_pictures(stage, link, zone, Path(profile), arguments.only))
+    if not arguments.keep:
+        stage.clear()
     return 0
-
-
-def run_stage(stage: Stage, names: list[str], keep: bool = False) -> None:
-    """Set the stage, unless an earlier run has, take the pictures, and end the farm unless it is kept."""
-    try:
-        if not stage.is_set:
-            set_stage(stage)
-        link = json.loads(stage.farm("web", "--json"))["url"]
-        zone = stage.read_status()["fleet"]["timezone"]
-        with tempfile.TemporaryDirectory() as profile:
-            asyncio.run(take_pictures(link, zone, Path(profile), names))
-    finally:
-        if not keep:
-            stage.farm("down", "--now")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from typing import Protocol
 from jinja2 import Environment, Template
 from markupsafe import Markup
 
-from farm.model import Role
+from farm import api
+from farm.model import JobState, PrintState, Role
 from farm.templates import load_environment
 from farm.text import format_duration, format_mass
 from farm.web.notes import Note, Reader
@@ -136,6 +137,8 @@ def load_templates() -> Environment:
         "time_attributes": format_time_attributes,
         "words": describe_value,
         "state": format_state,
+        "job_state": format_job_state,
+        "outcome": format_outcome,
     }
     return load_environment("farm.web.pages", filters, asset=find_address)
 
@@ -146,6 +149,18 @@ def format_state(state: str) -> Markup:
     return Markup('<span class="state {}"><span aria-hidden="true">{}</span> {}</span>').format(
         state, glyph, describe_value(state)
     )
+
+
+def format_job_state(job: api.JobView) -> Markup:
+    """Format the state of a job: one that is to be printed waits until a plate of it does."""
+    is_waiting = job.state is JobState.PRINTING and not any(plate.printing for plate in job.plates)
+    return format_state("paused" if job.paused else "waiting" if is_waiting else job.state)
+
+
+def format_outcome(attempt: api.HistoryRow) -> Markup:
+    """Format the outcome of a print: the verdict on its part, without one its state."""
+    state = "printed" if attempt.state is PrintState.DONE else attempt.state
+    return format_state(attempt.verdict or state)
 
 
 def describe_value(value: str) -> str:

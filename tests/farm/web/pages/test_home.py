@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from example_night import night_books, status_of
 from farm import api
 from farm.model import Bed, Hold, HoldCode, JobState, Role
 from farm.web.notes import Note, Reader
@@ -188,3 +189,17 @@ def test_lost_host_is_one_card_without_a_button_for_each_printer(status):
     page = render_home(lost, ANN)
     assert "pc-b with 2 printers does not answer" in page
     assert "Look at um2-1" not in page
+
+
+def test_job_of_which_nothing_prints_waits(status):
+    page = render_home(with_job(status, state=JobState.PRINTING), ANN)
+    printing = render_home(with_job(status_of(night_books()), state=JobState.PRINTING), ANN)
+    waits, prints = ('<span class="state waiting">', '<span class="state printing">')
+    assert (waits in page, prints in page) == (True, False)
+    assert (waits in printing, prints in printing) == (False, True)
+
+
+def test_printed_job_has_ended(status):
+    eta = status.fleet.now
+    for state, words in ((JobState.PRINTED, "ended <time"), (JobState.PRINTING, "ends <time")):
+        assert words in render_home(with_job(status, state=state, eta=eta), ANN)
