@@ -1,4 +1,4 @@
-"""Size at which a model fits too few printers: searched on a coarse grid, and tried before it is said."""
+"""Size at which a model fits too few printers: found on a coarse grid, and checked before it is advised."""
 
 from __future__ import annotations
 

@@ -106,15 +106,15 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     printers = problem.printers
     gridded = problem if problem.is_uniform else replace(problem, printers=problem.rooms)
     grid = gridded.build_grid(problem.model)
-    shared = problem.price_boxes(grid)
-    classes = classify_printers(printers, MAX_SUMS / len(shared.seconds))
+    shared_boxes = problem.price_boxes(grid)
+    classes = classify_printers(printers, MAX_SUMS / len(shared_boxes.seconds))
     class_indices = [
         next(i for i, printer_class in enumerate(classes) if printer in printer_class.printers)
         for printer in printers
     ]
     fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[class_indices], axis=0)
     points = compute_makespan_curve(
-        make_class_tables(problem, grid, shared, classes), fleets, problem.executor
+        make_class_tables(problem, grid, shared_boxes, classes), fleets, problem.executor
     )
     piece_times_s = [classes[i].time_factor for i in class_indices]
     real_s = [printer.time_factor for printer in printers]

@@ -65,7 +65,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
 
 
 def choose_first_grid(problem: Problem) -> str | int:
-    """Choose the granularity to begin with: the asked one, or a coarser one than ``auto`` for a small budget.
+    """Choose the first granularity: the requested one, or a coarser one than ``auto`` for a small budget.
 
     No coarser than the parts of the printers' rooms need.
     """
@@ -143,9 +143,9 @@ class _Trials:
             self.failure = self.failure or error
             out_of_budget = effort.cut_short and isinstance(error, NoFit)
             reason = "nothing was found before the budget was spent" if out_of_budget else str(error)
-        elapsed_s, finished = perf_counter() - started_s, not effort.cut_short
+        elapsed_s, has_finished = perf_counter() - started_s, not effort.cut_short
         self.attempts.append(
-            Attempt(engine, cells, yaw_deg, makespan_s, elapsed_s, effort.spent_s, finished, reason)
+            Attempt(engine, cells, yaw_deg, makespan_s, elapsed_s, effort.spent_s, has_finished, reason)
         )
         self.remaining_s -= effort.spent_s
 

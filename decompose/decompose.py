@@ -70,7 +70,7 @@ def decompose_model(
 
 
 def _begin(executor: Executor | None, work: Callable[[], T]) -> Callable[[], T]:
-    """Begin work beside what follows, or do it without an executor. Returns the way to its result."""
+    """Start a function in the executor, or call it without one; return a function that gives its result."""
     if executor is None:
         result = work()
         return lambda: result
@@ -90,12 +90,12 @@ def _run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> 
 
 def simplify_for_price(solid: Solid) -> Solid:
     """Simplify a solid of millions of faces, as far as its price hardly changes; others stay as they are."""
-    priced = solid
+    simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
-        if priced.faces <= PRICED_FACES:
+        if simplified.faces <= PRICED_FACES:
             break
-        priced = solid.simplify(tolerance_mm)
-    return priced
+        simplified = solid.simplify(tolerance_mm)
+    return simplified
 
 
 def estimate_serial_s(
@@ -113,13 +113,13 @@ class _StageTimes:
     """Wall time by stage."""
 
     def __init__(self) -> None:
-        self._start = self._last = perf_counter()
+        self._start = self._lap_start_s = perf_counter()
         self._laps: dict[str, float] = {}
 
     def lap(self, stage: str) -> None:
-        now = perf_counter()
-        self._laps[stage] = now - self._last
-        self._last = now
+        now_s = perf_counter()
+        self._laps[stage] = now_s - self._lap_start_s
+        self._lap_start_s = now_s
 
     def laps(self) -> dict[str, float]:
-        return {**self._laps, "total": self._last - self._start}
+        return {**self._laps, "total": self._lap_start_s - self._start}

@@ -66,7 +66,7 @@ class NoFit(DecomposeError):
         self.is_too_large = is_too_large
 
     @classmethod
-    def of_too_few(
+    def from_shortage(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
         """Build the error of parts that outnumber the printers, `more` of which are to be freed."""

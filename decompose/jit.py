@@ -36,7 +36,7 @@ def hash_sources(folder: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def find_code_folder(installed: Path, others: Iterable[Path]) -> Path | None:
+def find_code_folder(installed: Path, other_folders: Iterable[Path]) -> Path | None:
     """Find the folder for machine code, and make it.
 
     Parameters
@@ -53,7 +53,7 @@ def find_code_folder(installed: Path, others: Iterable[Path]) -> Path | None:
     """
     if is_writable(installed):
         return installed
-    for folder in others:
+    for folder in other_folders:
         if not folder.is_dir() and installed.is_dir():
             with contextlib.suppress(OSError):
                 _copy(installed, folder)
@@ -92,7 +92,7 @@ def _copy(source: Path, target: Path) -> None:
         copy.rename(target)
 
 
-def _list_others(name: str) -> Iterator[Path]:
+def _list_other_folders(name: str) -> Iterator[Path]:
     """List the folders for a user who may not write beside the sources: the last one is for this process."""
     with contextlib.suppress(RuntimeError):  # a user without a home
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
@@ -106,7 +106,7 @@ _PACKAGE = Path(__file__).parent
 _HASH = hash_sources(_PACKAGE)
 INSTALLED = _PACKAGE / "__pycache__" / _HASH
 """Folder beside the sources, for all users."""
-CODE_FOLDER = find_code_folder(INSTALLED, _list_others(_HASH))
+CODE_FOLDER = find_code_folder(INSTALLED, _list_other_folders(_HASH))
 """Folder of the machine code; None if it cannot be kept."""
 _MARK = (
     f"compiled-{numba.__version__}-{sysconfig.get_config_var('SOABI')}-{llvmlite.binding.get_host_cpu_name()}"
@@ -118,7 +118,7 @@ if CODE_FOLDER is not None:
 
 
 def jit(function: F) -> F:
-    """Compile a function to machine code, and keep the code on disk where there is a place to write."""
+    """Compile a function to machine code, and keep the code on disk if a folder can be written."""
     return cast(F, numba.njit(cache=CODE_FOLDER is not None, nogil=True)(function))
 
 

@@ -103,7 +103,7 @@ class ConnectorOptions:
 
     @property
     def is_empty(self) -> bool:
-        """Check whether the parts stay as they were cut."""
+        """Check whether the options add no connectors."""
         return self.pin_mm is None and not self.marks
 
     def find_fit_mm(self, printer: str) -> float:

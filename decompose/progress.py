@@ -1,4 +1,4 @@
-"""Progress of a search, reported to whoever listens in the same thread."""
+"""Progress of a search, reported to the listener of the same thread."""
 
 from __future__ import annotations
 

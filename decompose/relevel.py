@@ -64,8 +64,8 @@ def relevel_planes(
     began_s = perf_counter()
     options = replace(previous.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(previous.options.best.budget_s)
-    upright = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
-    problem = upright.rotate(cutting.frame)
+    aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
+    problem = aligned_problem.rotate(cutting.frame)
     before = _cut_previous_boxes(problem, cutting, sliced_s)
     after = None if before is None else _shift_planes(problem, before)
     if after is None:

@@ -36,7 +36,7 @@ def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
 
 
 def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
-    """Find which parts block which.
+    """Find the pairs of parts of which one blocks the other.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
         spans = [points @ frame.T for points in corners]
         lo = np.array([span.min(axis=0) for span in spans])
         hi = np.array([span.max(axis=0) for span in spans])
-        beside = (_find_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(
+        is_beside = (_find_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(
             count, dtype=np.bool_
         )
-        beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: i lies wholly beyond j
-        blocking[k], blocking[k + len(axes)] = beside & beyond, beside & beyond.T
-        unclear = beside & ~beyond & ~beyond.T
+        is_beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: i lies wholly beyond j
+        blocking[k], blocking[k + len(axes)] = is_beside & is_beyond, is_beside & is_beyond.T
+        unclear = is_beside & ~is_beyond & ~is_beyond.T
         shadows = {i: cast_shadow(solids[i], frame) for i in np.flatnonzero(unclear.any(axis=0)).tolist()}
         for i, j in np.argwhere(unclear).tolist():
             blocking[[k, k + len(axes)], i, j] = shadows[i].blocks(shadows[j])

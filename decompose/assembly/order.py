@@ -63,7 +63,7 @@ class AssemblyStep:
 
     @property
     def work(self) -> Work:
-        """Return what its time depends on."""
+        """Return the quantities on which the step's time depends."""
         bodies = frozenset(self.moved), frozenset(self.fixed)
         return Work(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
 
@@ -83,7 +83,7 @@ class Assembly:
 
     @property
     def levels(self) -> int:
-        """Number of steps on the longest chain of steps that wait for each other's glue."""
+        """Number of steps on the longest chain of steps that depend on each other's glue."""
         return max((step.level for step in self.steps), default=0)
 
     @property
@@ -180,8 +180,8 @@ class _Plan:
         if split is None:
             self.locked.append(_list_numbers(parts))
             return 0
-        across = np.outer(split.moved, split.fixed)
-        loose = not (self._glue_mm2 * across).any()
+        is_across = np.outer(split.moved, split.fixed)
+        loose = not (self._glue_mm2 * is_across).any()
         sides = sorted((split.moved, split.fixed), key=lambda side: int(side.sum()))
         level = 1 + max(self.split(side, outermost=outermost and loose) for side in sides)
         if not (loose and outermost):
@@ -227,11 +227,11 @@ class _Plan:
         bodies = _count_bodies(holding, np.ones(len(numbers), dtype=np.bool_))
 
         def merit(candidate: tuple[int, Bools]) -> tuple[bool, int, float]:
-            direction, moved = candidate
+            direction, mask = candidate
             closing = self._closing_mm2[direction][np.ix_(numbers, numbers)]
-            across_mm2 = float(glue_mm2[moved][:, ~moved].sum())
-            closes = float(closing[moved][:, ~moved].sum()) >= MIN_CLOSING_SHARE * across_mm2
-            return closes, min(int(moved.sum()), int((~moved).sum())), across_mm2
+            across_mm2 = float(glue_mm2[mask][:, ~mask].sum())
+            closes = float(closing[mask][:, ~mask].sum()) >= MIN_CLOSING_SHARE * across_mm2
+            return closes, min(int(mask.sum()), int((~mask).sum())), across_mm2
 
         best: tuple[int, tuple[int, Bools]] | None = None
         for direction, moved in sorted(candidates, key=merit, reverse=True):
@@ -255,7 +255,7 @@ class _Plan:
         blocked_by = self._blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
         )
-        reach = _close(blocked_by)
+        reach = _close_transitively(blocked_by)
         sets = [*reach, *self._list_beyond_planes(direction, numbers)]
         holding = self._holding[np.ix_(numbers, numbers)]
         for beyond in list(sets):
@@ -280,14 +280,14 @@ class _Plan:
         ]
 
 
-def _close(relation: Bools) -> Bools:
+def _close_transitively(relation: Bools) -> Bools:
     """Compute the transitive closure of a reflexive relation (n, n)."""
     reach = relation
     while True:
-        further: Bools = (reach.astype(np.float32) @ reach.astype(np.float32)) > 0.0
-        if (further == reach).all():
-            return further
-        reach = further
+        longer: Bools = (reach.astype(np.float32) @ reach.astype(np.float32)) > 0.0
+        if (longer == reach).all():
+            return longer
+        reach = longer
 
 
 def _count_bodies(holding: Bools, parts: Bools) -> int:

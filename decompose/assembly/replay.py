@@ -1,4 +1,4 @@
-"""Replay of an assembly: a check of each step by the parts' solids, apart from the search for the order."""
+"""Replay of an assembly: checks of each step by the parts' solids, independent of the search."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
         for side in (step.moved, step.fixed):
             if bodies[side[0]] != set(side):
                 yield f"step {n} takes {_name_parts(side)} for one body"
-        together = frozenset((*step.moved, *step.fixed))
-        bodies |= dict.fromkeys(together, together)
+        joined_body = frozenset((*step.moved, *step.fixed))
+        bodies |= dict.fromkeys(joined_body, joined_body)
     for joint in joints:
         if joint.b not in bodies[joint.a]:
             yield f"no step joins {_name_parts((joint.a, joint.b))}"

@@ -52,12 +52,12 @@ def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tup
     frame = choose_plane_axes(up)
     heights = {number: weights[number].points @ up for number in body}
     table_mm = min(float(height.min()) for height in heights.values()) + ON_TABLE_MM
-    touching = {number: weights[number].points[height < table_mm] for number, height in heights.items()}
-    edges = find_half_planes(find_convex_outline(np.concatenate(list(touching.values())) @ frame.T))
+    contacts = {number: weights[number].points[height < table_mm] for number, height in heights.items()}
+    edges = find_half_planes(find_convex_outline(np.concatenate(list(contacts.values())) @ frame.T))
     if not len(edges):
         return ()
     masses = np.array([weights[number].volume_mm3 for number in body])
     centre = frame @ (masses @ np.array([weights[number].centre for number in body]) / masses.sum())
     if float((edges[:, :2] @ centre + edges[:, 2]).max()) > -STEADY_MM:
         return ()
-    return tuple(number for number, points in touching.items() if len(points))
+    return tuple(number for number, points in contacts.items() if len(points))

@@ -21,7 +21,7 @@ GLUE_S_PER_MM2 = 0.005  # to spread the glue
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Work of one step.
+    """Work of one step of the assembly.
 
     Attributes
     ----------

@@ -52,19 +52,19 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
     tables: as in `_find_largest_boxes`. limit_s: the time. box: half-open, in a grid of `shape` cells.
     """
     seconds, trimmed, pieces = tables
-    at = index_of(box, shape)
+    index = index_of(box, shape)
     replaced = False
     for face in range(6):
         x0, y0, z0, x1, y1, z1 = box
-        larger = at
-        while larger == at:  # a layer without needed cells changes nothing
+        larger = index
+        while larger == index:  # a layer without needed cells changes nothing
             x0, y0, z0 = x0 - (face == 0), y0 - (face == 1), z0 - (face == 2)
             x1, y1, z1 = x1 + (face == 3), y1 + (face == 4), z1 + (face == 5)
             if min(x0, y0, z0) < 0 or x1 > shape[0] or y1 > shape[1] or z1 > shape[2]:
                 break
             larger = trimmed[index_of((x0, y0, z0, x1, y1, z1), shape)]
-        if larger != at and seconds[larger] <= limit_s:
-            replaced = replaced or pieces[larger] <= pieces[at]
+        if larger != index and seconds[larger] <= limit_s:
+            replaced = replaced or pieces[larger] <= pieces[index]
     return replaced
 
 
@@ -246,14 +246,14 @@ def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate,
 
 
 @jit
-def _find_feasibility_divisors(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
+def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterate) -> tuple[float, float]:
     """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
 
     The first is the greatest weight per piece in any box, the second the least sum of shares over a needed
     cell.
     """
-    _sum_in_boxes(at.weights, p.corners, work.sums, work.in_box)
-    _sum_over_cells(at.shares, p.corners, work.steps, work.covered)
+    _sum_in_boxes(iterate.weights, p.corners, work.sums, work.in_box)
+    _sum_over_cells(iterate.shares, p.corners, work.steps, work.covered)
     heaviest_box, least_covered_cell = 1e-12, np.inf
     for k in range(len(p.pieces)):
         heaviest_box = max(heaviest_box, work.in_box[k] / p.pieces[k])
@@ -364,21 +364,21 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     corners = _find_corners(largest.astype(np.int64), boxes.shape)
     overlap = np.zeros(needed.shape)
     _sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
-    uncovered = needed & (overlap < 0.5)
-    if uncovered.any():
+    uncovered_cells = needed & (overlap < 0.5)
+    if uncovered_cells.any():
         return Covering(
-            (uncovered.cumsum().reshape(uncovered.shape) == 1) * uncovered * 1.0,
+            (uncovered_cells.cumsum().reshape(uncovered_cells.shape) == 1) * uncovered_cells * 1.0,
             largest,
             np.zeros(len(largest)),
         )
-    at = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in largest.tolist()]
-    pieces = boxes.pieces[at].astype(np.float64)
+    indices = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in largest.tolist()]
+    pieces = boxes.pieces[indices].astype(np.float64)
     best = _solve(needed, corners, pieces, overlap, printers, weights.copy())
     return Covering(best.weights, largest, best.shares)
 
 
 def _find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
-    """Find the corners (k, 8) of boxes (k, 6) in a table one longer each way, the four that add first."""
+    """Find the corners (k, 8) of boxes (k, 6) in a summed-area table, the four positive ones first."""
     _, ny, nz = shape
     x0, y0, z0, x1, y1, z1 = boxes.T
 

@@ -85,7 +85,7 @@ def _find_proven_s(
 
 
 def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
-    """Compute the bound that weights prove."""
+    """Compute the bound that some weights prove."""
     whole_weights = np.floor(weights * UNIT).astype(np.int64)
     sat = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)

@@ -61,8 +61,8 @@ def make_coupon(pin_mm: float) -> Coupon:
     letters_y_mm, holes_y_mm = GAP_MM + LETTERS_MM / 2.0, depth_mm - GAP_MM - pin_mm
 
     def drill_top(n: int, fit_mm: float, length_mm: float) -> Tool:
-        at = np.array([pitch_mm * (n + 0.5), holes_y_mm, height_mm])
-        return _drill(at, DOWNWARDS, pin_mm + fit_mm, length_mm)
+        mouth_mm = np.array([pitch_mm * (n + 0.5), holes_y_mm, height_mm])
+        return _drill(mouth_mm, DOWNWARDS, pin_mm + fit_mm, length_mm)
 
     def write_top(n: int, text: str) -> Mark:
         middle = np.array([pitch_mm * (n + 0.5), letters_y_mm, height_mm])
@@ -72,8 +72,8 @@ def make_coupon(pin_mm: float) -> Coupon:
     marks = [write_top(n, text) for n, text in enumerate(_name_fits())]
     for n, text in enumerate(_name_fits()):
         x_mm = pitch_mm * (n + 0.5)
-        at = np.array([x_mm, 0.0, GAP_MM + pin_mm])
-        holes.append(_drill(at, INWARDS, pin_mm + FITS_MM[n], depths_mm[0]))
+        mouth_mm = np.array([x_mm, 0.0, GAP_MM + pin_mm])
+        holes.append(_drill(mouth_mm, INWARDS, pin_mm + FITS_MM[n], depths_mm[0]))
         middle = np.array([x_mm, 0.0, height_mm - GAP_MM - LETTERS_MM / 2.0])
         marks.append(_write(text, middle, UP, INWARDS))
     for n, length_mm in enumerate((long_mm, short_mm), len(FITS_MM)):
@@ -88,15 +88,15 @@ def _name_fits() -> Iterator[str]:
     return (f"{10.0 * fit_mm:.0f}" for fit_mm in FITS_MM)
 
 
-def _drill(at: Floats, into: Floats, width_mm: float, depth_mm: float) -> Tool:
-    hole = make_hole(0, at, into, UP, (width_mm, depth_mm), np.zeros(3))
+def _drill(mouth_mm: Floats, direction: Floats, width_mm: float, depth_mm: float) -> Tool:
+    hole = make_hole(0, mouth_mm, direction, UP, (width_mm, depth_mm), np.zeros(3))
     if hole is None:
         raise DecomposeError(f"a hole {width_mm:g} mm wide needs support: take another diameter")
     return hole
 
 
-def _write(text: str, middle: Floats, upward: Floats, into: Floats) -> Mark:
-    right = np.cross(upward, -into)
+def _write(text: str, middle: Floats, upward: Floats, direction: Floats) -> Mark:
+    right = np.cross(upward, -direction)
     lines = draw_strokes(text) * (LETTERS_MM / GRID_HIGH) @ np.stack([right, upward]) + middle
-    grooves = tuple(make_groove(0, line, into, GROOVE_MM - 0.002 * n) for n, line in enumerate(lines))
+    grooves = tuple(make_groove(0, line, direction, GROOVE_MM - 0.002 * n) for n, line in enumerate(lines))
     return Mark(0, 0, text, LETTERS_MM, lines, grooves)

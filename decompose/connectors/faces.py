@@ -140,10 +140,10 @@ def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
     frame = np.vstack([side.face.axes, side.face.normal])
     ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm])
     slab = Solid.prism(rings_of(outline), frame, float(ends.min()), float(ends.max()))
-    lacking = slab.subtract(solid)
-    if lacking.is_empty:
+    gaps = slab.subtract(solid)
+    if gaps.is_empty:
         return outline
-    return outline - polygons_of(lacking.project(frame))
+    return outline - polygons_of(gaps.project(frame))
 
 
 def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
@@ -155,8 +155,8 @@ def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
     ]
     if area.is_empty:
         return shapely.Polygon()
-    swept = np.concatenate(edges)[:, :, None] - shapely.get_coordinates(shape)[:-1]
-    hulls = shapely.convex_hull(shapely.multipoints(list(swept.reshape(len(swept), -1, 2))))
+    sweep = np.concatenate(edges)[:, :, None] - shapely.get_coordinates(shape)[:-1]
+    hulls = shapely.convex_hull(shapely.multipoints(list(sweep.reshape(len(sweep), -1, 2))))
     return area - shapely.union_all(hulls)
 
 

@@ -1,4 +1,4 @@
-"""Gutters: upright grooves on hidden faces, in which the seams of the outer walls hide and glue has room.
+"""Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and give room to glue.
 
 The slicer begins each ring at its sharpest inner corner. Without one it takes an edge between two cut faces,
 or a fold of the visible surface, and leaves a bump there.
@@ -62,13 +62,13 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     gutters = []
     for part, own in sorted(sides.items()):
         places = [place for side in own for place in _find_places(room, side)]
-        covered = shapely.LineString()
+        covered_span = shapely.LineString()
         for _ in range(MAX_GUTTERS):
-            gains = [_span(place).difference(covered).length for place in places]
+            gains = [_span(place).difference(covered_span).length for place in places]
             if not gains or max(gains) < SHORTEST_MM:
                 break
             best = places[int(np.argmax(gains))]
-            covered = covered.union(_span(best))
+            covered_span = covered_span.union(_span(best))
             places = [place for place in places if place.side is not best.side]
             groove = make_groove(part, best.line_mm, best.side.into)
             room.tools.append(groove)
@@ -83,16 +83,16 @@ def _span(place: _Place) -> shapely.LineString:
 def _find_places(room: Room, side: Side) -> Iterator[_Place]:
     """List the places on a side where a gutter keeps its distance from the rim and from other tools."""
     reach_mm = GROOVE_MM + LIP_MM + RIM_MM + ROUND_MM
-    free = room.find_room(side, GROOVE_MM).buffer(-reach_mm)
-    if free.is_empty:
+    free_area = room.find_room(side, GROOVE_MM).buffer(-reach_mm)
+    if free_area.is_empty:
         return
     up = room.blanks[side.part].up
     upwards = side.face.axes @ up
     frame = np.stack([[upwards[1], -upwards[0]], upwards]) / np.linalg.norm(upwards)
-    turned = shapely.transform(free, lambda flat: flat @ frame.T)
-    low_x, low_y, high_x, high_y = turned.bounds
+    rotated_area = shapely.transform(free_area, lambda flat: flat @ frame.T)
+    low_x, low_y, high_x, high_y = rotated_area.bounds
     for x in np.arange((low_x + high_x) / 2.0 % PITCH_MM + low_x // PITCH_MM * PITCH_MM, high_x, PITCH_MM):
-        cut = turned.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
+        cut = rotated_area.intersection(shapely.LineString([(x, low_y - 1.0), (x, high_y + 1.0)]))
         for run in getattr(cut, "geoms", [cut]):
             if run.length >= SHORTEST_MM:
                 ends = np.array(run.coords)[[0, -1]]

@@ -68,7 +68,7 @@ def place_marks(
         placed = _mark_joint(room, pairs, 1 + steps.get(number, 0) % DOTS)
         marks += placed
         if len(placed) < 2:
-            hangs = any(_hangs(room, side) for pair in pairs[:1] for side in pair)
+            hangs = any(_needs_support(room, side) for pair in pairs[:1] for side in pair)
             unmarked.append((number, "a face hangs over in its part's pose" if hangs else "too small"))
     return marks + _number_parts(room, joints, marks), unmarked
 
@@ -78,7 +78,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
     best: list[Mark] = []
     for pair in pairs:
         marks = [
-            _place(room, side, _write(room, side, room.blanks[other.part].name))
+            _place(room, side, _list_texts(room, side, room.blanks[other.part].name))
             for side, other in (pair, pair[::-1])
         ]
         placed = [mark for mark in marks if mark is not None]
@@ -96,10 +96,10 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
 
 def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
     """Write the part's own number where no mark of it does."""
-    numbered = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
-    added = []
+    numbered_parts = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
+    new_marks = []
     for part, blank in enumerate(room.blanks):
-        if part in numbered:
+        if part in numbered_parts:
             continue
         sides = [
             side
@@ -114,12 +114,12 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
             mark = _place(room, side, texts[-1:] if _is_level(room, side) else texts)
             if mark is not None:
                 room.tools += mark.grooves
-                added.append(mark)
+                new_marks.append(mark)
                 break
-    return added
+    return new_marks
 
 
-def _write(room: Room, side: Side, neighbour: str) -> list[_Text]:
+def _list_texts(room: Room, side: Side, neighbour: str) -> list[_Text]:
     """List the ways to write a code on a side, the most legible first."""
     is_level = _is_level(room, side)
     code = f"-{neighbour}" if is_level else f"{room.blanks[side.part].name}-{neighbour}"
@@ -154,7 +154,7 @@ def _draw_dots(count: int) -> _Text:
     return _Text("." * count, 2.0 * depth_mm, depth_mm, centres, half)
 
 
-def _hangs(room: Room, side: Side) -> bool:
+def _needs_support(room: Room, side: Side) -> bool:
     """Check whether a groove in any direction on a face would need support."""
     cone = make_groove(side.part, np.zeros((2, 3)), side.into)
     return overhang_sin(cone.points_mm, side.into, room.blanks[side.part].up) > GROOVE_SIN
@@ -162,15 +162,15 @@ def _hangs(room: Room, side: Side) -> bool:
 
 def _place(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
     """Place the first text that finds room on a side of a joint, level or upright."""
-    if _hangs(room, side):
+    if _needs_support(room, side):
         return None
     depth_mm = max(text.depth_mm for text in texts)
-    free = room.find_room(side, depth_mm)
+    free_area = room.find_room(side, depth_mm)
     upward = _find_upward(side)
     for text in texts:
         for turn in range(2):
             frame = _text_frame(side, upward, turn)
-            local = shapely.transform(free, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
+            local = shapely.transform(free_area, lambda flat, frame=frame: side.lift(flat) @ frame[:2].T)
             middle = _find_middle(local, text.half_mm + text.depth_mm + LIP_MM + RIM_MM)
             if middle is None:
                 continue
@@ -180,14 +180,14 @@ def _place(room: Room, side: Side, texts: Sequence[_Text]) -> Mark | None:
 
 
 def _keep_arrow_up(text: _Text, turn: int) -> Floats:
-    """Turn the arrow of a text that is turned itself, so that it points up all the same."""
+    """Turn the arrow of a rotated text so that it points up."""
     if not turn or not text.text.endswith(ARROW):
         return text.strokes_mm
     count = len(draw_strokes(ARROW))
     arrow = text.strokes_mm[-count:]
     centre = np.array([text.half_mm[0] - ARROW_CELL / 2.0 * text.height_mm / GRID_HIGH, 0.0])
-    turned = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
-    return np.concatenate([text.strokes_mm[:-count], turned])
+    rotated = (arrow - centre) @ np.array([[0.0, -1.0], [1.0, 0.0]]) + centre
+    return np.concatenate([text.strokes_mm[:-count], rotated])
 
 
 def _engrave(room: Room, side: Side, text: _Text, lines_mm: Floats) -> Mark | None:
@@ -217,19 +217,19 @@ def _text_frame(side: Side, upward: Floats, turn: int) -> Floats:
 
 
 def _find_middle(room: shapely.Geometry, half_mm: Floats) -> Floats | None:
-    """Find the place (2,) of a rectangle in an area, as near to the widest place as can be."""
+    """Find the place (2,) of a rectangle in an area, as near to the widest place as possible."""
     areas = [polygon for polygon in list_polygons(room) if polygon.area > 0.0]
     if not areas:
         return None
-    widest = shapely.maximum_inscribed_circle(max(areas, key=lambda area: area.area)).coords[0]
+    widest_mm = shapely.maximum_inscribed_circle(max(areas, key=lambda area: area.area)).coords[0]
     low_x, low_y, high_x, high_y = room.bounds
     low, high = np.array([low_x, low_y]) + half_mm, np.array([high_x, high_y]) - half_mm
     if (low > high).any():
         return None
     spans = [np.append(np.arange(a, b, GRID_MM), [b, (a + b) / 2.0]) for a, b in zip(low, high, strict=True)]
     centres = np.array(np.meshgrid(*spans)).reshape(2, -1).T
-    centres = centres[np.argsort(np.linalg.norm(centres - widest, axis=1), kind="stable")]
+    centres = centres[np.argsort(np.linalg.norm(centres - widest_mm, axis=1), kind="stable")]
     shapely.prepare(room)
     boxes = shapely.box(*(centres - half_mm).T, *(centres + half_mm).T)
-    inside = np.flatnonzero(shapely.contains(room, boxes))
-    return None if not len(inside) else np.asarray(centres[inside[0]])
+    inside_numbers = np.flatnonzero(shapely.contains(room, boxes))
+    return None if not len(inside_numbers) else np.asarray(centres[inside_numbers[0]])

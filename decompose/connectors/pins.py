@@ -73,8 +73,8 @@ def place_pins(
     if options.pin_mm is None:
         return pins, unpinned
     for number, step in enumerate(assembly.steps):
-        held = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
-        sites = [site for j in held for site in _find_sites(room, j, joints[j], step)]
+        held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
+        sites = [site for j in held_joints for site in _find_sites(room, j, joints[j], step)]
         placer = _Placer(room, number, step, sites, options.pin_mm)
         placed = placer.place([*options.taken_mm, *_pair_distances_mm(pins)])
         pins += placed
@@ -174,7 +174,12 @@ class _Placer:
 
     def _find_axes(self, side: Side, index: int) -> shapely.Geometry:
         tool = make_hole(
-            side.part, np.zeros(3), side.into, self._up(side), self._size_mm(side, index), np.zeros(3)
+            side.part,
+            np.zeros(3),
+            side.into,
+            self._find_upward(side),
+            self._size_mm(side, index),
+            np.zeros(3),
         )
         if tool is None:
             return shapely.Polygon()
@@ -186,51 +191,53 @@ class _Placer:
         places = room.buffer(-radius_mm)
         if places.is_empty:  # a thin wall may still take the outline itself
             return erode(room, outline.buffer(RIM_MM + slack_mm, 3))
-        return shapely.transform(places, lambda at: at - (centre.x, centre.y))
+        return shapely.transform(places, lambda points: points - (centre.x, centre.y))
 
-    def _up(self, side: Side) -> Floats:
+    def _find_upward(self, side: Side) -> Floats:
         return self.room.blanks[side.part].up
 
     def _place_pair(
         self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry], taken_mm: Sequence[float]
     ) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as can be, at a distance of their own."""
-        widest = self._farthest(deep, shallow)
-        if widest is None:
+        best_pair = self._find_farthest_pair(deep, shallow)
+        if best_pair is None:
             return []
         inner = [[place.buffer(-COMFORT_MM) for place in places] for places in (deep, shallow)]
-        comfortable = self._farthest(*inner)
-        if comfortable is not None and comfortable[0] >= COMFORT_SHARE * widest[0]:
-            widest = comfortable
-        apart_mm, (site, at), (other, end) = widest
+        comfortable = self._find_farthest_pair(*inner)
+        if comfortable is not None and comfortable[0] >= COMFORT_SHARE * best_pair[0]:
+            best_pair = comfortable
+        apart_mm, (site, deep_mm), (shallow_site, end) = best_pair
         for back_mm in np.arange(0.0, apart_mm - NEAREST_PAIR_MM, 0.5):
-            moved = end + self._flat((at - end)[None])[0] * back_mm / apart_mm  # stays in its plane
-            new_mm = self._across_mm(at, moved)
+            shallow_mm = end + self._flat((deep_mm - end)[None])[0] * back_mm / apart_mm  # stays in its plane
+            new_mm = self._measure_across_mm(deep_mm, shallow_mm)
             if any(abs(new_mm - known_mm) < self.distinct_mm for known_mm in taken_mm):
                 continue
-            if not shallow[other].contains(shapely.Point(self.sites[other].moved.flatten(moved))):
+            if not shallow[shallow_site].contains(
+                shapely.Point(self.sites[shallow_site].moved.flatten(shallow_mm))
+            ):
                 continue
-            long = self._make_pin(site, at, 0, np.zeros(3))
-            if long is None:
+            deep_pin = self._make_pin(site, deep_mm, 0, np.zeros(3))
+            if deep_pin is None:
                 return []
-            self.room.tools += long.holes
-            short = self._make_pin(other, moved, 1, self._slot(at, moved))
-            if short is not None:
-                self.room.tools += short.holes
-                return [long, short]
+            self.room.tools += deep_pin.holes
+            shallow_pin = self._make_pin(shallow_site, shallow_mm, 1, self._make_slot(deep_mm, shallow_mm))
+            if shallow_pin is not None:
+                self.room.tools += shallow_pin.holes
+                return [deep_pin, shallow_pin]
             del self.room.tools[-2:]
         return []
 
-    def _slot(self, at: Floats, end: Floats) -> Floats:
-        across = (end - at) - ((end - at) @ self.step.direction) * self.step.direction
+    def _make_slot(self, point_mm: Floats, end_mm: Floats) -> Floats:
+        across = (end_mm - point_mm) - ((end_mm - point_mm) @ self.step.direction) * self.step.direction
         apart_mm = float(np.linalg.norm(across))
         return SLOT_MM * across / apart_mm if apart_mm > FAR_PAIR_MM else np.zeros(3)
 
-    def _farthest(
+    def _find_farthest_pair(
         self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]
     ) -> tuple[float, tuple[int, Floats], tuple[int, Floats]] | None:
         """Find the farthest pair of a deep and a shallow place: their distance, sites and points."""
-        ends = [self._corners(places) for places in (deep, shallow)]
+        ends = [self._list_corners(places) for places in (deep, shallow)]
         if not all(len(sites) for sites, _ in ends):
             return None
         apart = cdist(*(self._flat(points) for _, points in ends))
@@ -244,7 +251,7 @@ class _Placer:
             (others[second], other_points[second]),
         )
 
-    def _corners(self, places: list[shapely.Geometry]) -> tuple[list[int], Floats]:
+    def _list_corners(self, places: list[shapely.Geometry]) -> tuple[list[int], Floats]:
         """List the corners of the convex hull of each site's places, as points (n, 3), and their sites."""
         sites: list[int] = []
         points = [np.zeros((0, 3))]
@@ -257,8 +264,8 @@ class _Placer:
     def _flat(self, points_mm: Floats) -> Floats:
         return points_mm - np.outer(points_mm @ self.step.direction, self.step.direction)
 
-    def _across_mm(self, at: Floats, end: Floats) -> float:
-        return float(np.linalg.norm(self._flat((at - end)[None])))
+    def _measure_across_mm(self, start_mm: Floats, end_mm: Floats) -> float:
+        return float(np.linalg.norm(self._flat((start_mm - end_mm)[None])))
 
     def _place_one(self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if it can be."""
@@ -277,38 +284,40 @@ class _Placer:
 
     def _place_further(self, pins: Sequence[Pin]) -> Pin | None:
         """Place a shallow pin where most glue is far from the others; None where none is worthwhile."""
-        far = find_far_glue(self.sites, pins)
-        if not len(far):
+        far_glue = find_far_glue(self.sites, pins)
+        if not len(far_glue):
             return None
         places = self._find_places(1)
-        sites, corners = self._corners(places)
+        sites, corners = self._list_corners(places)
         inside = [
             sample_points(site.moved, place.buffer(-ROUND_MM), PLACES_MM)
             for site, place in zip(self.sites, places, strict=True)
         ]
         sites += [number for number, points in enumerate(inside) for _ in points]
         points = np.concatenate([corners, *inside])
-        for best in sort_by_gain(points, far):
+        for best in sort_by_gain(points, far_glue):
             pin = self._make_pin(sites[best], points[best], 1, np.zeros(3))
             if pin is not None:
                 self.room.tools += pin.holes
                 return pin
         return None
 
-    def _make_pin(self, number: int, at: Floats, index: int, slot: Floats) -> Pin | None:
+    def _make_pin(self, number: int, point_mm: Floats, index: int, slot: Floats) -> Pin | None:
         """Make a pin with its holes; None where one does not print without support, or has no room."""
         site = self.sites[number]
         depth_mm = choose_depths_mm(self.pin_mm)[index]
         holes: list[Tool] = []
         for side, stretch in ((site.moved, slot), (site.fixed, np.zeros(3))):
-            hole = make_hole(side.part, at, side.into, self._up(side), self._size_mm(side, index), stretch)
+            hole = make_hole(
+                side.part, point_mm, side.into, self._find_upward(side), self._size_mm(side, index), stretch
+            )
             if hole is None or not self._has_room(side, hole):
                 return None
             holes.append(hole)
         return Pin(
             step=self.number,
             joint=site.moved.joint,
-            at_mm=at,
+            at_mm=point_mm,
             axis=self.step.direction,
             diameter_mm=self.pin_mm,
             depth_mm=depth_mm,

@@ -172,5 +172,5 @@ class Connectors:
 
 def distance_mm(a: Pin, b: Pin) -> float:
     """Measure the distance of two pins across their axis."""
-    apart = a.at_mm - b.at_mm
-    return float(np.linalg.norm(apart - (apart @ a.axis) * a.axis))
+    offset_mm = a.at_mm - b.at_mm
+    return float(np.linalg.norm(offset_mm - (offset_mm @ a.axis) * a.axis))

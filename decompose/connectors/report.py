@@ -21,7 +21,7 @@ def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
 def describe_connectors(
     connectors: Connectors, names: Sequence[str], joints: Sequence[Joint]
 ) -> dict[str, Any]:
-    """Describe pins, marks, and what has none.
+    """Describe pins and marks, and the joints without them.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
     distances = []
     for own in by_step.values():
         if len(own) > 1:
-            apart, axis = np.subtract(own[0]["at_mm"], own[1]["at_mm"]), np.array(own[0]["axis"])
-            distances.append(float(np.linalg.norm(apart - (apart @ axis) * axis)))
+            offset_mm, axis = np.subtract(own[0]["at_mm"], own[1]["at_mm"]), np.array(own[0]["axis"])
+            distances.append(float(np.linalg.norm(offset_mm - (offset_mm @ axis) * axis)))
     return tuple(distances)
 
 

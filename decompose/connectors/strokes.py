@@ -75,7 +75,7 @@ def draw_strokes(text: str) -> Floats:
     strokes: list[list[list[float]]] = []
     for number, letter in enumerate(text.upper()):
         for line in filter(None, LETTERS.get(letter, "").split("|")):
-            points = [[float(at[0]) + ADVANCE * number, float(at[1])] for at in line.split()]
+            points = [[float(point[0]) + ADVANCE * number, float(point[1])] for point in line.split()]
             strokes += [list(pair) for pair in zip(points, points[1:] or points, strict=False)]
     middle = np.array([text_width(text) / 2.0, GRID_HIGH / 2.0])
     return np.asarray(np.array(strokes).reshape(-1, 2, 2) - middle)

@@ -72,7 +72,7 @@ def make_hole(
     """
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
-    upwards, across = _across(into, up)
+    upwards, across = _choose_across(into, up)
     ring = (upwards * np.sin(_CORNERS)[:, None] + across * np.cos(_CORNERS)[:, None]) * (
         inner_mm / math.cos(math.pi / 6.0)
     )
@@ -102,8 +102,8 @@ def make_groove(part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROO
     return Tool(part, points, into, float(ends_mm[0] @ into))
 
 
-def _across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
-    """Choose unit vectors across a hole: as far upwards as can be, and level."""
+def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
+    """Choose unit vectors across a hole: as far upwards as possible, and level."""
     upwards = up - (up @ into) * into
     if np.linalg.norm(upwards) < 1e-6:
         upwards = np.cross(np.eye(3)[int(np.abs(into).argmin())], into)

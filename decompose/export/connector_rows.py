@@ -28,12 +28,14 @@ def list_codes(decomposition: Decomposition, joint: int) -> list[dict[str, str]]
 
 
 def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
-    """List the numbers of the parts of a joint that have no code on it, where codes were wanted."""
+    """List the numbers of the parts of a joint that have no code on it, if codes were requested."""
     if not decomposition.options.connectors.marks:
         return []
-    coded = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
+    coded_parts = {mark.part for mark in decomposition.connectors.marks if mark.joint == joint}
     pair = decomposition.joints[joint]
-    return [find_part_number(decomposition.parts[part].id) for part in (pair.a, pair.b) if part not in coded]
+    return [
+        find_part_number(decomposition.parts[part].id) for part in (pair.a, pair.b) if part not in coded_parts
+    ]
 
 
 def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
@@ -46,7 +48,7 @@ def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
 
 
 def explain_pins(decomposition: Decomposition, step: int) -> str:
-    """Tell how the pins of a step are used, or why it has none; empty where none were wanted."""
+    """Explain the use of a step's pins, or why it has none; empty if no pins were requested."""
     pins = [pin for pin in decomposition.connectors.pins if pin.step == step]
     if decomposition.options.connectors.pin_mm is None:
         return ""
@@ -78,9 +80,9 @@ def name_mark(decomposition: Decomposition, mark: Mark) -> str:
 
 def list_orphans(decomposition: Decomposition) -> list[dict[str, Any]]:
     """List the codes on joints that no step glues."""
-    used = {joint for step in decomposition.assembly.steps for joint in step.joints}
+    used_joints = {joint for step in decomposition.assembly.steps for joint in step.joints}
     joints = dict.fromkeys(mark.joint for mark in decomposition.connectors.marks)
-    return [code for joint in joints if joint not in used for code in list_codes(decomposition, joint)]
+    return [code for joint in joints if joint not in used_joints for code in list_codes(decomposition, joint)]
 
 
 def _count(pins: list[Pin], noun: str) -> str:

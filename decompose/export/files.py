@@ -29,9 +29,9 @@ def write_decomposition(
 
     See `write_parts` and `draw_parts`.
     """
-    stored = write_parts(decomposition, folder)
-    draw_parts(stored, folder, find_place)
-    return stored
+    stored_result = write_parts(decomposition, folder)
+    draw_parts(stored_result, folder, find_place)
+    return stored_result
 
 
 def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
@@ -55,23 +55,25 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
         An STL, read back, is not watertight or has another volume, also without holes and marks.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    planned = decomposition.with_assembly()
-    connected = connect_parts(planned)
+    planned_result = decomposition.with_assembly()
+    connected_result = connect_parts(planned_result)
     try:
-        parts = _write_parts(connected.parts, folder)
+        parts = _write_parts(connected_result.parts, folder)
     except GeometryError as error:
-        if not connected.connectors.tools:
+        if not connected_result.connectors.tools:
             raise
-        connected = replace(planned, connectors=Connectors(failures=(f"no pins and marks: {error}",)))
-        parts = _write_parts(connected.parts, folder)
-    stored = replace(connected, parts=parts)
-    text = json.dumps(stored.as_dict(), indent=1) + "\n"
+        connected_result = replace(
+            planned_result, connectors=Connectors(failures=(f"no pins and marks: {error}",))
+        )
+        parts = _write_parts(connected_result.parts, folder)
+    stored_result = replace(connected_result, parts=parts)
+    text = json.dumps(stored_result.as_dict(), indent=1) + "\n"
     (folder / REPORT).write_text(text, encoding="utf-8")
-    return stored
+    return stored_result
 
 
 def draw_parts(
-    stored: Decomposition,
+    decomposition: Decomposition,
     folder: Path,
     find_place: FindPlace = lambda part: None,
     overview: bytes | None = None,
@@ -91,18 +93,18 @@ def draw_parts(
         Picture of the parts as PNG, and pictures of all steps, if they have been drawn before.
     """
     if overview is None:
-        draw_assembly(stored.parts, folder / PICTURE)
+        draw_assembly(decomposition.parts, folder / PICTURE)
     else:
         (folder / PICTURE).write_bytes(overview)
-    write_glb(stored.parts, folder / ASSEMBLY, stored.assembly.steps)
-    places = [find_place(part) for part in stored.parts]
-    write_instructions(stored, folder / INSTRUCTIONS, folder / PICTURE, places, steps)
+    write_glb(decomposition.parts, folder / ASSEMBLY, decomposition.assembly.steps)
+    places = [find_place(part) for part in decomposition.parts]
+    write_instructions(decomposition, folder / INSTRUCTIONS, folder / PICTURE, places, steps)
 
 
 def _write_parts(parts: Sequence[Part], folder: Path) -> tuple[Part, ...]:
     """Write an STL per part, and read it back; returns the parts with the names of their files."""
-    stored = tuple(replace(part, file=f"{part.id}.stl") for part in parts)
-    for part in stored:
+    stored_parts = tuple(replace(part, file=f"{part.id}.stl") for part in parts)
+    for part in stored_parts:
         write_stl(folder / part.file, part.stl_triangles())
         check_stl(folder / part.file, part)
-    return stored
+    return stored_parts

@@ -24,7 +24,7 @@ MODEL = "model"
 
 
 def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
-    """Find how far the body of each step comes from.
+    """Find the distance by which the body of each step moves.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
 
 
 def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Floats:
-    """Find where the parts are before each step, and after the last.
+    """Find the positions of the parts before each step, and after the last.
 
     Parameters
     ----------
@@ -127,15 +127,15 @@ def _add_animation(
 
 def _add_values(tree: dict[str, Any], buffers: dict[Any, bytes], values: Floats) -> int:
     """Add an accessor of numbers (n,) or vectors (n, 3), and return its number."""
-    stored: npt.NDArray[np.float32] = values.astype("<f4")
+    data: npt.NDArray[np.float32] = values.astype("<f4")
     number = len(tree["accessors"])
     tree["accessors"][f"animation {number}"] = {
         "bufferView": len(buffers),
         "componentType": FLOAT,
-        "type": "SCALAR" if stored.ndim == 1 else "VEC3",
-        "count": len(stored),
-        "min": np.atleast_1d(stored.min(axis=0)).tolist(),
-        "max": np.atleast_1d(stored.max(axis=0)).tolist(),
+        "type": "SCALAR" if data.ndim == 1 else "VEC3",
+        "count": len(data),
+        "min": np.atleast_1d(data.min(axis=0)).tolist(),
+        "max": np.atleast_1d(data.max(axis=0)).tolist(),
     }
-    buffers[f"animation {number}"] = stored.tobytes()
+    buffers[f"animation {number}"] = data.tobytes()
     return number

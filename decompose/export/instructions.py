@@ -98,8 +98,8 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
     """
     assembly = decomposition.assembly
     steps = [
-        _describe_step(number, step, decomposition, drawn)
-        for number, (step, drawn) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
+        _describe_step(number, step, decomposition, step_pictures)
+        for number, (step, step_pictures) in enumerate(zip(assembly.steps, pictures.steps, strict=True), 1)
     ]
     return _TEMPLATE.render(
         parts=_list_parts(decomposition, pictures.places),
@@ -148,16 +148,16 @@ def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None])
 
 
 def _describe_step(
-    number: int, step: AssemblyStep, decomposition: Decomposition, drawn: StepPictures
+    number: int, step: AssemblyStep, decomposition: Decomposition, step_pictures: StepPictures
 ) -> dict[str, Any]:
     fixed = ", ".join(_name_parts(decomposition, step.fixed))
     rest = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
         "level": step.level,
-        "picture": _embed(drawn.both),
-        "turned_over": _embed(drawn.moved),
-        "top": drawn.top,
+        "picture": _embed(step_pictures.both),
+        "turned_over": _embed(step_pictures.moved),
+        "top": step_pictures.top,
         "moved": ", ".join(_name_parts(decomposition, step.moved)),
         "fixed": fixed,
         "slides": step.slides,

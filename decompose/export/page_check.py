@@ -13,25 +13,25 @@ _LOADS = ("src", "href", "srcset", "poster", "action", "background")
 
 
 class _Reader(HTMLParser):
-    """Collects what a page is about (attributes `data-KIND`), and addresses that it loads."""
+    """Collects the names in a page's attributes `data-KIND`, and the addresses that it loads."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.named: Counter[tuple[str, str]] = Counter()
-        self.loaded: list[str] = []
+        self.name_counts: Counter[tuple[str, str]] = Counter()
+        self.addresses: list[str] = []
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         if tag in ("script", "link", "iframe", "object", "embed"):
-            self.loaded.append(f"<{tag}>")
+            self.addresses.append(f"<{tag}>")
         for name, value in attributes:
             if name.startswith("data-"):
-                self.named[name.removeprefix("data-"), value or ""] += 1
+                self.name_counts[name.removeprefix("data-"), value or ""] += 1
             elif name in _LOADS and not (value or "").startswith(("data:", "#")):
-                self.loaded.append(value or "")
+                self.addresses.append(value or "")
 
 
 def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
-    """Find what is missing on a page of instructions, named twice, unknown, or loaded.
+    """Find names that are missing, repeated or unknown on a page of instructions, and loaded addresses.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
     reader.feed(page)
     reader.close()
     expected = Counter(_list_expected(decomposition))
-    faults = [f"{kind} {name} is missing" for kind, name in expected - reader.named]
-    faults += [f"{kind} {name} is named too often" for kind, name in reader.named - expected]
-    faults += [f"it loads {address[:80]}" for address in reader.loaded]
+    faults = [f"{kind} {name} is missing" for kind, name in expected - reader.name_counts]
+    faults += [f"{kind} {name} is named too often" for kind, name in reader.name_counts - expected]
+    faults += [f"it loads {address[:80]}" for address in reader.addresses]
     if "url(" in page or "@import" in page:
         faults.append("its style loads something")
     return faults

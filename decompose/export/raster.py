@@ -72,13 +72,17 @@ def _reduce(image: Floats, depth: Floats, step: float, oversample: int) -> Float
         for x in range(width):
             weight = share
             if depth[y, x] != -np.inf:
-                twice = 2.0 * depth[y, x]
-                across = along = 0.0
+                doubled_depth = 2.0 * depth[y, x]
+                vertical_jump = horizontal_jump = 0.0
                 if 0 < y < height - 1:
-                    across = max(depth[y - 1, x], background) + max(depth[y + 1, x], background) - twice
+                    vertical_jump = (
+                        max(depth[y - 1, x], background) + max(depth[y + 1, x], background) - doubled_depth
+                    )
                 if 0 < x < width - 1:
-                    along = max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - twice
-                if abs(across) > step or abs(along) > step:
+                    horizontal_jump = (
+                        max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - doubled_depth
+                    )
+                if abs(vertical_jump) > step or abs(horizontal_jump) > step:
                     weight *= EDGE
             for channel in range(3):
                 picture[y // oversample, x // oversample, channel] += weight * image[y, x, channel]
@@ -117,8 +121,8 @@ class Drawing:
 
     def place(self, points: Floats) -> Floats:
         """Return the places (n, 2) of points (n, 3) in the picture: column and row in pixels."""
-        placed: Floats = ((points @ self.frame.T)[:, :2] - self.origin_mm) * self.pixels_per_mm
-        return placed
+        pixels: Floats = ((points @ self.frame.T)[:, :2] - self.origin_mm) * self.pixels_per_mm
+        return pixels
 
 
 def make_camera(azimuth_deg: float, elevation_deg: float) -> Floats:
@@ -145,17 +149,17 @@ def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: in
     oversample
         Pixels of the buffer along each side of a pixel of the picture.
     """
-    placed, colours, owner = [], [], []
+    screen_triangles, colours, owner = [], [], []
     for i, shape in enumerate(shapes):
         triangles = shape.triangles @ frame.T
         normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
         shade = AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * np.clip(normal @ LIGHT_DIRECTION, 0.0, 1.0)
-        placed.append(triangles)
+        screen_triangles.append(triangles)
         colours.append(shade[:, None] * shape.colour)
         owner.append(np.full(len(triangles), i + 1))
-    triangles = np.concatenate(placed)
+    triangles = np.concatenate(screen_triangles)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     margin = MARGIN * float((high - low)[:2].max())
     scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin)

@@ -77,15 +77,15 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
         camera = make_camera(azimuth_deg, elevation_deg) @ pose
         both = _draw_both(scene, step, decomposition, camera, apart_mm)
         moved = build_moved(number, decomposition)
-        over = turn_over(pose, azimuth_deg)
-        view = choose_view(moved, over, TURNED_OVER_DEG, azimuth_deg)
-        below = _draw_moved(moved, decomposition, make_camera(*view) @ over)
-        pictures.append(StepPictures(both, below, name_top(camera)))
+        turned_pose = turn_over(pose, azimuth_deg)
+        view = choose_view(moved, turned_pose, TURNED_OVER_DEG, azimuth_deg)
+        picture_below = _draw_moved(moved, decomposition, make_camera(*view) @ turned_pose)
+        pictures.append(StepPictures(both, picture_below, name_top(camera)))
     return pictures
 
 
 def find_pose(direction: Floats) -> Floats:
-    """Find how a body lies with a direction (3,) upwards: right, back and up in the model's frame, as rows.
+    """Find the pose of a body with a direction (3,) upwards: rows right, back and up in the model's frame.
 
     The model is turned as little as can be; upside down, its right stays.
     """
@@ -162,11 +162,11 @@ def choose_view(
 
 
 def name_top(camera: Floats) -> str:
-    """Name where the model's top is in a picture by a camera (3, 3)."""
-    right, up, nearer = camera[:, 2]
+    """Name the place of the model's top in a picture by a camera (3, 3)."""
+    right, up, towards_eye = camera[:, 2]
     names = [
         (up, "upwards"), (-up, "downwards"), (right, "to the right"), (-right, "to the left"),
-        (nearer, "towards you"), (-nearer, "away from you"),
+        (towards_eye, "towards you"), (-towards_eye, "away from you"),
     ]  # fmt: skip
     return max(names)[1]
 

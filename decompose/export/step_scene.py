@@ -64,7 +64,7 @@ class Scene:
 
 def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[GluedFace]:
     """Find the faces that a step glues; the fixed part's own triangles on the plane tell its outside."""
-    found = []
+    glued_faces = []
     for joint in (decomposition.joints[number] for number in step.joints):
         fixed = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
         vertices, faces = fixed.solid.arrays()
@@ -72,8 +72,8 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
             plane = np.append(face.normal, face.offset_mm)[None]
             a, b, c = np.moveaxis(vertices[faces[find_cut_faces(vertices, faces, plane)]], 1, 0)
             outside = float((np.cross(b - a, c - a) @ face.normal).sum())
-            found.append(GluedFace(face, face.normal if outside >= 0.0 else -face.normal))
-    return found
+            glued_faces.append(GluedFace(face, face.normal if outside >= 0.0 else -face.normal))
+    return glued_faces
 
 
 def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> Scene:
@@ -121,13 +121,15 @@ def build_moved(number: int, decomposition: Decomposition) -> Scene:
 def fill_face(face: JointFace, outward: Floats) -> Floats:
     """Build triangles (m, 3, 3) of a face, a little before it."""
     offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
-    found = []
+    triangles = []
     for polygon in list_polygons(face.outline):
-        ordered = shapely.geometry.polygon.orient(polygon)
-        rings = [np.array(ring.coords)[:-1] for ring in (ordered.exterior, *ordered.interiors)]
+        oriented_polygon = shapely.geometry.polygon.orient(polygon)
+        rings = [
+            np.array(ring.coords)[:-1] for ring in (oriented_polygon.exterior, *oriented_polygon.interiors)
+        ]
         corners = np.concatenate(rings) @ face.axes + offset_mm
-        found.append(_turn_towards(corners[triangulate(rings)], outward))
-    return np.concatenate(found) if found else np.zeros((0, 3, 3))
+        triangles.append(_turn_towards(corners[triangulate(rings)], outward))
+    return np.concatenate(triangles) if triangles else np.zeros((0, 3, 3))
 
 
 def _paint_parts(parts: Sequence[int], decomposition: Decomposition, offset_mm: Floats) -> list[Shape]:
@@ -152,16 +154,16 @@ def _write_codes(step: AssemblyStep, body: Sequence[int], decomposition: Decompo
 
 def _make_ribbons(mark: Mark, width_mm: float) -> Floats:
     """Build flat triangles (m, 3, 3) of the strokes of a mark, in front of its face."""
-    out = -mark.grooves[0].into
-    ends = mark.lines_mm + 3.0 * LIFT_MM * out
+    outward = -mark.grooves[0].into
+    ends = mark.lines_mm + 3.0 * LIFT_MM * outward
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1, keepdims=True)
-    dot = choose_plane_axes(out)[0]  # a dot has no direction of its own
+    dot = choose_plane_axes(outward)[0]  # a dot has no direction of its own
     along = np.where(length > 0.0, along / np.maximum(length, 1e-9), dot)
-    half = width_mm / 2.0 * np.cross(out, along)
+    half = width_mm / 2.0 * np.cross(outward, along)
     a, b = ends[:, 0] - width_mm / 2.0 * along, ends[:, 1] + width_mm / 2.0 * along
     corners = np.stack([a - half, b - half, b + half, a + half], axis=1)
-    return _turn_towards(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), out)
+    return _turn_towards(np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]), outward)
 
 
 def _make_rod(pin: Pin) -> Floats:
@@ -209,7 +211,7 @@ def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
 def _turn_towards(triangles: Floats, outward: Floats) -> Floats:
     """Turn flat triangles (m, 3, 3) so that they are seen from a side (3,)."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    back = normal @ outward < 0.0
+    is_reversed = normal @ outward < 0.0
     turned = triangles.copy()
-    turned[back] = turned[back][:, ::-1]
+    turned[is_reversed] = turned[is_reversed][:, ::-1]
     return turned

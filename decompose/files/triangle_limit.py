@@ -54,7 +54,7 @@ def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
 
 
 def max_triangles(memory_bytes: int) -> int:
-    """Compute the number of triangles that can be read and repaired in some memory."""
+    """Compute the number of triangles that can be read and repaired in an amount of memory."""
     return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
 
 

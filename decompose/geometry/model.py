@@ -109,7 +109,7 @@ def load_model(
     name = _flatten(path.name if name is None else name)
     _check_size_options(scale, longest_side_mm)
     report("reading")
-    triangles, notes = _read(path, source, name, suffix, memory_bytes)
+    triangles, notes = _read_triangles(path, source, name, suffix, memory_bytes)
     longest, reach = _measure_triangles(name, triangles)
     factor = _choose_factor(name, longest, scale, longest_side_mm)
     if longest * factor < SMALLEST_MM:
@@ -164,7 +164,7 @@ def _flatten(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def _read(
+def _read_triangles(
     path: Path, source: str, name: str, suffix: str, memory_bytes: int | None
 ) -> tuple[Floats, tuple[str, ...]]:
     """Read the triangles (m, 3, 3) of a file; also its notices, a sentence each."""
@@ -205,16 +205,16 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         return data, ()
     if len(data) < STL_HEADER_BYTES + STL_COUNT_BYTES:
         raise ModelUnreadable(f"{name}: {len(data)} bytes are not an STL; export the model again")
-    promised, present = read_face_count(data), count_stored_faces(data)
-    if promised > present:
+    stated_count, present = read_face_count(data), count_stored_faces(data)
+    if stated_count > present:
         raise ModelUnreadable(
-            f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "
+            f"{name}: its header promises {stated_count} triangles, the file holds {int(present)}: "
             "not an STL or only a part of one; copy or export it again"
         )
-    if promised == present:
+    if stated_count == present:
         return data, ()
     # Some programs put colours or their name after the last triangle.
-    stl_bytes = STL_HEADER_BYTES + STL_COUNT_BYTES + promised * STL_FACE_BYTES
+    stl_bytes = STL_HEADER_BYTES + STL_COUNT_BYTES + stated_count * STL_FACE_BYTES
     return data[:stl_bytes], (f"Left out {len(data) - stl_bytes} bytes after the last triangle.",)
 
 

@@ -106,12 +106,12 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
         than the overlaps would be lost.
     """
     before = find_overlaps(solid)
-    united, waiting = solid, list(before.boxes_mm[:MAX_PLACES])
+    united, remaining = solid, list(before.boxes_mm[:MAX_PLACES])
     try:
         for _ in range(MAX_ROUNDS):
-            chosen = _choose_apart(waiting)
-            united = _unite_places(united, [waiting[i] for i in chosen])
-            waiting = [box_mm for i, box_mm in enumerate(waiting) if i not in chosen]
+            chosen_numbers = _choose_apart(remaining)
+            united = _unite_places(united, [remaining[i] for i in chosen_numbers])
+            remaining = [box_mm for i, box_mm in enumerate(remaining) if i not in chosen_numbers]
         if united is solid:
             return solid, 0.0
         resolved_mm3 = before.volume_mm3 - find_overlaps(united).volume_mm3
@@ -133,11 +133,11 @@ def _is_same_but_for(resolved_mm3: float, solid: Solid, united: Solid) -> bool:
 
 def _choose_apart(boxes_mm: list[Floats]) -> list[int]:
     """Choose boxes (2, 3) of which none touches another, the first ones first."""
-    chosen: list[int] = []
+    numbers: list[int] = []
     for i, box in enumerate(boxes_mm):
-        if all(((box[0] > boxes_mm[k][1]) | (box[1] < boxes_mm[k][0])).any() for k in chosen):
-            chosen.append(i)
-    return chosen
+        if all(((box[0] > boxes_mm[k][1]) | (box[1] < boxes_mm[k][0])).any() for k in numbers):
+            numbers.append(i)
+    return numbers
 
 
 def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
@@ -151,7 +151,7 @@ def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
 
 
 def _unite_limbs(inner: Solid) -> Solid | None:
-    """Unite the limbs of what a box around an overlap holds; None if it is a fold of one limb."""
+    """Unite the limbs in a box around an overlap; None if it is a fold of one limb."""
     limbs = [limb for piece in inner.pieces() for limb in _split_limbs(piece, HALVINGS)]
     if len(limbs) < 2:
         return None
@@ -161,7 +161,7 @@ def _unite_limbs(inner: Solid) -> Solid | None:
 
 
 def _split_limbs(piece: Solid, halvings: int) -> list[Solid]:
-    """Halve a piece that overlaps itself, up to so many times, until its limbs are pieces of their own."""
+    """Halve a piece that overlaps itself repeatedly until its limbs are separate pieces."""
     boxes_mm = find_overlaps(piece).boxes_mm
     if not len(boxes_mm) or not halvings:
         return [piece]

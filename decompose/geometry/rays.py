@@ -83,7 +83,7 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     x0, y0, step = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
     nx, ny = rays.shape
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
-    filled = np.zeros(nx * ny, np.int64)
+    fill_counts = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
     for turn in range(2):  # count, then fill
         if turn == 1:
@@ -106,8 +106,8 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
                         crossings.start[column + 1] += 1
                         continue
                     z = az + (x - ax) * slope_x + (y0 + j * step - ay) * slope_y
-                    _insert_crossing(crossings, column, filled[column], min(max(z, lowest), highest), t)
-                    filled[column] += 1
+                    _insert_crossing(crossings, column, fill_counts[column], min(max(z, lowest), highest), t)
+                    fill_counts[column] += 1
     return crossings
 
 
@@ -168,10 +168,10 @@ def _compute_plane(
 
 @jit_inline
 def _insert_crossing(crossings: Crossings, ray: int, count: int, z: float, face: int) -> None:
-    """Insert a crossing among the `count` that a ray has already, by its height in mm."""
+    """Insert a crossing among the `count` crossings of a ray, in the order of heights in mm."""
     first = crossings.start[ray]
-    at = first + count
-    while at > first and crossings.z_mm[at - 1] > z:
-        crossings.z_mm[at], crossings.face[at] = crossings.z_mm[at - 1], crossings.face[at - 1]
-        at -= 1
-    crossings.z_mm[at], crossings.face[at] = z, face
+    index = first + count
+    while index > first and crossings.z_mm[index - 1] > z:
+        crossings.z_mm[index], crossings.face[index] = crossings.z_mm[index - 1], crossings.face[index - 1]
+        index -= 1
+    crossings.z_mm[index], crossings.face[index] = z, face

@@ -78,9 +78,9 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
             f"{shared} shared by more than two triangles): {100.0 * new_share:.2g} % of the surface is new."
         )
     elif shared:
-        apart = "bodies" if bodies_after > bodies_before else "surfaces"
+        noun = "bodies" if bodies_after > bodies_before else "surfaces"
         repairs.append(
-            f"Separated {apart} that touch or overlap ({shared} edges shared by more than two triangles)."
+            f"Separated {noun} that touch or overlap ({shared} edges shared by more than two triangles)."
         )
     if any(use.is_closed and use.repeated for use in uses):
         repairs.append("Turned triangles that faced the wrong way.")
@@ -106,9 +106,9 @@ def _list_bodies(name: str, surface: Surface) -> list[Any]:
     number = np.zeros(len(surface.vertices), dtype=np.int64)
     bodies = []
     for faces in np.split(f[order], starts) if len(f) else []:
-        used = np.unique(faces)
-        number[used] = np.arange(len(used))
-        bodies.append(trimesh.Trimesh(surface.vertices[used], number[faces], process=False))
+        vertex_numbers = np.unique(faces)
+        number[vertex_numbers] = np.arange(len(vertex_numbers))
+        bodies.append(trimesh.Trimesh(surface.vertices[vertex_numbers], number[faces], process=False))
     return bodies
 
 
@@ -130,9 +130,9 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
         if parts is None or not all(
             is_flat(part.vertices[rim]) for part in parts for rim in find_rims(part.faces)
         ):
-            fixed = _run_mesh_fix(body)
-            if fixed is not None and (parts is None or not _is_far(body, fixed).mean() > LOST_SHARE):
-                closed_bodies.append(fixed)
+            repaired = _run_mesh_fix(body)
+            if repaired is not None and (parts is None or not _is_far(body, repaired).mean() > LOST_SHARE):
+                closed_bodies.append(repaired)
                 is_changed = True
                 continue
             is_changed = is_changed or parts is None  # it cannot be closed, and is left out
@@ -144,12 +144,12 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
         closed_bodies += [
             trimesh.Trimesh(*shell, process=False) for shell in split_shells(merged.vertices, faces) or []
         ]
-    thick = []
+    thick_shells = []
     for body in closed_bodies:
         volume_mm3, area_mm2 = _measure_body(body)
         if abs(volume_mm3) > THIN_SHARE * area_mm2**1.5:
-            thick.append(body)
-    return thick, is_changed or bool(open_bodies) or len(thick) < len(closed_bodies)
+            thick_shells.append(body)
+    return thick_shells, is_changed or bool(open_bodies) or len(thick_shells) < len(closed_bodies)
 
 
 def _split_shells(body: Any) -> list[Any] | None:
@@ -169,8 +169,8 @@ def _run_mesh_fix(body: Any) -> Any:
         fixer.repair(joincomp=True, remove_smallest_components=False)
     except Exception:  # the compiled repair does not document its errors
         return None
-    fixed: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
-    return fixed if len(fixed.faces) and fixed.is_watertight else None
+    repaired: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
+    return repaired if len(repaired.faces) and repaired.is_watertight else None
 
 
 def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> float:
@@ -263,7 +263,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
 @jit
 def _find_triangles_above(points: Floats, triangles: Floats) -> Ints:
     """Count the triangles (m, 3, 3) straight above each of n points (n, 3), both float64 in mm."""
-    above = np.zeros(len(points), np.int64)
+    counts = np.zeros(len(points), np.int64)
     for i in range(len(points)):
         x, y, z = points[i]
         for t in range(len(triangles)):
@@ -274,8 +274,8 @@ def _find_triangles_above(points: Floats, triangles: Floats) -> Ints:
             u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area2
             v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area2
             if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and u * a[2] + v * b[2] + (1.0 - u - v) * c[2] > z:
-                above[i] += 1
-    return above
+                counts[i] += 1
+    return counts
 
 
 def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:

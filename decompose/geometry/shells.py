@@ -101,14 +101,14 @@ def find_rims(faces: Ints) -> list[Ints]:
     tail, head, _ = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
     single_starts = order[starts[counts == 1]]
-    after = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
+    next_vertices = dict(zip(head[single_starts].tolist(), tail[single_starts].tolist(), strict=True))
     rims = []
-    while after:
-        start, at = after.popitem()
+    while next_vertices:
+        start, vertex = next_vertices.popitem()
         loop = [start]
-        while at != start:
-            loop.append(at)
-            at = after.pop(at)
+        while vertex != start:
+            loop.append(vertex)
+            vertex = next_vertices.pop(vertex)
         rims.append(np.array(loop, dtype=np.int64))
     return sorted(rims, key=lambda loop: int(loop.min()))
 
@@ -116,8 +116,8 @@ def find_rims(faces: Ints) -> list[Ints]:
 def is_flat(rim: Floats) -> bool:
     """Check whether a rim (k, 3) is flat, but for a small share of its size."""
     centred = rim - rim.mean(axis=0)
-    off = np.linalg.svd(centred, full_matrices=False)[2][-1]
-    return float(np.abs(centred @ off).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
+    normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    return float(np.abs(centred @ normal).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
 
 
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
@@ -132,14 +132,14 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(normals[i])))
     outers: list[tuple[list[int], shapely.Polygon, Floats]] = []
     for i in order:
-        placed = False
+        has_outer = False
         if np.linalg.norm(normals[i]) > 1e-9 * size * size:
             for members, polygon, frame in reversed(outers):  # the smallest first
-                placed = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size)
-                if placed:
+                has_outer = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size)
+                if has_outer:
                     members.append(i)
                     break
-        if not placed:
+        if not has_outer:
             frame = _find_frame(vertices[loops[i]], normals[i])
             flat = (vertices[loops[i]] - frame[3]) @ frame[:2].T
             outers.append(([i], shapely.Polygon(flat), frame))
@@ -210,29 +210,29 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
 
 
 def _order_around_edge(
-    vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, around: Ints
+    vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, angles: Ints
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle; also which of them (k,) begin solid, the others end it.
 
     The first one begins solid where there was the least. None if not as many begin solid as end it.
     """
-    start, end = min(tail[around[0]], head[around[0]]), max(tail[around[0]], head[around[0]])
+    start, end = min(tail[angles[0]], head[angles[0]]), max(tail[angles[0]], head[angles[0]])
     along = vertices[end] - vertices[start]
     along = along / np.linalg.norm(along)
-    third = vertices[faces[face[around]].sum(axis=1) - start - end] - vertices[start]
+    third = vertices[faces[face[angles]].sum(axis=1) - start - end] - vertices[start]
     across = np.cross(np.eye(3)[int(np.abs(along).argmin())], along)
     across /= np.linalg.norm(across)
     angle = np.arctan2(third @ np.cross(along, across), third @ across)
     angle = np.round(angle / SAME_ANGLE_RAD) * SAME_ANGLE_RAD
     angle = np.where(angle <= -np.pi + SAME_ANGLE_RAD, np.pi, angle)
     # The normal of a face that runs along the edge is where angles grow: its solid is before it.
-    begins = tail[around] != start
+    begins = tail[angles] != start
     order = np.lexsort((begins, angle))
     depth = np.cumsum(np.where(begins[order], 1, -1))  # surfaces that a turn about the edge is inside of
     if depth[-1] != 0:
         return None
     order = np.roll(order, -1 - int(depth.argmin()))  # from the air on
-    return around[order], begins[order]
+    return angles[order], begins[order]
 
 
 def _pair_crossing(around: tuple[Ints, Bools]) -> Ints:
@@ -250,10 +250,10 @@ def _pair_nested(around: tuple[Ints, Bools]) -> Ints:
     Where one of two bodies is inside out, each gets its own faces.
     """
     pairs: list[tuple[int, int]] = []
-    begun: list[int] = []
+    open_half_edges: list[int] = []
     for half_edge, begin in zip(*around, strict=True):
         if begin:
-            begun.append(half_edge)
+            open_half_edges.append(half_edge)
         else:
-            pairs.append((begun.pop(), half_edge))
+            pairs.append((open_half_edges.pop(), half_edge))
     return np.array(pairs, dtype=np.int64)

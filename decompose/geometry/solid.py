@@ -141,7 +141,7 @@ class Solid:
         return Solid(self.manifold.translate(tuple(offset_mm.tolist())))
 
     def simplify(self, tolerance_mm: float) -> Solid:
-        """Remove edges shorter than the tolerance, and flatten what is flat to within it."""
+        """Remove edges shorter than the tolerance, and flatten surfaces that are flat within it."""
         return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def gap_mm(self, other: Solid, up_to_mm: float) -> float:

@@ -22,7 +22,7 @@ WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leav
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Vertices (n, 3) in mm, faces (m, 3), and what was changed to join them, a sentence each."""
+    """Vertices (n, 3) in mm, faces (m, 3), and the changes made to join them, a sentence each."""
 
     vertices: Floats
     faces: Ints
@@ -64,8 +64,8 @@ def weld_triangles(triangles: Floats) -> Surface:
     faces = select_distinct(soup)
     repairs = []
     if len(faces) < len(triangles):
-        dropped = len(triangles) - len(faces)
-        repairs.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
+        dropped_count = len(triangles) - len(faces)
+        repairs.append(f"Dropped {dropped_count} triangles that had collapsed or were given twice.")
     open_edges = count_edge_uses(faces).single
     if open_edges:
         tree = cKDTree(vertices)
@@ -98,10 +98,10 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
     directed, undirected = _sort_edges(faces, is_directed=True), _sort_edges(faces, is_directed=False)
     repeated = int((directed[1:] == directed[:-1]).sum())
     del directed
-    same = np.concatenate([[False], undirected[1:] == undirected[:-1], [False]])
+    is_same = np.concatenate([[False], undirected[1:] == undirected[:-1], [False]])
     return EdgeUses(
-        single=int((~same[:-1] & ~same[1:]).sum()),
-        shared=int((~same[:-2] & same[1:-1] & same[2:]).sum()),
+        single=int((~is_same[:-1] & ~is_same[1:]).sum()),
+        shared=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
         repeated=repeated,
     )
 
@@ -136,21 +136,21 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
         (n,) int64 number of each row, and (k,) int64 index of the first row with each number.
     """
     n = len(rows)
-    numbers, first = np.empty(n, np.int64), np.empty(n, np.int64)
+    numbers, first_rows = np.empty(n, np.int64), np.empty(n, np.int64)
     table = np.full(1024, -1, np.int32)
     count = 0
     for i in range(n):
         if 2 * count >= len(table):
             table = np.full(4 * len(table), -1, np.int32)
             for number in range(count):
-                table[_find_slot(rows, scale, first, table, first[number])] = number
-        slot = _find_slot(rows, scale, first, table, i)
+                table[_find_slot(rows, scale, first_rows, table, first_rows[number])] = number
+        slot = _find_slot(rows, scale, first_rows, table, i)
         if table[slot] < 0:
             table[slot] = count
-            first[count] = i
+            first_rows[count] = i
             count += 1
         numbers[i] = table[slot]
-    return numbers, first[:count].copy()
+    return numbers, first_rows[:count].copy()
 
 
 @jit

@@ -181,7 +181,7 @@ class PriceTables(NamedTuple):
 
 
 @jit
-def _reset(total: Contents) -> None:
+def _reset_contents(total: Contents) -> None:
     """Reset contents to those of no cells."""
     total.sums[:] = 0.0
     for i in range(len(total.ends)):
@@ -189,7 +189,7 @@ def _reset(total: Contents) -> None:
 
 
 @jit
-def _add(total: Contents, contents: Contents) -> None:
+def _add_contents(total: Contents, contents: Contents) -> None:
     """Add contents to others, cell by cell."""
     for i in range(len(total.ends)):
         for k in range(total.sums.shape[1]):
@@ -216,14 +216,14 @@ def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, t
     layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
     for x0 in range(nx):
         for y in range(ny):
-            _reset(Contents(row.sums[y], row.ends[y]))
+            _reset_contents(Contents(row.sums[y], row.ends[y]))
         for x1 in range(x0 + 1, nx + 1):
             for y in range(ny):
-                _add(Contents(row.sums[y], row.ends[y]), Contents(sums[x1 - 1, y], ends[x1 - 1, y]))
+                _add_contents(Contents(row.sums[y], row.ends[y]), Contents(sums[x1 - 1, y], ends[x1 - 1, y]))
             for y0 in range(ny):
-                _reset(layer)
+                _reset_contents(layer)
                 for y1 in range(y0 + 1, ny + 1):
-                    _add(layer, Contents(row.sums[y1 - 1], row.ends[y1 - 1]))
+                    _add_contents(layer, Contents(row.sums[y1 - 1], row.ends[y1 - 1]))
                     _price_column(layer, (x0, y0, x1, y1), shape, pricing, tables)
 
 

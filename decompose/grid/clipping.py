@@ -171,8 +171,8 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     extents[:, :, :, 3:] = -np.inf
     contents = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
     polygons = np.zeros((4, 12, 3))  # the triangle clipped along 0, 1, 2, 3 axes
-    half = np.zeros((12, 3))
-    count, last, at = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
+    half_polygon = np.zeros((12, 3))
+    count, last, cell = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
     normal = np.zeros(3)
     for t in range(len(triangles)):
         if not _compute_unit_normal(triangles[t], normal):
@@ -184,16 +184,16 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         while axis >= 0:  # walk the slabs of x, within each those of y, within each those of z
             polygon = polygons[axis, : count[axis]]
             if entering:
-                at[axis], last[axis] = _find_slabs(planes[axis], polygon, axis)
+                cell[axis], last[axis] = _find_slabs(planes[axis], polygon, axis)
                 entering = False
-            if at[axis] > last[axis]:
+            if cell[axis] > last[axis]:
                 axis -= 1
                 if axis >= 0:
-                    at[axis] += 1
+                    cell[axis] += 1
                 continue
-            corner_count = _clip(polygon, axis, planes[axis][at[axis]], True, half)
+            corner_count = _clip(polygon, axis, planes[axis][cell[axis]], True, half_polygon)
             corner_count = _clip(
-                half[:corner_count], axis, planes[axis][at[axis] + 1], False, polygons[axis + 1]
+                half_polygon[:corner_count], axis, planes[axis][cell[axis] + 1], False, polygons[axis + 1]
             )
             count[axis + 1] = corner_count
             if corner_count >= 3 and axis < 2:
@@ -201,9 +201,9 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
                 entering = True
                 continue
             if corner_count >= 3:
-                west_mm = planes[0][at[0]]
+                west_mm = planes[0][cell[0]]
                 _add_fragment(
-                    contents, at, polygons[3, :corner_count], normal, west_mm, (skin_cos, overhang_cos)
+                    contents, cell, polygons[3, :corner_count], normal, west_mm, (skin_cos, overhang_cos)
                 )
-            at[axis] += 1
+            cell[axis] += 1
     return contents

@@ -138,12 +138,12 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
     planes[0], planes[-1] = lo_mm - pad, hi_mm + pad
     if not len(flats):
         return planes
-    clear = min(CLEAR_MM, 0.2 * step)
+    clear_mm = min(CLEAR_MM, 0.2 * step)
     offsets = np.linspace(-0.4, 0.4, 161) * step
     offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
     for i in range(1, count):
         distance = np.abs((planes[i] + offsets)[:, None] - flats[None, :]).min(axis=1)
-        candidates = np.flatnonzero(distance >= clear)
+        candidates = np.flatnonzero(distance >= clear_mm)
         planes[i] += offsets[candidates[0]] if len(candidates) else offsets[int(np.argmax(distance))]
     return planes
 
@@ -239,12 +239,12 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps[0][:, None, None])
     # What lies behind a cut face reaches the cell's side; without surface the cell is full or empty.
     for axis in range(3):
-        near = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
+        is_cut = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
         has_far_side = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
         shape = [1, 1, 1]
         shape[axis] = -1
         low, high = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
-        extents[..., axis] = np.where(near, low, extents[..., axis])
+        extents[..., axis] = np.where(is_cut, low, extents[..., axis])
         extents[..., axis + 3] = np.where(has_far_side, high, extents[..., axis + 3])
     cells = np.full(area.shape, Cell.EXTERNAL, dtype=np.int8)
     cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL

@@ -58,8 +58,8 @@ def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm
         for lo, hi, p in zip(first, last, planes, strict=True)
     ]
     for corner in np.ndindex(2, 2, 2):
-        at = tuple(span[side] for span, side in zip(spans, corner, strict=True))
-        np.add.at(ends, at, 1 - 2 * (sum(corner) % 2))
+        index = tuple(span[side] for span, side in zip(spans, corner, strict=True))
+        np.add.at(ends, index, 1 - 2 * (sum(corner) % 2))
     counts = ends.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 

@@ -55,11 +55,13 @@ def find_bodies(full: Bools, opened: tuple[Bools, Bools, Bools], times: int) -> 
     cell = ((x[:, None, None] * ny + y[None, :, None]) * nz + z).ravel()
     pairs = []
     for axis, crossed in enumerate(opened):
-        far = np.take(fine, range(1, full.shape[axis]), axis=axis)
-        near = np.take(fine, range(full.shape[axis] - 1), axis=axis)
+        far_cells = np.take(fine, range(1, full.shape[axis]), axis=axis)
+        near_cells = np.take(fine, range(full.shape[axis] - 1), axis=axis)
         is_open = np.take(crossed, range(1, full.shape[axis]), axis=axis)
-        pairs.append(np.stack([far[is_open], near[is_open]], axis=1))
-    inner = np.concatenate([each[cell[each[:, 0]] == cell[each[:, 1]]] for each in pairs])
+        pairs.append(np.stack([far_cells[is_open], near_cells[is_open]], axis=1))
+    inner = np.concatenate(
+        [body_pairs[cell[body_pairs[:, 0]] == cell[body_pairs[:, 1]]] for body_pairs in pairs]
+    )
     label = label_components(full.size, inner[:, 0], inner[:, 1])
     filled = np.flatnonzero(full)
     _, first_fine, body = np.unique(
@@ -70,13 +72,17 @@ def find_bodies(full: Bools, opened: tuple[Bools, Bools, Bools], times: int) -> 
     counts = np.bincount(cell[filled][first_fine], minlength=nx * ny * nz)
     cells = np.arange(nx * ny * nz + 1)
     links, first_link = [], []
-    for each in pairs:
-        outer = each[(cell[each[:, 0]] != cell[each[:, 1]]) & (of_fine[each] >= 0).all(axis=1)]
-        linked = np.unique(of_fine[outer], axis=0)  # by the first body, so by its cell
-        links.append(linked)
-        first_link.append(np.searchsorted(cell[filled][first_fine][linked[:, 0]], cells))
-    max_links = max(len(each) for each in links)
-    padded = np.array([np.pad(each, ((0, max_links - len(each)), (0, 0))) for each in links])
+    for body_pairs in pairs:
+        outer = body_pairs[
+            (cell[body_pairs[:, 0]] != cell[body_pairs[:, 1]]) & (of_fine[body_pairs] >= 0).all(axis=1)
+        ]
+        body_links = np.unique(of_fine[outer], axis=0)  # by the first body, so by its cell
+        links.append(body_links)
+        first_link.append(np.searchsorted(cell[filled][first_fine][body_links[:, 0]], cells))
+    max_links = max(len(body_pairs) for body_pairs in links)
+    padded = np.array(
+        [np.pad(body_pairs, ((0, max_links - len(body_pairs)), (0, 0))) for body_pairs in links]
+    )
     return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_link), padded)
 
 

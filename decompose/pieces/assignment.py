@@ -63,13 +63,15 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
             high = middle
         else:
             low = middle + 1
-    allowed = seconds <= times[high]
+    is_allowed = seconds <= times[high]
     first = 1e-6 * np.arange(seconds.shape[1])
     forbidden = 1.0 + float((times[high] + first[-1]) * len(seconds))
-    _, columns = linear_sum_assignment(np.where(allowed, np.where(allowed, seconds, 0.0) + first, forbidden))
+    _, columns = linear_sum_assignment(
+        np.where(is_allowed, np.where(is_allowed, seconds, 0.0) + first, forbidden)
+    )
     return [int(column) for column in columns]
 
 
-def _has_matching(allowed: Bools) -> bool:
+def _has_matching(is_allowed: Bools) -> bool:
     """Check whether every row has a column of its own among those that it is allowed."""
-    return bool((maximum_bipartite_matching(csr_array(allowed), perm_type="column") >= 0).all())
+    return bool((maximum_bipartite_matching(csr_array(is_allowed), perm_type="column") >= 0).all())

@@ -94,7 +94,7 @@ class Joint:
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
     def describe_weakness(self, min_glue_mm2: float) -> str:
-        """Give the reason why the joint does not count, as the end of a sentence."""
+        """Return the reason why the joint does not count, as the end of a sentence."""
         if self.area_mm2 < min_glue_mm2:
             return f"is held by {self.area_mm2:.1f} mm2 of glue, less than {min_glue_mm2:g} mm2"
         return f"is held by a joint {self.width_mm:.1f} mm wide, less than {TWO_WALLS_MM:g} mm"
@@ -168,23 +168,25 @@ def find_faults(
 
 
 def _find_loose_pieces(
-    volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float
+    volumes_mm3: Sequence[float], joints: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
     """Find, for each group that only weak joints hold to its body, the smallest piece with such a joint."""
-    body = _label_groups(len(volumes_mm3), touching)
-    components = _label_groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
+    body = _label_groups(len(volumes_mm3), joints)
+    components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
     weight = np.bincount(components, weights=volumes_mm3)
     heaviest = {
         int(b): max(np.unique(components[body == b]), key=lambda g: weight[g]) for b in np.unique(body)
     }
-    weak: dict[int, tuple[float, int, Joint]] = {}
-    for joint in touching:
+    weak_pieces: dict[int, tuple[float, int, Joint]] = {}
+    for joint in joints:
         for piece in (joint.a, joint.b):
             group = int(components[piece])
             if components[joint.a] != components[joint.b] and group != heaviest[int(body[piece])]:
                 candidate = (volumes_mm3[piece], piece, joint)
-                weak[group] = min(weak.get(group, candidate), candidate, key=lambda fault: fault[:2])
-    return [Fault(piece, joint.describe_weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
+                weak_pieces[group] = min(
+                    weak_pieces.get(group, candidate), candidate, key=lambda fault: fault[:2]
+                )
+    return [Fault(piece, joint.describe_weakness(min_glue_mm2)) for _, piece, joint in weak_pieces.values()]
 
 
 def _describe_sliver(piece: CutSolid) -> str:
@@ -222,8 +224,8 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
     vertices, faces = solid.arrays()
     sides: dict[tuple[float, ...], _Side] = {}
     for plane in planes:
-        on = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
-        flat = faces[on[faces].all(axis=1)]
+        is_on_plane = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
+        flat = faces[is_on_plane[faces].all(axis=1)]
         if not len(flat):
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0

@@ -77,35 +77,35 @@ class _Rims:
         self._arrays = [piece.solid.arrays() for piece in pieces]
         self._edges = [_pair_faces(faces) for _, faces in self._arrays]
         extents = _Extents(self._arrays)
-        self._cut = [
+        self._cut_faces = [
             find_cut_faces(*arrays, extents.drop_outermost(piece.planes))
             for piece, arrays in zip(pieces, self._arrays, strict=True)
         ]
-        self._found: dict[tuple[int, bytes, float], tuple[shapely.Geometry, shapely.Geometry]] = {}
+        self._rims: dict[tuple[int, bytes, float], tuple[shapely.Geometry, shapely.Geometry]] = {}
 
     def measure(self, joint: Joint) -> Seam:
         length_mm = thin_mm = 0.0
         for face in joint.faces:
-            near = face.outline.buffer(LINE_MM)
-            both = [self._find(number, face) for number in (joint.a, joint.b)]
-            length_mm += max(float(rim.intersection(near).length) for rim, _ in both)
-            thin_mm += max(float(thin.intersection(near).length) for _, thin in both)
+            near_area = face.outline.buffer(LINE_MM)
+            both_rims = [self._find(number, face) for number in (joint.a, joint.b)]
+            length_mm += max(float(rim.intersection(near_area).length) for rim, _ in both_rims)
+            thin_mm += max(float(thin.intersection(near_area).length) for _, thin in both_rims)
         return Seam(length_mm, thin_mm)
 
     def _find(self, number: int, face: JointFace) -> tuple[shapely.Geometry, shapely.Geometry]:
         """Find the rim of a piece on the plane of a face, and the thin part of it."""
         key = number, face.normal.tobytes(), face.offset_mm
-        if key not in self._found:
+        if key not in self._rims:
             vertices, faces = self._arrays[number]
             flat = find_cut_faces(vertices, faces, np.append(face.normal, face.offset_mm)[None])
             corners, pairs = self._edges[number]
-            outer = ~self._cut[number][pairs]
+            outer = ~self._cut_faces[number][pairs]
             on_rim = (flat[pairs] & outer[:, ::-1]).any(axis=1)
             lines = (vertices @ face.axes.T)[corners[on_rim]]
             rim = shapely.union_all(shapely.linestrings(lines))
             thin = _find_thin(self._solids[number], vertices, faces[flat], face)
-            self._found[key] = rim, rim.intersection(thin.buffer(LINE_MM))
-        return self._found[key]
+            self._rims[key] = rim, rim.intersection(thin.buffer(LINE_MM))
+        return self._rims[key]
 
 
 def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> shapely.Geometry:
@@ -115,10 +115,10 @@ def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> s
     rings = (vertices @ face.axes.T)[flat]
     whole = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
     frame = np.vstack([face.axes, face.normal])
-    behind = solid.section(frame, face.offset_mm - outside * TWO_WALLS_MM)
-    thin = whole.difference(_build_area(behind))
-    opened: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
-    return opened
+    area_behind = solid.section(frame, face.offset_mm - outside * TWO_WALLS_MM)
+    thin = whole.difference(_build_area(area_behind))
+    opened_area: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
+    return opened_area
 
 
 def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
@@ -152,18 +152,18 @@ class _Extents:
 
     def __init__(self, arrays: Sequence[tuple[Floats, Ints]]) -> None:
         self._arrays = arrays
-        self._found: dict[bytes, tuple[float, float]] = {}
+        self._extents: dict[bytes, tuple[float, float]] = {}
 
     def drop_outermost(self, planes: Floats) -> Floats:
         """Drop the planes (k, 4) that have all pieces on one side: nothing is cut there."""
-        kept: Bools = np.array([self._cuts(plane) for plane in planes], dtype=np.bool_)
-        return planes[kept]
+        is_kept: Bools = np.array([self._cuts(plane) for plane in planes], dtype=np.bool_)
+        return planes[is_kept]
 
     def _cuts(self, plane: Floats) -> bool:
         normal = plane[:3]
         key = normal.tobytes()
-        if key not in self._found:
+        if key not in self._extents:
             along = [vertices @ normal for vertices, _ in self._arrays]
-            self._found[key] = min(float(a.min()) for a in along), max(float(a.max()) for a in along)
-        low_mm, high_mm = self._found[key]
+            self._extents[key] = min(float(a.min()) for a in along), max(float(a.max()) for a in along)
+        low_mm, high_mm = self._extents[key]
         return low_mm < float(plane[3]) - ON_PLANE_MM and float(plane[3]) + ON_PLANE_MM < high_mm

@@ -100,8 +100,8 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
             _add_run(passing, ending, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height)
     for level in range(LEVELS):
-        for above in range(level, LEVELS):
-            passing[above] += ending[level]
+        for upper_level in range(level, LEVELS):
+            passing[upper_level] += ending[level]
     carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
     towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried, step)
     islands_mm, bodies_mm = _sum_islands_mm(runs, rays.shape, height)
@@ -296,9 +296,9 @@ def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> tuple[
 
 
 @jit
-def _find_root(parent: Ints, at: int) -> int:
+def _find_root(parent: Ints, element: int) -> int:
     """Find the root of an element in a forest of parents (elements,) int64."""
-    while parent[at] != at:
-        parent[at] = parent[parent[at]]
-        at = parent[at]
-    return at
+    while parent[element] != element:
+        parent[element] = parent[parent[element]]
+        element = parent[element]
+    return element

@@ -106,7 +106,7 @@ class CostModel:
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
     def inset_price_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
-        """Price what shorter inner walls save in all bodies of a layer but one, which `price` leaves out."""
+        """Compute the saving by shorter inner walls in all but one body of a layer, which `price` omits."""
         most_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
         one_s = min(self.inset_s_mm * height_mm, most_s)
         return min(self.inset_s_mm * (height_mm + bodies_mm), most_s) - one_s

@@ -59,14 +59,14 @@ class Footing:
         sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
         turn = np.arctan2(sides[:, 1], sides[:, 0])
         bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
-        held = find_convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
-        edges = find_half_planes(held)
+        outline = find_convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
+        edges = find_half_planes(outline)
         return cls(
             contact_mm2=contact_mm2,
             wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
             sharp_corners=int((bend > 180.0 - SHARP_DEG).sum()),
-            width_mm=float(np.ptp(held @ edges[:, :2].T, axis=0).min()) if len(held) else 0.0,
+            width_mm=float(np.ptp(outline @ edges[:, :2].T, axis=0).min()) if len(outline) else 0.0,
             edges=edges,
         )
 
@@ -102,27 +102,36 @@ class Footing:
 
 def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     """Measure the first layer: area in mm2, length of the outline in mm, and points (n, 2) that span it."""
-    low = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
-    across = np.cross(low[:, 1] - low[:, 0], low[:, 2] - low[:, 0])[:, 2] / 2.0
-    order = np.argsort(low[:, :, 2], axis=1)[:, :, None]
-    corners = np.take_along_axis(low, order, axis=1)
+    low_triangles = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
+    areas_mm2 = (
+        np.cross(low_triangles[:, 1] - low_triangles[:, 0], low_triangles[:, 2] - low_triangles[:, 0])[:, 2]
+        / 2.0
+    )
+    order = np.argsort(low_triangles[:, :, 2], axis=1)[:, :, None]
+    corners = np.take_along_axis(low_triangles, order, axis=1)
     z = corners[:, :, 2]
     one_in_layer = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
-    two = ~one_in_layer & (z[:, 2] >= FIRST_LAYER_MM)
-    share = np.ones(len(low))
+    two_in_layer = ~one_in_layer & (z[:, 2] >= FIRST_LAYER_MM)
+    share = np.ones(len(low_triangles))
     share[one_in_layer] = _compute_corner_share(z[one_in_layer])
-    share[two] = 1.0 - _compute_corner_share(z[two][:, ::-1])
+    share[two_in_layer] = 1.0 - _compute_corner_share(z[two_in_layer][:, ::-1])
     ends = np.concatenate(
         [
             np.stack(
                 [_find_crossings(corners[one_in_layer], 0, 1), _find_crossings(corners[one_in_layer], 0, 2)],
                 axis=1,
             ),
-            np.stack([_find_crossings(corners[two], 0, 2), _find_crossings(corners[two], 1, 2)], axis=1),
+            np.stack(
+                [
+                    _find_crossings(corners[two_in_layer], 0, 2),
+                    _find_crossings(corners[two_in_layer], 1, 2),
+                ],
+                axis=1,
+            ),
         ]
     )
     # By the divergence theorem a section is the area that faces down below it, less the area that faces up.
-    area_mm2 = max(0.0, -float((across * share).sum()))
+    area_mm2 = max(0.0, -float((areas_mm2 * share).sum()))
     outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
     return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])
 

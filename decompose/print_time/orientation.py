@@ -68,16 +68,16 @@ def find_best_pose(
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
     mesh = PartMesh(vertices, faces, cut)
     best: Pose | None = None
-    measured = 0
+    measured_count = 0
     for i in np.argsort(max_s, kind="stable"):
         if best is not None and best.rank[:3] == (0, 0.0, 0.0):
-            if min_s[i] >= best.price_s or measured >= MAX_MEASURED:
+            if min_s[i] >= best.price_s or measured_count >= MAX_MEASURED:
                 continue
             support_s = _estimate_support_s(vertices, faces, hull, rotations[i], cost)
             if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
-        measured += 1
+        measured_count += 1
         if best is None or pose.rank < best.rank:
             best = pose
     return best

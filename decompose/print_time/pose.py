@@ -183,7 +183,7 @@ def measure_from_features(
 
 
 def _compute_strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
-    """Compute the worst ratio of the moments that pull a growing part over to the one that holds it."""
+    """Compute the worst ratio of the moments that tilt a growing part to the moment that holds it."""
     area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * inside.propped_mm2
     holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
     outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))

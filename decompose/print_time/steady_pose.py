@@ -72,9 +72,9 @@ def find_steady_pose(
         return fastest
     rotations = find_fitting_rotations(mesh.vertices, mesh.faces, rooms)
     slenderness = np.array([_estimate_slenderness(mesh, rotation) for rotation in rotations])
-    worth = WORTH_RATIO * fastest.slenderness
-    order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < worth]
-    without_brim, measured = replace(cost, brim_mm=0.0), 0
+    max_slenderness = WORTH_RATIO * fastest.slenderness
+    order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < max_slenderness]
+    without_brim, measured_count = replace(cost, brim_mm=0.0), 0
     for i in order:
         (features,), (extents,) = sum_pose_features(
             mesh.vertices, mesh.faces, rotations[i : i + 1], cost, cut=mesh.cut
@@ -82,10 +82,14 @@ def find_steady_pose(
         if without_brim.price_s([*features[:COLUMN], 0.0], extents) > limit_s:
             continue
         pose = measure_from_features(mesh, rotations[i], features, cost, fastest.brim_width_mm is not None)
-        if pose.slenderness < worth and pose.price_s <= limit_s and pose.rank[:3] <= fastest.rank[:3]:
+        if (
+            pose.slenderness < max_slenderness
+            and pose.price_s <= limit_s
+            and pose.rank[:3] <= fastest.rank[:3]
+        ):
             return pose
-        measured += 1
-        if measured == MAX_MEASURED:
+        measured_count += 1
+        if measured_count == MAX_MEASURED:
             break
     return fastest
 
@@ -94,7 +98,7 @@ def _estimate_slenderness(mesh: PartMesh, rotation: Floats) -> float:
     """Estimate the height of a part over the side of its foot, from its faces that lie flat on the bed."""
     z_mm = mesh.vertices @ rotation[2]
     low_mm = float(z_mm.min())
-    lying = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MM).all(axis=1)]
-    a, b, c = (mesh.vertices[lying[:, corner]] for corner in range(3))
+    bottom_faces = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MM).all(axis=1)]
+    a, b, c = (mesh.vertices[bottom_faces[:, corner]] for corner in range(3))
     foot_mm2 = -float((np.cross(b - a, c - a) @ rotation[2]).sum()) / 2.0
     return (float(z_mm.max()) - low_mm) / math.sqrt(foot_mm2) if foot_mm2 > 0.0 else math.inf

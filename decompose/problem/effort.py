@@ -1,4 +1,4 @@
-"""Effort of a search: work that is counted, never timed, so that every machine finds the same.
+"""Effort of a search: work that is counted, not timed, so that every machine gets the same result.
 
 Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/effort.py`). Work
 is recorded by the one thread that distributes it, whichever threads do it.
@@ -81,14 +81,14 @@ class Effort:
             self.on_spent(self.spent_s)
 
     def can_afford(self, work: Work, units: int) -> bool:
-        """Check whether that much may be done; a refusal is recorded in `cut_short`."""
+        """Check whether the budget allows some work; a refusal is recorded in `cut_short`."""
         wanted_s = self.spent_s + self.reserved_s + units * WORK_NS[work] / 1e9
         can_afford = wanted_s <= self.budget_s
         self.cut_short = self.cut_short or not can_afford
         return can_afford
 
     def is_spent(self) -> bool:
-        """Check whether no more may be done; if so, that is recorded in `cut_short`."""
+        """Check whether the budget is spent; if so, that is recorded in `cut_short`."""
         spent = self.spent_s + self.reserved_s >= self.budget_s
         self.cut_short = self.cut_short or spent
         return spent

@@ -52,16 +52,16 @@ def place_clear_of_faces(
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
     along, size = cross @ normal, np.linalg.norm(cross, axis=1)
-    flat = (np.abs(along) > (1.0 - 1e-9) * size) & (size > 0.0)
-    coordinates = np.unique(np.round(a[flat] @ normal, 6))
+    is_flat = (np.abs(along) > (1.0 - 1e-9) * size) & (size > 0.0)
+    coordinates = np.unique(np.round(a[is_flat] @ normal, 6))
     coordinates = coordinates[np.abs(coordinates - at_mm) < reach_mm + CLEAR_MM]
     if not len(coordinates):
         return at_mm
     offsets = np.linspace(-reach_mm, reach_mm, 81)
     offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
     gaps = np.abs(at_mm + offsets[:, None] - coordinates[None]).min(axis=1)
-    clear = np.flatnonzero(gaps >= CLEAR_MM)
-    return at_mm + float(offsets[clear[0] if len(clear) else int(np.argmax(gaps))])
+    clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
+    return at_mm + float(offsets[clear_gaps[0] if len(clear_gaps) else int(np.argmax(gaps))])
 
 
 def split_connected(piece: Piece) -> list[Piece]:

@@ -13,10 +13,10 @@ MAX_CELLS = 60  # that a person may ask for
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
-def choose_granularity(granularity: str | int, printers: int, rooms_long: float = 1.0) -> int:
+def choose_granularity(granularity: str | int, printers: int, room_ratio: float = 1.0) -> int:
     """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
-    `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
+    `room_ratio` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
     not much larger than half a room.
 
     Parameters
@@ -25,7 +25,7 @@ def choose_granularity(granularity: str | int, printers: int, rooms_long: float 
         A name of `grid.GRANULARITY`, a number, or ``auto``.
     printers
         Number of printers.
-    rooms_long
+    room_ratio
         Longest side of the model over the narrowest side of a part's room.
 
     Raises
@@ -35,7 +35,7 @@ def choose_granularity(granularity: str | int, printers: int, rooms_long: float 
     """
     if granularity == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
-        for_room = min(MAX_ROOM_CELLS, math.ceil(2.0 * rooms_long))
+        for_room = min(MAX_ROOM_CELLS, math.ceil(2.0 * room_ratio))
         return max(AUTO_GRANULARITY, finer, for_room)
     if granularity in GRANULARITY:
         return GRANULARITY[str(granularity)]

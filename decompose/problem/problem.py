@@ -69,7 +69,7 @@ class Problem:
     best_known_s: float = math.inf
     thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
-    _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
+    _poses: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def rooms(self) -> tuple[PrinterRoom, ...]:
@@ -100,8 +100,8 @@ class Problem:
 
     def granularity(self, model: Model) -> int:
         """Choose the cube root of the number of cells for a model in the frame of the cut."""
-        rooms_long = max(model.extents_mm) / min(self.room_mm)
-        return choose_granularity(self.options.granularity, len(self.printers), rooms_long)
+        room_ratio = max(model.extents_mm) / min(self.room_mm)
+        return choose_granularity(self.options.granularity, len(self.printers), room_ratio)
 
     def build_grid(
         self,
@@ -204,12 +204,12 @@ class Problem:
         """Find the pose of each piece, once for a solid and its rooms, in parallel with an executor."""
         run = map if self.executor is None else self.executor.map
         unposed = {
-            self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._posed
+            self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._poses
         }
         self.effort.record(Work.PIECE_POSED, len(unposed))
         self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed.values()))
-        self._posed.update(zip(unposed, run(self.find_pose, unposed.values()), strict=True))
-        return [self._posed[self._make_posing(piece)] for piece in pieces]
+        self._poses.update(zip(unposed, run(self.find_pose, unposed.values()), strict=True))
+        return [self._poses[self._make_posing(piece)] for piece in pieces]
 
     def _make_posing(self, piece: Piece) -> Posing:
         return piece.solid, tuple(room.boxes for room in self.rooms_for(piece))

@@ -52,11 +52,13 @@ def check_result(
         The first rule that is broken, and the part.
     """
     rooms = {p.name: p for p in printers}
-    free = Counter(p.name for p in printers)  # a printer is listed once for each round that it may print
+    free_counts = Counter(
+        p.name for p in printers
+    )  # a printer is listed once for each round that it may print
     for part in parts:
         check_part(part, rooms)
-        free[part.printer] -= 1
-        if free[part.printer] < 0:
+        free_counts[part.printer] -= 1
+        if free_counts[part.printer] < 0:
             raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
     overlap = check_overlap(parts)
     error = check_surface(parts, model)
@@ -99,20 +101,20 @@ def check_overlap(parts: Sequence[Part]) -> float:
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
     """Check that the parts' faces, without the cuts, have the original area; return the relative error."""
-    covered = 0.0
+    covered_mm2 = 0.0
     for part in parts:
         vertices, faces = part.solid.arrays()
         triangles = vertices[faces]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         area = np.linalg.norm(cross, axis=1) / 2.0
-        covered += float(area[~find_cut_faces(vertices, faces, part.planes)].sum())
+        covered_mm2 += float(area[~find_cut_faces(vertices, faces, part.planes)].sum())
     model_mm2 = model.solid.area_mm2
-    error = abs(covered - model_mm2) / model_mm2
+    error = abs(covered_mm2 - model_mm2) / model_mm2
     if error > SURFACE_SHARE:
         raise GeometryError(
             Rule.SURFACE,
             None,
-            f"the parts carry {covered:.3f} of {model_mm2:.3f} mm2 of the original surface",
+            f"the parts carry {covered_mm2:.3f} of {model_mm2:.3f} mm2 of the original surface",
         )
     return error
 
@@ -120,15 +122,15 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
 def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
     """Check that only hollows outside of the boxes are missing, at a distance from the surface."""
     model_mm3 = model.solid.volume_mm3
-    missing = model_mm3 - sum(p.solid.volume_mm3 for p in parts)
+    missing_mm3 = model_mm3 - sum(p.solid.volume_mm3 for p in parts)
     hollow = None
     if len(boxes_mm):
         boxes = np.unique(boxes_mm, axis=0)
         hollow = model.solid.subtract(Solid.union([Solid.box(lo - LAP_MM, hi + LAP_MM) for lo, hi in boxes]))
     hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
-    if abs(missing - hollow_mm3) > SURFACE_SHARE * model_mm3:
+    if abs(missing_mm3 - hollow_mm3) > SURFACE_SHARE * model_mm3:
         raise GeometryError(
-            Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, outside of the boxes are {hollow_mm3:.1f}"
+            Rule.INSIDE, None, f"{missing_mm3:.1f} mm3 are missing, outside of the boxes are {hollow_mm3:.1f}"
         )
     if hollow is None or hollow_mm3 <= CRUMB_SHARE * model_mm3:
         return

@@ -59,13 +59,13 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     except Exception as error:  # also of shapely and Qhull: the parts are valid without pins and marks
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
-    cut = {tool.part for tool in connectors.tools}
+    cut_parts = {tool.part for tool in connectors.tools}
     return replace(
         decomposition,
         connectors=connectors,
         parts=tuple(
             replace(part, drilled=solid, price_s=part.price_s + _compute_price_s(connectors, i))
-            if i in cut
+            if i in cut_parts
             else part
             for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))
         ),
@@ -85,7 +85,7 @@ def _compute_price_s(connectors: Connectors, part: int) -> float:
 def _leave_out(
     connectors: Connectors, faults: list[ConnectorFault], decomposition: Decomposition
 ) -> Connectors:
-    """Take the connectors of parts at fault out; where no part is named, all pins."""
+    """Remove the connectors of faulty parts; if no part is named, all pins."""
     for fault in faults:
         if fault.part is None:
             reason = f"no pins: {fault.problem} (rule {fault.rule})"

@@ -77,17 +77,17 @@ class DrilledParts:
             yield _Group((gutter.groove,), self.joints[gutter.joint], math.radians(GROOVE_DEG), "gutter")
 
     def _check_part(self, part: int, groups: Sequence[_Group]) -> Iterator[tuple[Rule, str]]:
-        blank, drilled = self.blanks[part].solid, self.drilled[part]
+        undrilled, drilled = self.blanks[part].solid, self.drilled[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
-        removed = blank.subtract(drilled)
-        if _is_thick(drilled.subtract(blank)):
+        removed_solid = undrilled.subtract(drilled)
+        if _is_thick(drilled.subtract(undrilled)):
             yield Rule.DRILLED, "material was added"
-        if _is_thick(removed.subtract(Solid.union(tools))):
+        if _is_thick(removed_solid.subtract(Solid.union(tools))):
             yield Rule.DRILLED, "more was removed than the holes and marks"
         if len(drilled.pieces()) != 1:
             yield Rule.DRILLED, "it is not one piece any more"
         sleeves = Solid.union([group.sleeve() for group in groups])
-        if sleeves.subtract(blank).volume_mm3 > EPS_MM3:
+        if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3:
             yield Rule.SKIN, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden() for group in groups):
             yield Rule.SKIN, "a hole or mark is not inside of its joint"
@@ -137,10 +137,13 @@ def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list
             is_open = (deep.along is None) != (shallow.along is None) or deep.length_mm > _mouth_mm(shallow)
         if not is_open:
             faults.append(f"step {step + 1} can be turned half around")
-        if any(abs(distance_mm(deep, shallow) - taken) <= 2.0 * _play_mm(deep) for taken in taken_mm):
+        if any(
+            abs(distance_mm(deep, shallow) - taken_distance_mm) <= 2.0 * _measure_play_mm(deep)
+            for taken_distance_mm in taken_mm
+        ):
             faults.append(f"a body of step {step + 1} fits a neighbour that is printed already")
     for (step, pair), (other, others) in combinations(pairs.items(), 2):
-        play_mm = 2.0 * max(_play_mm(pin) for pin in (*pair, *others))
+        play_mm = 2.0 * max(_measure_play_mm(pin) for pin in (*pair, *others))
         alike = [pin.along is None for pin in pair] == [pin.along is None for pin in others]
         if alike and abs(distance_mm(*pair) - distance_mm(*others)) <= play_mm:
             faults.append(f"bodies of the steps {step + 1} and {other + 1} fit each other")
@@ -152,7 +155,7 @@ def _mouth_mm(key: Pin) -> float:
     return float(max(np.ptp(groove.points_mm @ key.rod_axis) for groove in key.holes))
 
 
-def _play_mm(pin: Pin) -> float:
+def _measure_play_mm(pin: Pin) -> float:
     """Measure how far a pin can move across its holes, by the narrowest width of the wider one."""
     if pin.along is not None:  # across it, between the sides of a V groove; along it, by its free ends
         return max(2.0 * KEY_END_MM, math.sqrt(2.0) * pin.depth_mm - pin.diameter_mm)

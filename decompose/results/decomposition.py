@@ -85,7 +85,7 @@ class Part:
         return placed, faces
 
     def stl_triangles(self) -> npt.NDArray[np.float32]:
-        """Return triangles (m, 3, 3) for an STL, simplified as little as keeps them closed in it."""
+        """Return triangles (m, 3, 3) for an STL, simplified as far as it takes to keep them closed."""
         for tolerance_mm in STL_TOLERANCES_MM:
             corners = round_triangles(*self.printing_mesh(tolerance_mm))
             if corners is not None:

@@ -48,8 +48,8 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
     pieces = sort_pieces(partition.pieces)
     parts = _build_parts(pieces, problem)
     problem.on_stage("parts")
-    boxed = all(len(piece.boxes_mm) for piece in pieces)
-    boxes_mm = np.concatenate([p.boxes_mm for p in pieces]) if boxed else np.zeros((0, 2, 3))
+    has_boxes = all(len(piece.boxes_mm) for piece in pieces)
+    boxes_mm = np.concatenate([p.boxes_mm for p in pieces]) if has_boxes else np.zeros((0, 2, 3))
     coverage = check_result(parts, boxes_mm, partition.model, problem.printers, problem.options.min_wall_mm)
     problem.on_stage("check")
     return _build_decomposition(
@@ -82,7 +82,7 @@ def _build_decomposition(
     rotation = partition.rotation @ problem.frame
     bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
-    restored = tuple(_restore_frame(part, rotation) for part in parts)
+    restored_parts = tuple(_restore_frame(part, rotation) for part in parts)
     joints = tuple(joint.move(_invert(rotation)) for joint in touching)
     return Decomposition(
         engine=problem.options.engine,
@@ -95,7 +95,7 @@ def _build_decomposition(
         lower_bound_s=grid.lower_bound_s,
         gap=(grid.makespan_s - grid.lower_bound_s) / grid.lower_bound_s,
         compute_s={},
-        parts=restored,
+        parts=restored_parts,
         coverage=coverage,
         cells=grid.cells,
         joints=joints,
@@ -189,7 +189,7 @@ def _restore_frame(part: Part, rotation: Floats) -> Part:
 
 
 def _invert(rotation: Floats) -> Floats:
-    """Return the transform (4, 4) back from a rotation (3, 3)."""
+    """Return the transform (4, 4) of the inverse of a rotation (3, 3)."""
     transform = np.eye(4)
     transform[:3, :3] = rotation.T
     return transform

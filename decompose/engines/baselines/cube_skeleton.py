@@ -67,13 +67,13 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
     problem.on_stage("hollow")
-    best = _cut(problem, grid, shell, cube)
+    best = _cut_shell(problem, grid, shell, cube)
     if cube is not None and hollowed and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = move_planes_to(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, rules)
-        refined = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
+        refined = _cut_shell(problem, grid, hollow_model(model.solid, grid, cube), cube)
         best = min(
             refined,
             best,
@@ -84,7 +84,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     return Partition(best, model, np.eye(3))
 
 
-def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
+def _cut_shell(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
     """Cut a shell by the sides of a cube, merge the pieces, and add those of the skeleton."""
     skeleton: list[Piece] = []
     if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
@@ -179,13 +179,13 @@ class _Merging:
         Return False if rounding keeps them apart on their cut, or if they would also meet along an
         edge, so that an STL of them would not be closed.
         """
-        one, other = self.groups[a], self.groups[b]
-        solid = Solid.union([one.solid, other.solid])
+        first, second = self.groups[a], self.groups[b]
+        solid = Solid.union([first.solid, second.solid])
         if len(solid.pieces()) > 1 or round_triangles(*solid.arrays()) is None:
             self.touching[a].discard(b)
             self.touching[b].discard(a)
             return False
-        self.groups[a] = _Group(one.members + other.members, solid, one.seconds + other.seconds)
+        self.groups[a] = _Group(first.members + second.members, solid, first.seconds + second.seconds)
         del self.groups[b]
         for neighbour in self.touching.pop(b):
             self.touching[neighbour].discard(b)
@@ -220,10 +220,10 @@ class _Merging:
 
         Where too many groups remain that way, those with the least common bounding box are merged instead.
         """
-        groups, touching = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
+        groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
         self._merge_cheapest(printers, lambda a, b: a.seconds + b.seconds)
         if len(self.groups) > printers:
-            self.groups, self.touching = groups, defaultdict(set, touching)
+            self.groups, self.touching = groups, defaultdict(set, neighbours)
             self._merge_cheapest(printers, lambda a, b: float(a.size_mm(b).prod()))
 
     def _merge_cheapest(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:

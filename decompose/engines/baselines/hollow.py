@@ -1,4 +1,4 @@
-"""Hollow of a model on a grid, and its largest cube, which may be refined against the mesh."""
+"""Hollow model on a grid, and its largest cube, which may be refined against the mesh."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     cavity = remove_diagonals(cube_cells | ((grid.cells == Cell.INTERNAL) & ~grid.needed), cube_cells)
     if not cavity.any():
         return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
-    holes = [np.array(grid.bounds_mm(block)) for block in blocks(cavity)]
-    solid_boxes = np.array([grid.bounds_mm(block) for block in blocks(~cavity)])
+    holes = [np.array(grid.bounds_mm(block)) for block in cover_by_boxes(cavity)]
+    solid_boxes = np.array([grid.bounds_mm(block) for block in cover_by_boxes(~cavity)])
     shell = solid.subtract(Solid.union([Solid.box(*hole) for hole in holes]))
     planes = np.unique(np.concatenate([list_box_planes(hole) for hole in holes]), axis=0)
     return Shell(shell, cavity, planes, solid_boxes)
@@ -78,21 +78,21 @@ def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
             return cells
 
 
-def blocks(cells: Bools) -> list[Block]:
+def cover_by_boxes(cells: Bools) -> list[Block]:
     """Cover cells by disjoint boxes: each grows along z, then y, then x as far as it can."""
-    free = cells.copy()
+    is_free = cells.copy()
     boxes: list[Block] = []
     for x, y, z in np.argwhere(cells).tolist():
-        if not free[x, y, z]:
+        if not is_free[x, y, z]:
             continue
         x1, y1, z1 = x + 1, y + 1, z + 1
-        while z1 < free.shape[2] and free[x, y, z1]:
+        while z1 < is_free.shape[2] and is_free[x, y, z1]:
             z1 += 1
-        while y1 < free.shape[1] and free[x, y1, z:z1].all():
+        while y1 < is_free.shape[1] and is_free[x, y1, z:z1].all():
             y1 += 1
-        while x1 < free.shape[0] and free[x1, y:y1, z:z1].all():
+        while x1 < is_free.shape[0] and is_free[x1, y:y1, z:z1].all():
             x1 += 1
-        free[x:x1, y:y1, z:z1] = False
+        is_free[x:x1, y:y1, z:z1] = False
         boxes.append((x, y, z, x1, y1, z1))
     return boxes
 
@@ -164,7 +164,8 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
     for axis, sides in enumerate(cube_mm.T.tolist()):
         positions, flats = grid.planes[axis].copy(), find_flat_coordinates(vertices[faces], axis)
         low, high = (
-            _find_clear_place(flats, at, by) for at, by in zip(sides, (inwards_mm, -inwards_mm), strict=True)
+            _find_clear_place(flats, side_mm, reach_mm)
+            for side_mm, reach_mm in zip(sides, (inwards_mm, -inwards_mm), strict=True)
         )
         first = 1 + int(np.abs(positions[1:-2] - low).argmin())
         last = first + 1 + int(np.abs(positions[first + 1 : -1] - high).argmin())
@@ -179,8 +180,8 @@ def _find_clear_place(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
     """Find the nearest place within reach that is clear of all flat faces, or the furthest from any."""
     places = np.linspace(at_mm, at_mm + by_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
-    clear = np.flatnonzero(gaps >= CLEAR_MM)
-    return float(places[clear[0] if len(clear) else int(gaps.argmax())])
+    clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
+    return float(places[clear_gaps[0] if len(clear_gaps) else int(gaps.argmax())])
 
 
 def list_cubes_around(cube: Block, cells: Bools) -> list[Block]:

@@ -110,13 +110,13 @@ def _find_best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> li
     if depth == 0 or printers < 2:
         return best
     for children in form.list_cuts(part):
-        combined: list[Leaves] = [(0.0, ())] * (printers + 1)
+        combinations: list[Leaves] = [(0.0, ())] * (printers + 1)
         for child in children:
             child_leaves = _find_best_leaves(form, child, printers, depth - 1)
-            combined = [_join_leaves(combined, child_leaves, k) for k in range(printers + 1)]
+            combinations = [_join_leaves(combinations, child_leaves, k) for k in range(printers + 1)]
         best = [
             min(a, b, key=lambda leaves: (leaves[0], len(leaves[1])))
-            for a, b in zip(best, combined, strict=True)
+            for a, b in zip(best, combinations, strict=True)
         ]
     return best
 
@@ -161,9 +161,9 @@ class _PublishedForm(_Form):
         return halves if is_even else []
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
-        divided = True
-        while divided and len(parts) < len(self.problem.printers):
-            divided = False
+        has_divided = True
+        while has_divided and len(parts) < len(self.problem.printers):
+            has_divided = False
             best = [(self.mirrors(part, 1)[0], part) for part in parts]
             for mirror, part in sorted(best, key=lambda pair: -pair[0].error_mm):
                 if len(parts) == len(self.problem.printers):
@@ -171,7 +171,7 @@ class _PublishedForm(_Form):
                 halves = self.cut_in_halves(part, mirror)
                 if halves:
                     parts = [p for p in parts if p is not part] + halves
-                    divided = True
+                    has_divided = True
         return parts
 
 

@@ -150,9 +150,9 @@ class _ClassSearch(ExactSearch):
             self.min_s = max(self.min_s, min_s - close_s)
         return min_s is not None
 
-    def _forbid(self, at: int) -> None:
+    def _forbid(self, index: int) -> None:
         for table in self.tables:
-            table.seconds[at] = math.inf
+            table.seconds[index] = math.inf
 
     def _assign_by_tables(self, boxes: Sequence[Box]) -> Cut:
         """Give each piece of boxes the printer that is best by the tables."""
@@ -164,8 +164,8 @@ class _ClassSearch(ExactSearch):
 
     def _look_up_seconds(self, boxes: Sequence[Box]) -> Floats:
         """Look up the time (pieces, printers) of each piece; printers in the order of the classes."""
-        at = [box_index(box, self.boxes.shape) for box in boxes]
-        rows = np.repeat(at, self.boxes.pieces[at])
+        indices = [box_index(box, self.boxes.shape) for box in boxes]
+        rows = np.repeat(indices, self.boxes.pieces[indices])
         columns = [
             table.seconds[rows].astype(np.float64) / printer_class.time_factor * printer.time_factor
             for table, printer_class in zip(self.tables, self.classes, strict=True)
@@ -176,7 +176,7 @@ class _ClassSearch(ExactSearch):
     def _record_prices(self, cut: Cut) -> None:
         """Put the true prices of pieces into the tables of all printers with that room."""
         for box, pieces in cut.items():
-            at = box_index(box, self.boxes.shape)
+            index = box_index(box, self.boxes.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
                 seconds = math.inf if pose is None else pose.price_s
                 printer_class = next(
@@ -184,7 +184,9 @@ class _ClassSearch(ExactSearch):
                 )
                 for other_class, table in zip(self.classes, self.tables, strict=True):
                     if other_class.boxes == printer_class.boxes:
-                        table.seconds[at] = max(float(table.seconds[at]), seconds * other_class.time_factor)
+                        table.seconds[index] = max(
+                            float(table.seconds[index]), seconds * other_class.time_factor
+                        )
 
     def grid_figures(self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
@@ -241,7 +243,7 @@ def _make_too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFi
         if count
     ]
     printers = len(problem.printers)
-    return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
+    return NoFit.from_shortage(problem.model.extents_mm, printers + total, printers, " and ".join(requests))
 
 
 def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) -> list[int]:

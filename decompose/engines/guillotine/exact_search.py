@@ -197,9 +197,9 @@ class ExactSearch:
             if box not in self.cut:
                 self.problem.effort.record(Work.FACE_CUT, self.problem.model.solid.faces)
                 self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
-            at = box_index(box, self.boxes.shape)
-            has_more = has_more or len(self.cut[box]) > int(self.boxes.pieces[at])
-            self.boxes.pieces[at] = len(self.cut[box])
+            index = box_index(box, self.boxes.shape)
+            has_more = has_more or len(self.cut[box]) > int(self.boxes.pieces[index])
+            self.boxes.pieces[index] = len(self.cut[box])
         return has_more
 
     def _forbid_faulty(self, boxes: list[Box]) -> bool:
@@ -212,8 +212,8 @@ class ExactSearch:
         self.rejections += [faults[0].reason] if faults else []
         return bool(faults)
 
-    def _forbid(self, at: int) -> None:
-        self.boxes.seconds[at] = math.inf
+    def _forbid(self, index: int) -> None:
+        self.boxes.seconds[index] = math.inf
 
     def _compute_true_makespan_s(self, boxes: list[Box]) -> float:
         """Compute the true makespan of boxes in seconds, and raise the table to true prices above its own."""
@@ -223,8 +223,8 @@ class ExactSearch:
             seconds = math.inf if pose is None else pose.price_s
             self.posed_s[box] = max(self.posed_s.get(box, 0.0), seconds)
         for box in boxes:
-            at = box_index(box, self.boxes.shape)
-            self.boxes.seconds[at] = max(float(self.boxes.seconds[at]), self.posed_s[box])
+            index = box_index(box, self.boxes.shape)
+            self.boxes.seconds[index] = max(float(self.boxes.seconds[index]), self.posed_s[box])
         return max(self.posed_s[box] for box in boxes)
 
     def _make_no_fit_error(self) -> NoFit:
@@ -245,4 +245,4 @@ class ExactSearch:
                 f"with room for {math.ceil(min_mm)} mm each way would be enough",
                 is_too_large=True,
             )
-        return NoFit.of_too_few(model.extents_mm, printers_needed, len(problem.printers))
+        return NoFit.from_shortage(model.extents_mm, printers_needed, len(problem.printers))

@@ -92,20 +92,20 @@ class Partitioner:
         """Check whether there is memory to choose among partitions of as few parts."""
         return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
-    def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
+    def _fill(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values of the boxes at these indices, uncut, in a state."""
-        seconds, pieces = self.boxes.seconds[at], self.boxes.pieces[at]
+        seconds, pieces = self.boxes.seconds[indices], self.boxes.pieces[indices]
         for other, count in zip(self.others, self._states[state].tolist(), strict=True):
             if count:
-                own_s = other.boxes.seconds[at]
+                own_s = other.boxes.seconds[indices]
                 pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - count, 0), pieces)
                 seconds = np.minimum(seconds, own_s)
         if self.others:  # the rest of a box has to be fast enough on the first class
-            fast_enough = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)
+            fast_enough = (self.boxes.seconds[indices] <= self._limit_s) | (pieces == 0)
             seconds = np.where(fast_enough, seconds, np.float32(np.inf))
-        tables = (self._limit_s, seconds, self.boxes.trimmed[at], pieces.astype(np.int16, copy=False))
+        tables = (self._limit_s, seconds, self.boxes.trimmed[indices], pieces.astype(np.int16, copy=False))
         if value.dtype == np.int64:
-            fill_keys(*tables, self.boxes.cut_mm2[at], value)
+            fill_keys(*tables, self.boxes.cut_mm2[indices], value)
         else:
             fill_counts(*tables, value)
 
@@ -125,8 +125,8 @@ class Partitioner:
 
         Of the last solution; `UNREACHABLE` or more where there is none.
         """
-        at = box_index(self._root, self.boxes.shape)
-        value = self._value[at :: len(self.boxes.seconds)]
+        index = box_index(self._root, self.boxes.shape)
+        value = self._value[index :: len(self.boxes.seconds)]
         fewest = value // PART if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
@@ -150,9 +150,9 @@ class Partitioner:
 
     def _value_uncut(self, box: Box, state: int) -> int:
         """Compute the value of a box as one part."""
-        at = box_index(box, self.boxes.shape)
+        index = box_index(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype)
-        self._fill(state, slice(at, at + 1), value)
+        self._fill(state, slice(index, index + 1), value)
         return int(value[0])
 
     def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
@@ -170,8 +170,8 @@ class Partitioner:
         raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
 
     def _trim(self, box: Box) -> Box | None:
-        at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
-        return None if at < 0 else box_at(at, self.boxes.shape)
+        index = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
+        return None if index < 0 else box_at(index, self.boxes.shape)
 
     def find_min_makespan(
         self,

@@ -126,10 +126,10 @@ def shift_box_planes(
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
         before = search.pose_start()
         parts = search.run(before)
-        gained = math.isfinite(find_longest_s(parts)) and (
+        has_gain = math.isfinite(find_longest_s(parts)) and (
             find_longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_s(before)
         )
-        if not (gained and problem.thorough) or problem.effort.is_spent():
+        if not (has_gain and problem.thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
         boxes_mm = np.array([part.box_mm for part in parts])
         pieces = [part.pieces for part in parts]
@@ -177,10 +177,10 @@ class _PlaneShift:
         for rounds in range(ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
-            rough = self._take_steps(best, slopes)
-            if rough is best:
+            draft = self._take_steps(best, slopes)
+            if draft is best:
                 break
-            new = self._pose(rough, best)
+            new = self._pose(draft, best)
             if sort_times_s(new) >= sort_times_s(best):
                 if not self._bar_faces(best, new, find_longest_s(best)):
                     break
@@ -239,8 +239,8 @@ class _PlaneShift:
                 continue
             by_mm = part.box_mm - old.box_mm
             faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
-            broken = [] if part.is_like(old) else self._find_breaking_faces(i, old, faces, by_mm)
-            for face in broken or faces:
+            breaking_faces = [] if part.is_like(old) else self._find_breaking_faces(i, old, faces, by_mm)
+            for face in breaking_faces or faces:
                 self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
         return bool((self.free != before).any())
 
@@ -260,22 +260,26 @@ class _PlaneShift:
 
         A plane that a flat face stops short of its best place stays there, and the others are solved again.
         """
-        now = np.array([part.box_mm for part in parts])
-        places = self._measure_places(now)
-        at = places - self._measure_places(self.start_mm)
-        low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
-        high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
+        start_boxes_mm = np.array([part.box_mm for part in parts])
+        places = self._measure_places(start_boxes_mm)
+        shift_mm = places - self._measure_places(self.start_mm)
+        low_mm = np.minimum(
+            np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - shift_mm), 0.0), 0.0
+        )
+        high_mm = np.maximum(
+            np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - shift_mm), 0.0), 0.0
+        )
         longer_mm = np.array([find_spare_length_mm(part.size_mm, self._list_rooms(part)) for part in parts])
-        shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
+        shorter_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
-        boxes_mm, promised_s = now, math.inf
+        boxes_mm, promised_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
             by_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
             if not math.isfinite(min_s):  # no solution with all of these stopped: the one before is taken
                 break
             promised_s = min_s
-            boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
+            boxes_mm = self._keep_clear(start_boxes_mm, move_groups(start_boxes_mm, self.groups, by_mm))
             moved_mm = self._measure_places(boxes_mm) - places
             moved_planes = np.abs(moved_mm - by_mm) > MIN_MOVE_MM
             if not moved_planes.any():
@@ -289,16 +293,16 @@ class _PlaneShift:
         places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
         return places
 
-    def _keep_clear(self, now: Floats, boxes_mm: Floats) -> Floats:
-        """Stop every plane short of flat faces, and leave it where it would hardly move."""
-        old, new = self._measure_places(now), self._measure_places(boxes_mm)
+    def _keep_clear(self, places_mm: Floats, boxes_mm: Floats) -> Floats:
+        """Stop every plane short of flat faces, and do not move it by less than a minimum."""
+        old, new = self._measure_places(places_mm), self._measure_places(boxes_mm)
         for group in range(len(old)):
             if abs(new[group] - old[group]) < MIN_MOVE_MM:
                 new[group] = old[group]
             new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
             if new[group] != old[group]:  # groups that go to one plane get exactly the same place
                 new[group] = round(new[group], PLANE_DIGITS)
-        return np.where(self.groups >= 0, new[self.groups], now)
+        return np.where(self.groups >= 0, new[self.groups], places_mm)
 
     def _list_rooms(self, part: BoxPart) -> list[PrinterRoom]:
         return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
@@ -315,19 +319,21 @@ class _PlaneShift:
 
     def _pose(self, parts: list[BoxPart], before: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Find the best poses of parts; those that have not moved since `before` keep theirs."""
-        unchanged = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
-        new = [i for i in range(len(parts)) if i not in unchanged]
-        poses = iter(self.problem.find_poses([piece for i in new for piece in parts[i].pieces]))
-        for i in new:
-            unchanged[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
-        return [unchanged[i] for i in range(len(parts))]
+        unmoved_parts = {i: part for i, part in enumerate(before) if (part.box_mm == parts[i].box_mm).all()}
+        moved_numbers = [i for i in range(len(parts)) if i not in unmoved_parts]
+        poses = iter(self.problem.find_poses([piece for i in moved_numbers for piece in parts[i].pieces]))
+        for i in moved_numbers:
+            unmoved_parts[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
+        return [unmoved_parts[i] for i in range(len(parts))]
 
     def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
         """Cut parts again where their boxes moved, and find new poses where the old ones do not fit."""
-        changed = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
-        self._record_effort(changed)
+        moved_parts = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
+        self._record_effort(moved_parts)
         run = map if self.problem.executor is None else self.problem.executor.map
-        recut = list(run(self._cut_in_old_poses, changed, [parts[i] for i in changed], boxes_mm[changed]))
+        recut = list(
+            run(self._cut_in_old_poses, moved_parts, [parts[i] for i in moved_parts], boxes_mm[moved_parts])
+        )
         unposed = [
             piece
             for part, poses in recut
@@ -336,7 +342,7 @@ class _PlaneShift:
         ]
         best = iter(self.problem.find_poses(unposed))
         new = list(parts)
-        for i, (part, poses) in zip(changed, recut, strict=True):
+        for i, (part, poses) in zip(moved_parts, recut, strict=True):
             with_poses = [next(best) if pose is None else pose for pose in poses]
             new[i] = part.with_poses(with_poses) if with_poses else part
         return new
@@ -374,8 +380,10 @@ class _PlaneShift:
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
             trimmed = self._cut(i, box)
             if len(trimmed.pieces) == len(part.pieces):
-                now = [self._measure(*pair) for pair in zip(trimmed.pieces, part.poses, strict=True)]
-                now_s = find_slowest_s(trimmed.pieces, now)
+                seconds_before = [
+                    self._measure(*pair) for pair in zip(trimmed.pieces, part.poses, strict=True)
+                ]
+                now_s = find_slowest_s(trimmed.pieces, seconds_before)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 

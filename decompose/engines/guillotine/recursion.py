@@ -19,7 +19,7 @@ Table = npt.NDArray[np.int16] | Ints
 
 
 @jit
-def _update_min(value: Table, size: int, at: tuple[int, int, int], count: int, sums: Ints) -> None:
+def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int, sums: Ints) -> None:
     """Lower the values of `count` consecutive boxes to those of a cut into a near and a far side.
 
     Parameters
@@ -31,18 +31,18 @@ def _update_min(value: Table, size: int, at: tuple[int, int, int], count: int, s
     sums
         (m, 3) int64: a state, and the states of the near and of the far side that make it up.
     """
-    out_at, near_at, far_at = at
+    out_at, near_at, far_at = start
     for k in range(len(sums)):
         begin = sums[k, 0] * size + out_at
-        out = value[begin : begin + count]
+        least = value[begin : begin + count]
         begin = sums[k, 1] * size + near_at
         near = value[begin : begin + count]
         begin = sums[k, 2] * size + far_at
         far = value[begin : begin + count]
-        for i in range(len(out)):
+        for i in range(len(least)):
             total = near[i] + far[i]
-            if total < out[i]:
-                out[i] = total
+            if total < least[i]:
+                least[i] = total
 
 
 @jit
@@ -75,13 +75,13 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
                 _update_min(value, size, (first, a, b), layer, sums)
             for dy in range(1, ny + 1):
                 rows = ny - dy + 1
-                at = first + interval(0, dy, ny) * tz
+                start = first + interval(0, dy, ny) * tz
                 for cut in range(1, dy):
                     a, b = first + interval(0, cut, ny) * tz, first + interval(cut, dy, ny) * tz
-                    _update_min(value, size, (at, a, b), rows * tz, sums)
+                    _update_min(value, size, (start, a, b), rows * tz, sums)
                 block = rows * tz
                 for state in range(states):
-                    offset = state * size + at
+                    offset = state * size + start
                     _rotate(
                         value[offset : offset + block],
                         transposed[state * block : (state + 1) * block],
@@ -95,7 +95,7 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
                         a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
                         _update_min(transposed, block, (up, a, b), places, sums)
                 for state in range(states):
-                    offset = state * size + at
+                    offset = state * size + start
                     _rotate(
                         transposed[state * block : (state + 1) * block],
                         value[offset : offset + block],

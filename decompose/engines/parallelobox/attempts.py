@@ -162,17 +162,17 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
         points = centres
     draw = int(rng.integers(2**31))
     means = _find_centres(points, count, draw)
-    free = np.ones(len(boundary), dtype=np.bool_)
+    is_available = np.ones(len(boundary), dtype=np.bool_)
     seeds: list[Box] = []
     for centroid in means:
         x, y, z = (
             int(np.clip(np.searchsorted(grid.planes[a], centroid[a]) - 1, 0, grid.shape[a] - 1))
             for a in range(3)
         )
-        in_block = free & (boundary == (x, y, z)).all(axis=1)
+        in_block = is_available & (boundary == (x, y, z)).all(axis=1)
         gaps = np.where(in_block, -1.0, np.linalg.norm(centres - centroid, axis=1))
-        nearest = int(np.where(free, gaps, np.inf).argmin())
-        free[nearest] = False
+        nearest = int(np.where(is_available, gaps, np.inf).argmin())
+        is_available[nearest] = False
         x, y, z = boundary[nearest].tolist()
         seeds.append((x, y, z, x + 1, y + 1, z + 1))
     return seeds

@@ -53,15 +53,15 @@ def find_grown_index(
         (boxes,) float32 in s and int16, of `Terrain`.
     """
     axis = direction % 3
-    grown = block.copy()
+    grown_block = block.copy()
     layer = block.copy()
     if direction < 3:
-        grown[axis] -= 1
-        layer[axis], layer[axis + 3] = grown[axis], block[axis]
+        grown_block[axis] -= 1
+        layer[axis], layer[axis + 3] = grown_block[axis], block[axis]
     else:
-        grown[direction] += 1
-        layer[axis], layer[axis + 3] = block[direction], grown[direction]
-    if grown[axis] < 0 or grown[axis + 3] > owner.shape[axis]:
+        grown_block[direction] += 1
+        layer[axis], layer[axis + 3] = block[direction], grown_block[direction]
+    if grown_block[axis] < 0 or grown_block[axis + 3] > owner.shape[axis]:
         return -1
     is_needed = False
     for x in range(layer[0], layer[3]):
@@ -72,9 +72,9 @@ def find_grown_index(
                 is_needed = is_needed or needed[x, y, z]
     if not is_needed:
         return -1
-    box = _find_block_index(grown, owner.shape)
-    now = _find_block_index(block, owner.shape)
-    if not np.isfinite(seconds[box]) or pieces[box] > pieces[now]:
+    box = _find_block_index(grown_block, owner.shape)
+    current_index = _find_block_index(block, owner.shape)
+    if not np.isfinite(seconds[box]) or pieces[box] > pieces[current_index]:
         return -1
     return box
 
@@ -216,9 +216,9 @@ def _fill(
                 if owner[x, y, z] != -1 or not needed[x, y, z]:
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
-                at = index_of((x, y, z, x + 1, y + 1, z + 1), owner.shape)
-                parts += pieces[at]
-                if parts > max_blocks or not np.isfinite(seconds[at]):
+                index = index_of((x, y, z, x + 1, y + 1, z + 1), owner.shape)
+                parts += pieces[index]
+                if parts > max_blocks or not np.isfinite(seconds[index]):
                     return False, blocks[:seeds_used]
                 growing = True
                 while growing:
@@ -252,5 +252,5 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, max_blocks: int) -> 
         (n, 6) all blocks, or None if more would be needed.
     """
     tables = (terrain.needed, terrain.seconds, terrain.pieces)
-    covered, fillers = _fill(owner, *tables, len(blocks), max_blocks)
-    return np.concatenate([blocks, fillers]) if covered else None
+    has_covered, fillers = _fill(owner, *tables, len(blocks), max_blocks)
+    return np.concatenate([blocks, fillers]) if has_covered else None

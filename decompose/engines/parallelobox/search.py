@@ -182,8 +182,11 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
                 printers // 2 + odd_printer * (work[0] >= work[1]),
                 printers // 2 + odd_printer * (work[0] < work[1]),
             ]
-            on = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
-            yield [(side, points[selected], n) for side, selected, n in zip(sides, on, shares, strict=True)]
+            is_on_side = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
+            yield [
+                (side, points[selected], n)
+                for side, selected, n in zip(sides, is_on_side, shares, strict=True)
+            ]
     yield [(space.terrains, points, printers)]
 
 

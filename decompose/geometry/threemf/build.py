@@ -123,7 +123,7 @@ class _Build:
         return self._parts[path]
 
     def measure(self, path: str, references: list[Reference], depth: int = 0) -> _Size:
-        """Count what references place, before anything is placed."""
+        """Count the objects and triangles that references place, before any is placed."""
         if depth > MAX_DEPTH:
             raise ModelUnreadable(f"{self.name}: nests objects more than {MAX_DEPTH} deep; export it again")
         sizes = [self._measure_object(*self._find(path, reference), depth) for reference in references]

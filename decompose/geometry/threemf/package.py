@@ -112,7 +112,7 @@ class Package:
             ) from error
 
     def has_modifiers(self) -> bool:
-        """Check whether a slicer has marked some volumes as not to be printed as they are."""
+        """Check whether a slicer has marked some volumes as modifiers."""
         return any(
             _MODIFIER.search(b"".join(self.unpack(part)))
             for part in _SETTINGS
@@ -151,12 +151,12 @@ MAX_TAG_BYTES = 2**20
 
 def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iterator[bytes]) -> None:
     """Feed a part to a parser. Raises ModelUnreadable where it is not XML."""
-    fed = 0
+    fed_bytes = 0
     try:
         for chunk in chunks:
             parser.Parse(chunk, False)
-            fed += len(chunk)
-            if fed - max(0, parser.CurrentByteIndex) > MAX_TAG_BYTES + CHUNK_BYTES:
+            fed_bytes += len(chunk)
+            if fed_bytes - max(0, parser.CurrentByteIndex) > MAX_TAG_BYTES + CHUNK_BYTES:
                 raise ModelUnreadable(f"{name}: has a tag of more than 1 MB; export it again")
         parser.Parse(b"", True)
     except expat.ExpatError as error:

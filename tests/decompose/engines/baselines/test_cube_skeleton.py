@@ -16,7 +16,7 @@ from decompose.engines.baselines import cube_skeleton
 from decompose.engines.baselines.cube_skeleton import _Merging
 from decompose.engines.baselines.hollow import (
     ACCURACY_MM,
-    blocks,
+    cover_by_boxes,
     find_largest_cube,
     hollow_model,
     list_cubes_around,
@@ -53,7 +53,7 @@ def ball(radius_mm: float) -> Model:
 def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, share: float) -> None:
     cells = np.random.default_rng(seed).random(shape) < share
     count = np.zeros(shape, int)
-    for x0, y0, z0, x1, y1, z1 in blocks(cells):
+    for x0, y0, z0, x1, y1, z1 in cover_by_boxes(cells):
         count[x0:x1, y0:y1, z0:z1] += 1
     assert (count == cells).all()
 
@@ -161,7 +161,7 @@ def test_cube_whose_parts_end_first_is_used(
     share: float, taken: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A ball takes the refined cube if it is smaller, and refuses one that is larger."""
-    cuts, cut = [], cube_skeleton._cut
+    cuts, cut = [], cube_skeleton._cut_shell
 
     def scaled(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:
         middle = cube_mm.mean(axis=0)
@@ -172,7 +172,7 @@ def test_cube_whose_parts_end_first_is_used(
         return cuts[-1]
 
     monkeypatch.setattr(cube_skeleton, "refine_cube", scaled)
-    monkeypatch.setattr(cube_skeleton, "_cut", recorded)
+    monkeypatch.setattr(cube_skeleton, "_cut_shell", recorded)
     problem = Problem(ball(95.0), tuple(printers(40)), cost, MENDED)
     assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is cuts[taken]
     assert problem.makespan_s(cuts[taken]) < problem.makespan_s(cuts[1 - taken])
@@ -191,7 +191,7 @@ def test_cubes_are_compared_by_the_times_of_their_pieces(
     slow, quick = replace(ROOM, name="slow", time_factor=1.5), replace(ROOM, name="quick", time_factor=0.5)
     for result in ([equal, unequal], [unequal, equal]):
         cuts = iter(result)
-        monkeypatch.setattr(cube_skeleton, "_cut", lambda *_, cuts=cuts: next(cuts))
+        monkeypatch.setattr(cube_skeleton, "_cut_shell", lambda *_, cuts=cuts: next(cuts))
         problem = Problem(ball(95.0), (slow, quick), cost, MENDED)
         assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is unequal
 
