@@ -9,6 +9,8 @@ from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 
 LOST_S = 10.0
 """Wall seconds without a connection after which a host is lost; shorter ones are mended without a word."""
+FIRST_LOST_S = 45.0
+"""The same before the first connection: the services of many hosts start at once, over ssh."""
 
 
 class HostChange(StrEnum):
@@ -90,7 +92,8 @@ class HostRecord:
 
     def find_change(self, now_s: float, scale: float) -> HostChange | None:
         """Return the change that has not been reported; None if there is none."""
-        is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= LOST_S * scale
+        limit_s = scale * (FIRST_LOST_S if self.state is None else LOST_S)
+        is_lost = self.disconnected_s is not None and now_s - self.disconnected_s >= limit_s
         if is_lost and not self.reported:
             return HostChange.LOST
         return HostChange.RECONNECTED if self.reported and self.disconnected_s is None else None

@@ -26,7 +26,7 @@ from drivers.host import (
 )
 from drivers.log_file import rotate_log
 from drivers.remote import build_ssh_command, runs_host_service
-from farm.agents.host_record import HostChange, HostRecord
+from farm.agents.host_record import FIRST_LOST_S, HostChange, HostRecord
 from farm.agents.remote import make_start
 from farm.agents.rollout import plan_rollout
 from farm.config import Fleet, PrinterSection
@@ -36,7 +36,6 @@ from farm.state import events as ev
 
 log = logging.getLogger(__name__)
 
-_FIRST_STATE_S = 45.0  # over ssh, to a service that may have to be started
 _MAX_WAIT_S = 15.0  # between two attempts to connect
 _STEADY_S = 30.0
 _OPEN_S = 60.0
@@ -190,7 +189,7 @@ class HostConnection:
                 carrying.result()
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
-            limit_s = SILENCE_S if self._connected.is_set() else _FIRST_STATE_S
+            limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOST_S
             if now_s - max(self._heard_s, begun_s) > limit_s:
                 raise AgentError(f"it has been silent for {limit_s:g} s")
             if self._connected.is_set():

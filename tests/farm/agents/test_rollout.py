@@ -76,6 +76,13 @@ def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates,
         assert len(step.begin) <= 1
 
 
+def test_host_of_a_new_daemon_has_longer_to_connect_before_it_is_lost():
+    record = HostRecord("pc-b", ("a",), 100.0)
+    record.on_lost(102.0, "no route")
+    assert record.find_change(144.0, 1.0) is None
+    assert record.find_change(145.0, 1.0) is HostChange.LOST
+
+
 def test_loss_is_told_once_after_ten_seconds_and_the_return_once():
     record = HostRecord("pc-b", ("a",), 100.0)
     record.on_state(101.0, HostState(pid=1))
