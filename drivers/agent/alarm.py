@@ -39,7 +39,7 @@ class Alarms:
     def __init__(self, printer: str, command: str | None, alarm: Alarm | None) -> None:
         self._printer, self._command = printer, command
         self.alarm = alarm
-        self._run: PowerOff | None = None
+        self._power_off: PowerOff | None = None
         self._requested_by: Session | None = None  # the session that asked for the mains to be cut
 
     @property
@@ -99,9 +99,9 @@ class Alarms:
 
     def outcome(self) -> str | None:
         """Return the outcome of the command once; None if there is no new one."""
-        outcome = None if self._run is None else self._run.outcome()
+        outcome = None if self._power_off is None else self._power_off.outcome()
         if outcome is not None:
-            self._run = None
+            self._power_off = None
         elif self._command is None and self.pending:
             outcome = NO_COMMAND
         if outcome is not None and self.alarm is not None:
@@ -110,9 +110,9 @@ class Alarms:
 
     def run_command(self) -> None:
         """Run the command if it was requested; the request is in the journal already."""
-        if self._run is None and self._command is not None and self.pending:
-            self._run = PowerOff(self._command, self._printer)
+        if self._power_off is None and self._command is not None and self.pending:
+            self._power_off = PowerOff(self._command, self._printer)
 
     def wake_wall_s(self) -> float:
         """Return the wall time of the next call of `outcome`."""
-        return math.inf if self._run is None else read_wall_s() + POLL_S
+        return math.inf if self._power_off is None else read_wall_s() + POLL_S

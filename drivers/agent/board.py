@@ -94,7 +94,7 @@ class Board:
         self._port: Port | None = None
         self.wire = WireRecord(clock.now)
         self._retry_wall_s = 0.0
-        self._declared_idle = False  # a person confirmed that the port may be opened
+        self._is_idle_confirmed = False  # a person confirmed that the port may be opened
         self._pulses_left = 0  # DTR pulses left before reset counts as failed
 
     # --- called by the loop ---
@@ -140,7 +140,7 @@ class Board:
         try:
             device = identify_device(self._url)
             is_same_device = device is not None and device == self.state.device_id
-            if not (self.simulated or self._is_responsible or self._declared_idle or is_same_device):
+            if not (self.simulated or self._is_responsible or self._is_idle_confirmed or is_same_device):
                 raise PortNotIdle(MAY_PRINT)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
@@ -234,7 +234,7 @@ class Board:
         """
         if self.session is not None or self.idle_watch.card:
             raise AgentError(SD_PRINT if self.idle_watch.card else "it prints")
-        self._declared_idle = True
+        self._is_idle_confirmed = True
         self.state.reset_verified = self.state.reset_failed = None
         if self._port is None:
             self.open()
@@ -243,7 +243,7 @@ class Board:
         if self._port is not None:
             self._pulses_left = RESET_PULSES
         else:
-            self._declared_idle = False  # the confirmation was for a printer that is no longer connected
+            self._is_idle_confirmed = False  # the confirmation was for a printer that is no longer connected
         self.changed = True
 
     def switch_off(self) -> None:
@@ -388,7 +388,7 @@ class Board:
         self.close()
         self.absent_reason = str(error)
         self.report = None
-        self._declared_idle, self._pulses_left = False, 0
+        self._is_idle_confirmed, self._pulses_left = False, 0
         self.link.on_closed()
         self._retry_wall_s = read_wall_s() + RETRY_S
         session = self.session

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-_NONE = -(2**31)
+_NO_LAYER = -(2**31)
 
 
 class Feature(StrEnum):
@@ -75,7 +75,7 @@ class Timeline:
         self.layers = 0
         self._lines, self._seconds = array("Q"), array("d")  # seconds are NaN if no comment gives them
         self._layers, self._heights_mm, self._features = array("i"), array("d"), array("b")
-        self._layer = _NONE
+        self._layer = _NO_LAYER
         self._z_mm = 0.0
         self._feature = -1
 
@@ -87,7 +87,7 @@ class Timeline:
         return Mark(
             self._lines[index],
             self._seconds[index],
-            None if layer == _NONE else layer,
+            None if layer == _NO_LAYER else layer,
             self._heights_mm[index],
             None if feature < 0 else _FEATURES[feature],
         )

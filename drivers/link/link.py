@@ -51,7 +51,7 @@ class Link:
         self._due_s = math.inf  # time-out of the line in flight, or of the phase
         self._poll_at_s = math.inf
         self._awaits_ok = False  # for the ok of the line at the cursor
-        self._clean = True  # no query and no refusal since the line in flight was sent
+        self._is_undisturbed = True  # no query and no refusal since the line in flight was sent
         self._refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
         self._answer_s = math.inf  # time at which it is complete
@@ -148,7 +148,7 @@ class Link:
             and self._awaits_ok
             and not self._partial
             and now_s < self._poll_at_s
-            and self._clean
+            and self._is_undisturbed
         ):
             line = self._outbox.take_encoded()
             if line is not None:
@@ -187,7 +187,7 @@ class Link:
                 self._handle_refusal(number, now_s)
         elif (number := replies.parse_last_line(answer, self._firmware)) is not None:
             if self._firmware.last_line_resends:
-                self._answer, self._answer_s, self._clean = number, now_s + self._unreadable_s, False
+                self._answer, self._answer_s, self._is_undisturbed = number, now_s + self._unreadable_s, False
             else:
                 self._handle_last_line(number, now_s, events)
         elif replies.is_refusal(answer):
@@ -237,7 +237,7 @@ class Link:
     def _accept_line(self, now_s: float) -> None:
         """Note that the line in flight was accepted, and stop waiting for it."""
         self._awaits_ok = self._refused = False
-        self._clean = True
+        self._is_undisturbed = True
         self._send_next(now_s)
 
     def _handle_refusal(self, number: int, now_s: float) -> None:
@@ -245,7 +245,7 @@ class Link:
         if self._outbox.number < 0:
             return
         self._awaits_ok = self._refused = True
-        self._clean = False
+        self._is_undisturbed = False
         if self._recovery.refuse(number):
             self._schedule_query(now_s)
         else:
@@ -344,7 +344,7 @@ class Link:
 
     def _query(self, now_s: float) -> None:
         """Query the number of the last line that the board accepted."""
-        self._clean = False
+        self._is_undisturbed = False
         self._recovery.note_query(self._make_place, now_s)
         self._output += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
@@ -376,7 +376,7 @@ class Link:
             self._transmit(line, now_s)
 
     def _transmit(self, line: bytes, now_s: float) -> None:
-        self._awaits_ok = self._clean = True
+        self._awaits_ok = self._is_undisturbed = True
         self._recovery.start_line(now_s)
         self._output += line
         self._due_s = now_s + self._silence_s

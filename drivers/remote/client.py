@@ -61,7 +61,7 @@ class AgentClient:
         self._carrier: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
-        self._waiting: dict[int, asyncio.Future[Reply]] = {}
+        self._pending_replies: dict[int, asyncio.Future[Reply]] = {}
         self._snapshots: asyncio.Queue[Snapshot | None] = asyncio.Queue()
         self._ids = count(1)
         self._protocol = PROTOCOL  # until the first snapshot has the agent's version
@@ -161,7 +161,7 @@ class AgentClient:
         if line is None:
             raise AgentTooOld(f"{self._folder}: an agent of an older version does not know {request.do}")
         reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
-        self._waiting[number] = reply
+        self._pending_replies[number] = reply
         try:
             async with asyncio.timeout(timeout_s):
                 self._writer.write(line.encode() + b"\n")
@@ -170,7 +170,7 @@ class AgentClient:
         except (OSError, TimeoutError) as error:
             raise AgentError(f"{self._folder}: no reply to {request.do} ({error or 'time-out'})") from error
         finally:
-            self._waiting.pop(number, None)
+            self._pending_replies.pop(number, None)
 
     async def close(self) -> None:
         """Disconnect; the agent continues."""
@@ -207,14 +207,14 @@ class AgentClient:
                     self._protocol = hello.protocol
                     queue.put_nowait(hello)
                     continue
-                future = self._waiting.get(hello.id)
+                future = self._pending_replies.get(hello.id)
                 if future is not None and not future.done():
                     future.set_result(hello)
         except (OSError, ValueError, MessageError) as error:
             reason = str(error)
         finally:
             queue.put_nowait(None)
-            for future in self._waiting.values():
+            for future in self._pending_replies.values():
                 if not future.done():
                     future.set_exception(AgentError(f"{self._folder}: {reason}"))
 

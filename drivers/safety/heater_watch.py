@@ -179,7 +179,7 @@ class _Heater:
             if rises:
                 self.is_cooling = False
                 start_c = self._rise.coolest_c
-                return self._stuck_on_finding(f"is off, and gets hotter: from {start_c:g} to {now_c:g} C")
+                return self._make_stuck_finding(f"is off, and gets hotter: from {start_c:g} to {now_c:g} C")
             return self._check_off(now_c, now_s)
         if abs(now_c - set_c) <= self._rule.band_c:
             self._reached = True
@@ -220,10 +220,10 @@ class _Heater:
         else:
             self._hottest_c = max(self._hottest_c, now_c)
             if now_s - self._since_s > max(rule.falls_s, self._patience_s):
-                return self._stuck_on_finding(f"is off, and does not cool from {now_c:g} C")
+                return self._make_stuck_finding(f"is off, and does not cool from {now_c:g} C")
         return None
 
-    def _stuck_on_finding(self, detail: str) -> Finding:
+    def _make_stuck_finding(self, detail: str) -> Finding:
         return replace(self._make_finding(Fault.HEATER_STUCK_ON, detail), is_off=True)
 
     def _make_finding(self, fault: Fault, detail: str) -> Finding:

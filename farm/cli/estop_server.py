@@ -99,8 +99,8 @@ class EstopServer:
             return
         connection.setblocking(False)
         uid = self._read_uid(connection)
-        busy = [pending.uid for pending in self._pending.values()] + [uid for uid, _ in self._running]
-        if len(busy) >= MAX_TOTAL or busy.count(uid) >= MAX_PER_USER:
+        busy_uids = [pending.uid for pending in self._pending.values()] + [uid for uid, _ in self._running]
+        if len(busy_uids) >= MAX_TOTAL or busy_uids.count(uid) >= MAX_PER_USER:
             with connection, suppress(OSError):
                 connection.send(json.dumps(_FULL).encode() + b"\n")
             return

@@ -9,7 +9,7 @@ from farm.state.books import Books, put, replace_fields
 from farm.state.outage import find_common_losses
 from farm.state.plate_state import PlateState, derive_job_state, find_successful_print, list_charged_failures
 
-BY_A_PERSON = "cancelled by a person"
+CANCELLATION = "cancelled by a person"
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
@@ -34,7 +34,7 @@ def update_job_state(books: Books, number: int, at_s: float, reopen: bool = Fals
         case JobState.PRINTED | JobState.DONE:
             ended_s = max(ends_s)
         case JobState.CANCELLED:
-            error, reason, ended_s = ErrorCode.CANCELLED, BY_A_PERSON, at_s
+            error, reason, ended_s = ErrorCode.CANCELLED, CANCELLATION, at_s
         case JobState.FAILED:
             error, reason, ended_s = ErrorCode.ATTEMPTS, _describe_failures(books, job), at_s
     if state is job.state and state is not JobState.PRINTED:

@@ -149,13 +149,13 @@ class Guard:
     app
         The application behind it.
     services
-        Have the keys and sessions, the farm's clock, and the times of their last uses.
+        Source of the keys and sessions, the farm's clock, and the times of their last uses.
     names
         Names of this host in lower case.
     cookie
         The cookie of sessions.
     callers
-        Finds who sends a request.
+        Finds the caller of a request.
     """
 
     def __init__(

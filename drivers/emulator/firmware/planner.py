@@ -103,7 +103,7 @@ class Planner:
         self._end_s = 0.0
         self._ramps = (0.0, 0.0, 0.0, 0.0)  # of the executing block: entry, top speed; seconds up, at top
         self._speed = (0.0, 0.0, 0.0, 0.0)  # axis speeds of the last move queued, mm/s
-        self._v = 0.0
+        self._speed_mm_s = 0.0
 
     def __len__(self) -> int:
         return len(self._blocks)
@@ -168,7 +168,7 @@ class Planner:
         self._append(Block(target, de, mm, v, a, self._limit_junction_speed(vx, vy, vz, ve, v)), now_s)
         self.target = target
         self._speed = (vx, vy, vz, ve)
-        self._v = v
+        self._speed_mm_s = v
         self.moves += 1
 
     def position(self, now_s: float) -> Point:
@@ -234,7 +234,7 @@ class Planner:
             jerk = abs(ve - pe)
             if jerk > limits.jerk_e_mm_s:
                 factor = min(factor, limits.jerk_e_mm_s / jerk)
-            return min(self._v, v * factor)
+            return min(self._speed_mm_s, v * factor)
         safe_mm_s = min(v, limits.jerk_xy_mm_s / 2)
         if abs(vz) > limits.jerk_z_mm_s / 2:
             safe_mm_s = min(safe_mm_s, limits.jerk_z_mm_s / 2)

@@ -32,10 +32,10 @@ class Heater:
 
     __slots__ = (
         "_decide_s",
-        "_on",
+        "_is_on",
         "_period_s",
-        "_s",
         "_temperature_c",
+        "_time_s",
         "burns",
         "dead",
         "model",
@@ -49,9 +49,9 @@ class Heater:
         self.target_c = 0.0
         self._period_s = period_s
         self._temperature_c = AMBIENT_C
-        self._s = 0.0
+        self._time_s = 0.0
         self._decide_s = 0.0
-        self._on = False
+        self._is_on = False
 
     def set_target(self, target_c: float, now_s: float) -> None:
         """Set the target; 0 is off."""
@@ -60,22 +60,22 @@ class Heater:
 
     def temperature_c(self, now_s: float) -> float:
         """Compute the temperature at a time that is not before that of the last call."""
-        if now_s > self._s:
+        if now_s > self._time_s:
             if self.burns:
-                self._approach(now_s - self._s, powered=True)
+                self._approach(now_s - self._time_s, powered=True)
                 self._decide_s = now_s
             elif self._period_s > 0.0:
                 self._switch(now_s)
             else:
                 self._regulate(now_s)
-            self._s = now_s
+            self._time_s = now_s
         return self._temperature_c
 
     def power(self, now_s: float) -> int:
         """Compute the power, 0 to 127, as ``M105`` reports it."""
         temperature_c = self.temperature_c(now_s)
         if self._period_s > 0.0:
-            return FULL_POWER if self._on and self.target_c > 0.0 else 0
+            return FULL_POWER if self._is_on and self.target_c > 0.0 else 0
         if self.target_c <= AMBIENT_C or temperature_c > self.target_c:
             return 0
         if temperature_c < self.target_c:
@@ -104,23 +104,23 @@ class Heater:
     def _regulate(self, now_s: float) -> None:
         target_c = max(self.target_c, AMBIENT_C)
         if self.dead:
-            self._approach(now_s - self._s, powered=False)
+            self._approach(now_s - self._time_s, powered=False)
             return
         is_below = self._temperature_c < target_c
-        self._approach(now_s - self._s, powered=is_below)
+        self._approach(now_s - self._time_s, powered=is_below)
         if (self._temperature_c >= target_c) == is_below:
             self._temperature_c = target_c  # it was reached meanwhile, and held since
 
     def _switch(self, now_s: float) -> None:
         if self.target_c <= AMBIENT_C:
-            self._on = False
-            self._approach(now_s - self._s, powered=False)
+            self._is_on = False
+            self._approach(now_s - self._time_s, powered=False)
             self._decide_s = now_s
             return
-        while self._s < now_s:
-            if self._s >= self._decide_s:
-                self._on = self._temperature_c < self.target_c
-                self._decide_s = self._s + self._period_s
+        while self._time_s < now_s:
+            if self._time_s >= self._decide_s:
+                self._is_on = self._temperature_c < self.target_c
+                self._decide_s = self._time_s + self._period_s
             until_s = min(now_s, self._decide_s)
-            self._approach(until_s - self._s, self._on)
-            self._s = until_s
+            self._approach(until_s - self._time_s, self._is_on)
+            self._time_s = until_s

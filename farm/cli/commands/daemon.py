@@ -64,8 +64,8 @@ def _load_fleet(places: Places) -> Fleet:
 def _warn(fleet: Fleet, places: Places) -> None:
     """Warn of missing ports, and of a fleet file that shows passwords to everybody."""
     for printer in fleet.printers:
-        local = printer.enabled and printer.host is None and printer.port.startswith("/")
-        if local and not Path(printer.port).exists():
+        is_local = printer.enabled and printer.host is None and printer.port.startswith("/")
+        if is_local and not Path(printer.port).exists():
             print_notice(
                 f"{printer.name}: there is no port {printer.port}; check its USB cable and power; the other "
                 "printers start without it"

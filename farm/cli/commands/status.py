@@ -122,14 +122,14 @@ def history(
         deviation = format_deviation(row.took_s / row.expected_s - 1) if is_printed else ""
         reason = row.why if row.verdict else row.reason or row.fault
         outcome = str(row.verdict or row.state) + (f": {reason}" if reason and row.wasted else "")
-        used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
-        ended, duration, submitter = (
+        used_mass = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
+        end_time, duration, submitter = (
             format_time(row.ended, now),
             format_duration(row.took_s),
             row.submitted_by or "",
         )
         name = row.name[:20]
-        cells = (ended, row.printer, row.part, name, duration, deviation, used, submitter, outcome)
+        cells = (end_time, row.printer, row.part, name, duration, deviation, used_mass, submitter, outcome)
         rows.append((*cells, row.note or "") if has_notes else cells)
     screen = open_console()
     columns = (*_HISTORY, _NOTE) if has_notes else _HISTORY

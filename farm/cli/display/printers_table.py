@@ -48,10 +48,10 @@ def _list_cells(printer: api.PrinterView, now: str) -> tuple[str, ...]:
         part = printer.print.plate
         ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
     elif last_print is not None and printer.bed != Bed.CLEAR:
-        ended = (
+        end_time = (
             "-" if last_print.ended is None else format_recent(parse_time(last_print.ended), parse_time(now))
         )
-        part, ends = last_print.plate, f"at {ended}"
+        part, ends = last_print.plate, f"at {end_time}"
         deviation = format_deviation(last_print.off) if last_print.off is not None else ""
         if state == "idle":
             state = "remove" if last_print.state == PrintState.DONE else "to clear"

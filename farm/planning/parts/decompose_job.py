@@ -82,8 +82,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
                 decomposition = cutter.cut_for_all()
             if task.options.dry_run and task.options.printers is None and task.options.copies == 1:
                 decomposition = cutter.add_curve(decomposition)
-        reassigned = replace(decomposition, parts=_reassign_parts(decomposition.parts, task))
-        return write_decomposed(reassigned, model, task.folder)
+        assigned_parts = replace(decomposition, parts=_reassign_parts(decomposition.parts, task))
+        return write_decomposed(assigned_parts, model, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
             raise TooFewPrinters(str(error), error.printers_needed) from error
@@ -103,22 +103,22 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
     folder
         Folder of the job's plan.
     """
-    stored = write_parts(decomposition, folder)
-    messages = (stored.describe_thin_rims(), stored.describe_small_feet(), *stored.connectors.failures)
+    written = write_parts(decomposition, folder)
+    messages = (written.describe_thin_rims(), written.describe_small_feet(), *written.connectors.failures)
     warnings = [text for text in messages if text]
-    ranks = {number: rank for rank, number in enumerate(stored.assembly.part_order, 1)}
+    ranks = {number: rank for rank, number in enumerate(written.assembly.part_order, 1)}
     return DecomposedJob(
         parts=tuple(
             DecomposedPart.from_part(part, folder, ranks.get(number))
-            for number, part in enumerate(stored.parts)
+            for number, part in enumerate(written.parts)
         ),
-        serial_price_s=stored.serial_s,
+        serial_price_s=written.serial_s,
         repairs=(*model.repairs, *(f"Warning: {text}." for text in warnings)),
         scale=model.scale,
-        drawing_record=write_drawing_record(stored, folder),
-        cut_record=write_cut_record(stored, folder),
-        assembly_s=stored.assembly.total_s if stored.assembly.steps else None,
-        steps=len(stored.assembly.steps),
+        drawing_record=write_drawing_record(written, folder),
+        cut_record=write_cut_record(written, folder),
+        assembly_s=written.assembly.total_s if written.assembly.steps else None,
+        steps=len(written.assembly.steps),
     )
 
 

@@ -50,8 +50,8 @@ def _(event: ev.PlanRevised, books: Books) -> Result:
         raise InvalidTransition(event, JOB, previous.id, previous.state, "one of its plates has started")
     job = replace_fields(_apply_plan(previous, event), revisions=previous.revisions + 1)
     removed_plates = [plate for plate in plates if plate.id not in job.plates]
-    replaced = [replace_fields(plate, replaced_by=job.plates) for plate in removed_plates]
-    return put(books, job, *replaced, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+    replaced_plates = [replace_fields(plate, replaced_by=job.plates) for plate in removed_plates]
+    return put(books, job, *replaced_plates, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
 
 def _apply_plan(job: Job, event: ev.JobPlanned) -> Job:
@@ -106,12 +106,12 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 def _(event: ev.JobCancelled, books: Books) -> Result:
     job = books.job(event.job)
     # A job that has not started may be planned for other printers.
-    planning = job.state is JobState.PLANNING or not books.has_started(job.id)
+    is_planning = job.state is JobState.PLANNING or not books.has_started(job.id)
     reason = f"cancelled by {event.by}"
     books, instructions = end_job(
         books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason
     )
-    return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
+    return books, (ev.StopPlanning(job=event.job), *instructions) if is_planning else instructions
 
 
 @change.register

@@ -37,7 +37,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     kept_fields = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
     plates = [replace_fields(new, **kept_fields) for new in event.plates]
     names = tuple(new.id for new in plates)
-    old = replace_fields(plate, replaced_by=names)
+    old_plate = replace_fields(plate, replaced_by=names)
     job = replace_fields(
         job,
         plates=_replace_names(job.plates, (plate.id,), names),
@@ -47,7 +47,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
         cuts=_add_file(job.cuts, plate.parts[0], event.decomposition),
         cut_instructions=_add_file(job.cut_instructions, plate.parts[0], event.instructions),
     )
-    return put(books, old, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
+    return put(books, old_plate, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
 
 
 def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[str, str]:

@@ -38,21 +38,21 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
 
 @change.register
 def _(event: ev.PrintWithdrawn, books: Books) -> Result:
-    stopped, stop = request_cancel(_require_not_ending(event, books), event.reason)
-    return put(books, stopped), (stop,)
+    cancelled_print, stop = request_cancel(_require_not_ending(event, books), event.reason)
+    return put(books, cancelled_print), (stop,)
 
 
 @change.register
 def _(event: ev.PauseRequested, books: Books) -> Result:
-    paused, send = request_pause(_require_not_ending(event, books), event.wanted)
-    return put(books, paused), (send,)
+    paused_print, send = request_pause(_require_not_ending(event, books), event.wanted)
+    return put(books, paused_print), (send,)
 
 
 @change.register
 def _(event: ev.PrintFailRequested, books: Books) -> Result:
     attempt = replace_fields(_require_not_ending(event, books), fail_reason=event.why)
-    stopped, stop = request_cancel(attempt, event.why)
-    return put(books, stopped), (stop,)
+    cancelled_print, stop = request_cancel(attempt, event.why)
+    return put(books, cancelled_print), (stop,)
 
 
 def _require_not_ending(

@@ -89,7 +89,7 @@ class FormUploads:
         return SubmittedForm(number, reader)
 
     async def _inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect an upload. Its errors lack its name: a slicer shows it, and few letters after it."""
+        """Inspect an upload. Its errors lack its name: a slicer shows that, and few letters more."""
         try:
             return await self.uploads.inspect(upload, name, options)
         except FarmError as error:
@@ -97,7 +97,7 @@ class FormUploads:
 
 
 async def _discard(content: AsyncIterator[bytes]) -> None:
-    """Read the rest of a refused upload: who is still sending does not read the answer."""
+    """Read the rest of a refused upload: a client that still sends does not read the answer."""
     with suppress(ClientDisconnect):
         async for _ in content:
             pass

@@ -97,7 +97,7 @@ class LivePages:
         self._streams = streams
         self._pages: list[tuple[re.Pattern[str], Render, int]] = []
         self._topics: dict[tuple[str, Role], _Topic] = {}
-        self._refreshing: asyncio.Task[None] | None = None
+        self._refresh_task: asyncio.Task[None] | None = None
 
     def add(self, path: str, render: Render, rounds: int = 1) -> None:
         """Add a page.
@@ -160,8 +160,8 @@ class LivePages:
         raise NoSuchThing(f"the page {path} is not kept up to date")
 
     def _start(self) -> None:
-        if self._refreshing is None or self._refreshing.done():
-            self._refreshing = asyncio.get_running_loop().create_task(self._refresh())
+        if self._refresh_task is None or self._refresh_task.done():
+            self._refresh_task = asyncio.get_running_loop().create_task(self._refresh())
 
     async def _refresh(self) -> None:
         """Render the pages that have viewers, until there are none."""

@@ -1,4 +1,4 @@
-"""Options of a job as the fields of a form, in the words of who prints. Pure."""
+"""Options of a job as the fields of a form, in the words of users. Pure."""
 
 from __future__ import annotations
 
