@@ -77,8 +77,8 @@ def run(page, scenario):
         async with asyncio.timeout(20):
             await scenario(pages, streams)
             streams.close()
-            if pages._refreshing is not None:
-                await pages._refreshing
+            if pages._refresh_task is not None:
+                await pages._refresh_task
 
     asyncio.run(play())
 
@@ -120,7 +120,7 @@ def test_page_is_rendered_once_for_all_viewers_of_a_role_and_never_for_none(page
         assert page.rendered <= 2 * (limit.rounds + 1)  # two in a round, not twenty
         for stream in streams:
             await stream.aclose()
-        await pages._refreshing
+        await pages._refresh_task
         before = page.rendered
         await asyncio.sleep(0.0)
         assert page.rendered == before
