@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.part_reader import CodedFace, read_part
-from decompose.arrays import Floats
+from decompose.arrays import Bools, Floats
 from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 
 PLAY_MM = 0.7  # greatest distance between two holes that one pin joins, slots included
@@ -31,25 +31,35 @@ TURN = 0.99  # least cosine between arrows, or normals, that agree
 RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # largest error of a correct placement: distance, and entry of the rotation
 
 
+PlacedFace = tuple[CodedFace, str, Floats, Floats]  # with the part's number, and its turn and move
+
+
 @dataclass(frozen=True, slots=True)
 class PageStep:
-    """Step of the page: parts, codes, parts with a face without a code, and the lengths of the pins."""
+    """Step of the page: parts, codes, parts with a face without a code, and the lengths of pins and keys."""
 
     moved: tuple[str, ...]
     fixed: tuple[str, ...]
     codes: tuple[tuple[str, str], ...]
     blank: tuple[str, ...]
     pins_mm: tuple[float, ...]
+    keys_mm: tuple[float, ...]
+
+    @property
+    def is_located(self) -> bool:
+        """Check whether it has two pins or keys."""
+        return len(self.pins_mm) + len(self.keys_mm) > 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Socket:
-    """Glued face of a body: holes (n, 3), their depths, normals and arrows."""
+    """Glued face of a body: holes and grooves (n, 3), their depths, normals and arrows."""
 
     at_mm: Floats
     depths_mm: Floats
     normals: Floats
     arrows: dict[str, Floats]
+    is_groove: Bools
 
 
 @dataclass(slots=True)
@@ -88,10 +98,12 @@ def read_page(page: str) -> tuple[float, list[PageStep]]:
         blank = ", ".join(re.findall(r"no code on ([0-9A-Za-z, ]+)<", section))
         dot_parts = [part for text, part in codes if "-" not in text]
         pins = re.findall(r">pin ([\d.]+) mm<", section)
+        keys = re.findall(r">key ([\d.]+) × [\d.]+ mm<", section)
         moved, fixed = (tuple(name.split(", ")) for name in bodies.groups()) if bodies else ((), ())
         part_codes = ((part, html.unescape(text).removesuffix(" ↑")) for text, part in codes)
         blank_parts = (*filter(None, blank.split(", ")), *dot_parts)
-        steps.append(PageStep(moved, fixed, tuple(part_codes), blank_parts, tuple(map(float, pins))))
+        lengths_mm = tuple(map(float, pins)), tuple(map(float, keys))
+        steps.append(PageStep(moved, fixed, tuple(part_codes), blank_parts, *lengths_mm))
     return float(diameter[1]) if diameter else 0.0, steps
 
 
@@ -114,9 +126,10 @@ def assemble(folder: Path) -> Outcome:
         read = {(names[part], text) for part in true_poses for face in faces[part] for text in face.codes}
         outcome.misread += sum(code not in read for code in lettered)
         pair = [collect(body, step, faces, placed, names) for body in (step.fixed, step.moved)]
-        placements = list(find_placements(pair[0], pair[1], step.pins_mm)) if len(step.pins_mm) > 1 else []
+        located = step.is_located
+        placements = list(find_placements(*pair, step.pins_mm, step.keys_mm)) if located else []
         true_placement = find_true_placement(step, true_poses, placed)
-        if len(step.pins_mm) < 2:
+        if not located:
             outcome.without_pins += 1
         elif not placements:
             outcome.unsolved += 1
@@ -126,7 +139,7 @@ def assemble(folder: Path) -> Outcome:
             outcome.wrong += 1
         else:
             outcome.right += 1
-        if len(step.pins_mm) > 1:
+        if located:
             sockets.append((pair[0], pair[1]))
             outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(pair[0], pair[1], step.pins_mm))
         placement = placements[0] if len(placements) == 1 else true_placement
@@ -166,11 +179,7 @@ def collect(
         for plane in [compute_plane(face, turn, move)]
         if any(plane[:3] @ other[:3] > TURN and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
     ]
-    holes = [
-        (turn @ hole.at_mm + move, hole.depth_mm, turn @ face.normal)
-        for face, _, turn, move in level_faces
-        for hole in face.holes
-    ]
+    holes = list_open_holes(level_faces, placed_faces)
     arrows = {
         "-".join(sorted((name, text.split("-")[1]))): turn @ arrow
         for face, name, turn, _ in level_faces
@@ -178,11 +187,34 @@ def collect(
         if arrow is not None and (name, text) in step_codes
     }
     return Socket(
-        np.array([at for at, _, _ in holes]).reshape(-1, 3),
-        np.array([depth for _, depth, _ in holes]),
-        np.array([normal for _, _, normal in holes]).reshape(-1, 3),
+        np.array([at for at, _, _, _ in holes]).reshape(-1, 3),
+        np.array([depth for _, depth, _, _ in holes]),
+        np.array([normal for _, _, normal, _ in holes]).reshape(-1, 3),
         arrows,
+        np.array([is_groove for _, _, _, is_groove in holes], dtype=np.bool_),
     )
+
+
+def list_open_holes(
+    faces: Sequence[PlacedFace], body: Sequence[PlacedFace]
+) -> list[tuple[Floats, float, Floats, bool]]:
+    """List place, depth, normal and kind of the holes in faces, without those of joints that are closed."""
+    mouths = [
+        (turn @ hole.at_mm + move, turn @ face.normal) for face, _, turn, move in body for hole in face.holes
+    ]
+
+    def is_open(at_mm: Floats, normal: Floats) -> bool:
+        return not any(
+            np.linalg.norm(at_mm - other_mm) < PLAY_MM and normal @ other < -TURN
+            for other_mm, other in mouths
+        )
+
+    return [
+        (turn @ hole.at_mm + move, hole.depth_mm, turn @ face.normal, hole.is_groove)
+        for face, _, turn, move in faces
+        for hole in face.holes
+        if is_open(turn @ hole.at_mm + move, turn @ face.normal)
+    ]
 
 
 def compute_plane(face: CodedFace, turn: Floats, move: Floats) -> Floats:
@@ -191,7 +223,9 @@ def compute_plane(face: CodedFace, turn: Floats, move: Floats) -> Floats:
     return np.append(normal, face.offset_mm + float(normal @ move))
 
 
-def find_placements(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None) -> Iterator[Floats]:
+def find_placements(
+    fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None, keys_mm: Sequence[float] = ()
+) -> Iterator[Floats]:
     """Find all ways (4, 4) in which a body can be laid against another so that the pins go in.
 
     Parameters
@@ -200,6 +234,8 @@ def find_placements(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | Non
         Holes of both.
     pins_mm
         Lengths of the pins; None: as many as there are holes in the fixed body, whatever the codes.
+    keys_mm
+        Lengths of the keys.
     """
     placements: list[Floats] = []
     pairs = list(permutations(range(len(moved.at_mm)), 2))
@@ -210,7 +246,7 @@ def find_placements(fixed: Socket, moved: Socket, pins_mm: Sequence[float] | Non
             if abs(np.linalg.norm(distances_mm) - np.linalg.norm(other)) > PLAY_MM:
                 continue
             placement = place(fixed, moved, (i, j), (k, m))
-            if placement is None or not pins_fit(fixed, moved, placement, pins_mm):
+            if placement is None or not pins_fit(fixed, moved, placement, pins_mm, keys_mm):
                 continue
             if all(differ(placement, earlier) for earlier in placements):
                 placements.append(placement)
@@ -241,13 +277,18 @@ def place(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int
     return placement
 
 
-def pins_fit(fixed: Socket, moved: Socket, placement: Floats, pins_mm: Sequence[float] | None) -> bool:
-    """Check that each pin has a hole on both sides that is deep enough, and that the arrows agree."""
+def pins_fit(
+    fixed: Socket,
+    moved: Socket,
+    placement: Floats,
+    pins_mm: Sequence[float] | None,
+    keys_mm: Sequence[float] = (),
+) -> bool:
+    """Check that each pin and key has a hole on both sides that is deep enough, and that the arrows agree."""
     at_mm = moved.at_mm @ placement[:3, :3].T + placement[:3, 3]
     distances_mm = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
     facing = fixed.normals @ (moved.normals @ placement[:3, :3].T).T < -TURN
-    meets = (distances_mm < PLAY_MM) & facing
-    room_mm = sorted((fixed.depths_mm[i] + moved.depths_mm[k] for i, k in np.argwhere(meets)), reverse=True)
+    meets = (distances_mm < PLAY_MM) & facing & (fixed.is_groove[:, None] == moved.is_groove[None])
     if pins_mm is None:
         return bool(meets.any(axis=1).all() and meets.any(axis=0).all())
     if any(
@@ -255,18 +296,25 @@ def pins_fit(fixed: Socket, moved: Socket, placement: Floats, pins_mm: Sequence[
         for code in fixed.arrows.keys() & moved.arrows
     ):
         return False
-    lengths = sorted(pins_mm, reverse=True)
-    return len(room_mm) >= len(lengths) and all(
-        room > length for room, length in zip(room_mm, lengths, strict=False)
+    rooms_mm = fixed.depths_mm[:, None] + moved.depths_mm[None]
+    return all(
+        has_room(rooms_mm[meets & (fixed.is_groove[:, None] == is_key)], lengths_mm)
+        for is_key, lengths_mm in ((False, pins_mm), (True, keys_mm))
     )
+
+
+def has_room(rooms_mm: Floats, lengths_mm: Sequence[float]) -> bool:
+    """Check whether there is a longer room for each length."""
+    rooms, lengths = sorted(rooms_mm, reverse=True), sorted(lengths_mm, reverse=True)
+    return len(rooms) >= len(lengths) and all(a > b for a, b in zip(rooms, lengths, strict=False))
 
 
 def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float:
     """Measure by how much a joint stays open if its longest pin is in a deep hole and meets a shallow one."""
-    longest = max(pins_mm)
+    longest = max(pins_mm, default=0.0)
     gaps = [
         longest - a - b
-        for a, b in product(fixed.depths_mm, moved.depths_mm)
+        for a, b in product(fixed.depths_mm[~fixed.is_groove], moved.depths_mm[~moved.is_groove])
         if min(a, b) < longest / 2.0 < max(a, b)
     ]
     return float(min(gaps, default=np.inf))

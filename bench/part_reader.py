@@ -27,15 +27,20 @@ RISE_MM = 0.03  # half of the height by which the bottom of a groove rises; its 
 SAME_MM = 0.12  # distance between a stroke and its points
 CLEARANCE = 0.3  # free margin around a code, as a share of the height of letters
 RIM_RAYS = 8
+GROOVE_WIDTH_MM, GROOVE_SLACK_MM = 2.0, 0.1  # least width of the groove of a key, error of its depth
 SHALLOW_MM = 1.0  # deeper than all grooves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hole:
-    """Hole for a pin: its mouth (3,), and the depth at which the pin stops."""
+    """Hole for a pin: its mouth (3,), and the depth at which the pin stops.
+
+    For the groove of a key, the middle of its mouth, and half the length of the longest key that lies in it.
+    """
 
     at_mm: Floats
     depth_mm: float
+    is_groove: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +84,7 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
         if not rings:
             continue
         holes = list(_read_holes(rings, vertices[faces], axes, normal, offset_mm, pin_mm))
+        holes += _read_grooves(rings, vertices[faces], axes, normal, offset_mm)
         codes = _read_codes(vertices, outline, axes, normal, offset_mm, texts)
         if holes or codes:
             coded_faces.append(CodedFace(normal, offset_mm, holes, codes))
@@ -123,6 +129,20 @@ def _read_holes(
             depth_mm = min(_probe(corners, point @ axes + offset_mm * normal, -normal) for point in rim)
             if depth_mm > SHALLOW_MM:  # not the inside of a digit
                 yield Hole(centre @ axes + offset_mm * normal, depth_mm)
+
+
+def _read_grooves(
+    rings: Iterable[shapely.LinearRing], corners: Floats, axes: Floats, normal: Floats, offset_mm: float
+) -> Iterator[Hole]:
+    """Yield the grooves of keys: half as deep as they are wide, and longer."""
+    for ring in rings:
+        box = np.array(shapely.minimum_rotated_rectangle(shapely.Polygon(ring)).exterior.coords)
+        width_mm, length_mm = np.sort(np.linalg.norm(np.diff(box[:3], axis=0), axis=1)).tolist()
+        if width_mm < GROOVE_WIDTH_MM:
+            continue
+        at_mm = box[:4].mean(axis=0) @ axes + offset_mm * normal
+        if abs(_probe(corners, at_mm, -normal) - width_mm / 2.0) < GROOVE_SLACK_MM:
+            yield Hole(at_mm, (length_mm - width_mm / np.sqrt(2.0)) / 2.0, is_groove=True)
 
 
 def _probe(corners: Floats, start: Floats, direction: Floats) -> float:
