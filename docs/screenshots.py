@@ -81,7 +81,14 @@ class Stage:
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._taken = folder, folder / "taken"
-        self.is_set = self._taken.exists()
+        self.is_set = self._taken.exists() and self._is_up()
+
+    def _is_up(self) -> bool:
+        """Return whether a daemon answers."""
+        return subprocess.run(self._write_command("status"), capture_output=True).returncode == 0
+
+    def _write_command(self, *arguments: str) -> list[str]:
+        return [str(FARM), *arguments, "--state", str(self._folder / "state")]
 
     def prepare(self) -> None:
         """Empty the folder, in which a run may have ended early, and write the fleet file."""
@@ -97,7 +104,7 @@ class Stage:
 
     def clear(self) -> None:
         """End the farm, if it is up, and delete the folder."""
-        if (self._folder / "state").exists():
+        if self._is_up():
             self.farm("down", "--now")
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -112,7 +119,7 @@ class Stage:
 
     def farm(self, *arguments: str) -> str:
         """Run a farm command, and return what it prints."""
-        command = [str(FARM), *arguments, "--state", str(self._folder / "state")]
+        command = self._write_command(*arguments)
         command += ["--fleet", str(self._folder / "fleet.yaml")] if arguments[0] == "up" else []
         return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
