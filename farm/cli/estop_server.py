@@ -52,11 +52,11 @@ class EstopServer:
 
     Parameters
     ----------
-    listening
+    listener
         The socket to accept on.
     begin
         Starts the process that carries out a request and answers on its connection.
-    uid_of
+    read_uid
         Returns the user at the other end of a connection.
     """
 

@@ -159,7 +159,7 @@ class HoldReasons:
     ----------
     situation
         The current situation.
-    given
+    assigned_printers
         Printers that are assigned a plate now.
     spare_printers
         Free printers that are kept as spares for failed plates.
@@ -170,13 +170,13 @@ class HoldReasons:
     def __init__(
         self,
         situation: Situation,
-        assigned_plates: frozenset[str],
+        assigned_printers: frozenset[str],
         spare_printers: frozenset[str],
         heating_limit: int | None,
     ) -> None:
-        self._situation, self._assigned_plates, self._spare_printers, self._heating_limit = (
+        self._situation, self._assigned_printers, self._spare_printers, self._heating_limit = (
             situation,
-            assigned_plates,
+            assigned_printers,
             spare_printers,
             heating_limit,
         )
@@ -186,7 +186,7 @@ class HoldReasons:
         self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by mismatches
         self._busy_holds: dict[tuple[str, ...], Hold | None] = {}
         self._idle_of: dict[tuple[str, ...], tuple[str, ...]] = {}
-        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_plates
+        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_printers
 
     def make_job_limit_hold(self) -> Hold:
         return Hold(
@@ -271,7 +271,7 @@ class HoldReasons:
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
-            return _make_all_taken_hold() if any(n in self._assigned_plates for n in names) else None
+            return _make_all_taken_hold() if any(n in self._assigned_printers for n in names) else None
         ends = [
             end
             for n in busy
