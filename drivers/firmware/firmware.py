@@ -75,8 +75,8 @@ class Firmware:
     dead_man
         Command that ends all heat after ``%d`` seconds without a command; 0 disarms it.
     dead_man_observed
-        Somebody has seen the firmware end it. Else a real printer prints only while somebody is there.
-    set_up
+        True if a person has seen the firmware end it. Else a real printer prints only while attended.
+    setup_commands
         Commands sent before a print to a board that has restarted.
     reset_commands
         Commands that restore the defaults of a board that was not reset.

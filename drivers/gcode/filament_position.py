@@ -65,7 +65,7 @@ class MotionState:
 
     Attributes
     ----------
-    at
+    position
         X, Y, Z, E in the file's coordinates; NaN if no line has set them.
     retracted_mm
         Distance from the nozzle's tip back to the end of the filament.

@@ -224,7 +224,7 @@ class _Board:
 
     Attributes
     ----------
-    still
+    is_still
         True if it was confirmed not to move.
     """
 
