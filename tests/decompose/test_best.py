@@ -57,7 +57,7 @@ class Engines:
         )
 
     @property
-    def tried(self) -> list[tuple[Engine, str | int]]:
+    def engine_grids(self) -> list[tuple[Engine, str | int]]:
         return [(item.options.engine, item.options.granularity) for item in self.posed_problem]
 
 
@@ -70,7 +70,7 @@ def yaws_deg(result: Decomposition) -> list[float]:
     return [attempt.yaw_deg for attempt in result.attempts]
 
 
-def far(options: Options) -> float:
+def compute_far_makespan_s(options: Options) -> float:
     """Makespan well above the bound, and closer to it on finer grids."""
     finer = options.granularity if isinstance(options.granularity, int) else 0
     return 1.2 * BOUND_S - finer
@@ -80,32 +80,32 @@ FIRST = [(Engine.GUILLOTINE, "auto")]
 
 
 def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
-    engines = Engines(result, far)
+    engines = Engines(result, compute_far_makespan_s)
     best = find_best(problem(cost), engines)
-    grids = [cells for _, cells in engines.tried[1:] if isinstance(cells, int)]
+    grids = [cells for _, cells in engines.engine_grids[1:] if isinstance(cells, int)]
     turned = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
-    assert engines.tried == FIRST + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
+    assert engines.engine_grids == FIRST + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
     shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
     shapes.append(count_cells(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
     assert len(grids) <= len(OTHER_GRIDS)
     assert best.makespan_s == 1.2 * BOUND_S - max(grids)
-    assert [(a.engine, a.granularity) for a in best.attempts] == engines.tried
+    assert [(a.engine, a.granularity) for a in best.attempts] == engines.engine_grids
     assert best.options.granularity == "auto"
 
 
 def test_spent_share_of_the_budget_is_reported(cost: CostModel, result: Decomposition) -> None:
     shares: list[float] = []
     with listen_to_progress(shares.append):
-        find_best(problem(cost, best=BestOptions(4.0)), Engines(result, far))
+        find_best(problem(cost, best=BestOptions(4.0)), Engines(result, compute_far_makespan_s))
     assert shares[:4] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=1e-3)
     assert max(shares) <= 1.0
 
 
 def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decomposition) -> None:
-    engines = Engines(result, far)
+    engines = Engines(result, compute_far_makespan_s)
     find_best(problem(cost), engines)
-    ends = [far(item.options) for item in engines.posed_problem]
+    ends = [compute_far_makespan_s(item.options) for item in engines.posed_problem]
     assert [item.best_known_s for item in engines.posed_problem] == [
         min(ends[:i], default=math.inf) for i in range(len(ends))
     ]
@@ -115,8 +115,8 @@ def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Deco
     """Decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
     best = find_best(problem(cost), engines)
-    assert engines.tried[:1] == FIRST
-    assert {cells for _, cells in engines.tried} == {"auto"}
+    assert engines.engine_grids[:1] == FIRST
+    assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert yaws_deg(best) == [0.0, *OTHER_YAWS_DEG]
 
 
@@ -124,10 +124,10 @@ def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Deco
 def test_only_the_requested_grid_is_tried(
     printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
 ) -> None:
-    engines = Engines(result, far)
+    engines = Engines(result, compute_far_makespan_s)
     find_best(problem(cost, printers, **options), engines)
-    assert len(engines.tried) == 1
-    assert {cells for _, cells in engines.tried} == {options.get("granularity", "auto")}
+    assert len(engines.engine_grids) == 1
+    assert {cells for _, cells in engines.engine_grids} == {options.get("granularity", "auto")}
 
 
 def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
@@ -137,7 +137,7 @@ def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomp
     first: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
     find_best(problem(cost), engines)
-    first += [cells for _, cells in engines.tried if cells != "auto"]
+    first += [cells for _, cells in engines.engine_grids if cells != "auto"]
     engines = Engines(result, ends_s)
     best = find_best(problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
@@ -206,7 +206,7 @@ def test_result_is_kept_when_a_later_grid_fails(
     engines = Engines(result, lambda options: 1.5 * BOUND_S)
 
     def later_fails(task: Problem) -> Decomposition:
-        if engines.tried:
+        if engines.engine_grids:
             raise error
         return engines(task)
 
@@ -220,7 +220,7 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
     best = find_best(replace(problem(cost), printers=printers), engines)
-    assert {cells for _, cells in engines.tried} == {"auto"}
+    assert {cells for _, cells in engines.engine_grids} == {"auto"}
     assert best.possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
     assert best.possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
@@ -245,16 +245,16 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
 def test_broken_rule_is_reported_after_the_budget_was_spent(
     error: DecomposeError, reported: str, cost: CostModel, result: Decomposition
 ) -> None:
-    engines = Engines(result, far, faulty=(Engine.GUILLOTINE,))
+    engines = Engines(result, compute_far_makespan_s, faulty=(Engine.GUILLOTINE,))
 
-    def late(task: Problem) -> Decomposition:
+    def fail_late(task: Problem) -> Decomposition:
         if task.options.engine is Engine.GUILLOTINE:
             return engines(task)
         task.effort.record(Work.SUM, round(1e12))
         assert task.effort.is_spent()
         raise error
 
-    second = find_best(problem(cost, granularity=8), late).attempts[1]
+    second = find_best(problem(cost, granularity=8), fail_late).attempts[1]
     assert second.reason.startswith(reported)
     assert not second.finished
 
@@ -265,9 +265,9 @@ def test_no_attempt_starts_with_too_little_budget(
 ) -> None:
     """Each attempt takes a second, and another one needs half of that."""
     monkeypatch.setattr(best_module, "GRID_SHARE", math.inf)
-    engines = Engines(result, far)
+    engines = Engines(result, compute_far_makespan_s)
     best = find_best(problem(cost, best=BestOptions(budget_s)), engines)
-    assert len(engines.tried) == begun
+    assert len(engines.engine_grids) == begun
     later = best.attempts[begun:]
     assert later
     assert not any(a.finished for a in later)
@@ -275,9 +275,9 @@ def test_no_attempt_starts_with_too_little_budget(
 
 
 def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, result: Decomposition) -> None:
-    engines = Engines(result, far)
+    engines = Engines(result, compute_far_makespan_s)
     find_best(problem(cost), engines)
-    assert Engine.PARALLELOBOX not in {engine for engine, _ in engines.tried}
+    assert Engine.PARALLELOBOX not in {engine for engine, _ in engines.engine_grids}
 
 
 @pytest.mark.parametrize("budget_s", [0.0, 2.0])

@@ -38,7 +38,7 @@ def cut(cost: CostModel) -> Decomposition:
     return decompose_model(MODEL, ROOMS, OPTIONS, cost)
 
 
-def bare(cut: Decomposition) -> Decomposition:
+def pass_to_process(cut: Decomposition) -> Decomposition:
     """Return the object as it arrives from another process."""
     return pickle.loads(pickle.dumps(cut.without_parts()))  # type: ignore[no-any-return]
 
@@ -59,7 +59,7 @@ def number_in(after: Decomposition, cut: Decomposition, slow: int) -> int:
 @pytest.mark.parametrize("slow", range(4))
 def test_slow_part_gets_smaller(slow: int, cut: Decomposition, cost: CostModel) -> None:
     before_s = took_s(cut, slow)
-    after = relevel_planes(MODEL, bare(cut), before_s, cost)
+    after = relevel_planes(MODEL, pass_to_process(cut), before_s, cost)
     assert after is not None
     number = number_in(after, cut, slow)
     assert took_s(after, number).max() < 0.97 * before_s.max()
@@ -69,12 +69,14 @@ def test_slow_part_gets_smaller(slow: int, cut: Decomposition, cost: CostModel) 
 
 
 def test_relevel_with_true_prices_changes_nothing(cut: Decomposition, cost: CostModel) -> None:
-    assert relevel_planes(MODEL, bare(cut), took_s(cut, 0, 1.0), cost) is None
+    assert relevel_planes(MODEL, pass_to_process(cut), took_s(cut, 0, 1.0), cost) is None
 
 
 def test_reported_repairs_are_kept(cut: Decomposition, cost: CostModel) -> None:
     attempts = (Attempt(Engine.GUILLOTINE, "auto", 15.0, 9.0),)
-    was = replace(bare(cut), yaw_deg=15.0, attempts=attempts, options=replace(OPTIONS, engine=Engine.BEST))
+    was = replace(
+        pass_to_process(cut), yaw_deg=15.0, attempts=attempts, options=replace(OPTIONS, engine=Engine.BEST)
+    )
     after = relevel_planes(MODEL, was, took_s(cut, 1), cost)
     assert after is not None
     assert (after.yaw_deg, after.attempts, after.options) == (15.0, attempts, was.options)
@@ -83,11 +85,11 @@ def test_reported_repairs_are_kept(cut: Decomposition, cost: CostModel) -> None:
 
 
 def test_second_relevel_continues_from_the_first(cut: Decomposition, cost: CostModel) -> None:
-    first = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
+    first = relevel_planes(MODEL, pass_to_process(cut), took_s(cut, 1), cost)
     assert first is not None
     slow = number_in(first, cut, 1)
-    assert relevel_planes(MODEL, bare(first), took_s(first, slow), cost) is None  # it is level
-    twice = relevel_planes(MODEL, bare(first), took_s(first, 2, 1.3), cost)
+    assert relevel_planes(MODEL, pass_to_process(first), took_s(first, slow), cost) is None  # it is level
+    twice = relevel_planes(MODEL, pass_to_process(first), took_s(first, 2, 1.3), cost)
     assert twice is not None
     assert took_s(twice, number_in(twice, first, 2), 1.3).max() < took_s(first, 2, 1.3).max()
 
@@ -97,7 +99,7 @@ def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
 
     task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
     cut = _run_engine(task, serial=lambda: (1.0, 1.0))
-    after = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
+    after = relevel_planes(MODEL, pass_to_process(cut), took_s(cut, 1), cost)
     assert after is not None
     assert sum(p.solid.volume_mm3 for p in after.parts) == pytest.approx(MODEL.solid.volume_mm3)
     lo, hi = MODEL.solid.bounds_mm
@@ -112,7 +114,7 @@ def test_slow_part_ends_sooner_on_unequal_printers(faster: float, cost: CostMode
     factors = {room.name: room.time_factor for room in rooms}
     cut = decompose_model(MODEL, rooms, OPTIONS, cost)
     before_s = took_s(cut, 0, 1.1)
-    after = relevel_planes(MODEL, bare(cut), before_s, cost)
+    after = relevel_planes(MODEL, pass_to_process(cut), before_s, cost)
     assert after is not None and after.cutting is not None
     after_s = took_s(after, number_in(after, cut, 0), 1.1)
 
@@ -150,12 +152,12 @@ def test_each_piece_of_a_box_keeps_its_time_ratio(cost: CostModel) -> None:
 
 def test_unrelated_parts_are_unchanged(cut: Decomposition, cost: CostModel) -> None:
     assert cut.cutting is not None
-    assert relevel_planes(MODEL, bare(cut), took_s(cut, 0)[:-1], cost) is None
+    assert relevel_planes(MODEL, pass_to_process(cut), took_s(cut, 0)[:-1], cost) is None
     twice = replace(cut.cutting, boxes_mm=cut.cutting.boxes_mm[[0, 0, 1, 2]])
-    assert relevel_planes(MODEL, replace(bare(cut), cutting=twice), took_s(cut, 0), cost) is None
+    assert relevel_planes(MODEL, replace(pass_to_process(cut), cutting=twice), took_s(cut, 0), cost) is None
 
 
 def test_parts_without_a_grid_are_unchanged(cost: CostModel) -> None:
     cut = decompose_model(MODEL, ROOMS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert cut.cutting is None
-    assert relevel_planes(MODEL, bare(cut), took_s(cut, 0), cost) is None
+    assert relevel_planes(MODEL, pass_to_process(cut), took_s(cut, 0), cost) is None

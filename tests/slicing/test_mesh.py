@@ -47,7 +47,7 @@ def slab(low, high, height):
     return trimesh.convex.convex_hull(np.array(points))
 
 
-def merged(corners):
+def merge(corners):
     return trimesh.Trimesh(corners.reshape(-1, 3), np.arange(len(corners) * 3).reshape(-1, 3), process=True)
 
 
@@ -55,7 +55,7 @@ def merged(corners):
     "mesh", [trimesh.creation.icosphere(2, 60.0), slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
 def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
-    new = merged(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
+    new = merge(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
     assert new.is_watertight
     assert new.volume == pytest.approx(mesh.volume, rel=2e-4)
     assert new.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_MM)
@@ -66,7 +66,7 @@ def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
 def test_corners_of_a_waved_part_lie_on_the_crests():
     """Waves keep flat sides straight between crest and trough."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
-    new = merged(add_waves(np.asarray(block.triangles)))
+    new = merge(add_waves(np.asarray(block.triangles)))
     front = new.vertices[np.abs(new.vertices[:, 1] + 20.0) < 0.1]
     xs = np.unique(front[:, 0].round(1))
     assert np.diff(xs).max() <= STEPS_MM[0] + 0.1

@@ -31,7 +31,7 @@ def printable(boxes: BoxTables) -> list[tuple[Box, float, int]]:
     return results
 
 
-def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, float]:
+def solve(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, float]:
     """The bound, and the makespan of the best guillotine partition that it started from."""
     solver = Partitioner(boxes)
     assume(needed.any())
@@ -50,20 +50,20 @@ def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: in
         choices.append((inside, seconds, pieces))
 
     @cache
-    def least(left: int, free: int) -> float:
+    def find_least_s(left: int, free: int) -> float:
         if not left:
             return 0.0
         first = left & -left
         return min(
             (
-                max(seconds, least(left & ~inside, free - pieces))
+                max(seconds, find_least_s(left & ~inside, free - pieces))
                 for inside, seconds, pieces in choices
                 if inside & first and pieces <= free
             ),
             default=math.inf,
         )
 
-    return least(sum(number.values()), printers)
+    return find_least_s(sum(number.values()), printers)
 
 
 @settings(max_examples=40, deadline=None)
@@ -71,7 +71,7 @@ def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: in
 def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int) -> None:
     boxes, needed = tables(shape, seed)
     assume(needed.sum() <= 14)
-    bound, makespan = solved(boxes, needed, printers)
+    bound, makespan = solve(boxes, needed, printers)
     assert 0.0 < bound.seconds <= min_makespan_by_recursion(boxes, needed, printers) <= makespan
 
 
@@ -80,7 +80,7 @@ def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int)
 def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
     """Recompute the bound with integers of any size: some part holds its share, and no faster box does."""
     boxes, needed = tables(shape, seed)
-    bound, _ = solved(boxes, needed, printers)
+    bound, _ = solve(boxes, needed, printers)
     assert bound.weights.dtype == np.int64
     assert (bound.weights >= 0).all()
     assert not bound.weights[~needed].any()
@@ -95,7 +95,7 @@ def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None
 def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: int, printers: int) -> None:
     """Solve the linear programme for all boxes at once, with at most one part per cell."""
     boxes, needed = tables(shape, seed)
-    bound, _ = solved(boxes, needed, printers)
+    bound, _ = solve(boxes, needed, printers)
     every = printable(boxes)
     inside = np.zeros((len(every), *shape))
     for row, ((x0, y0, z0, x1, y1, z1), _, _) in zip(inside, every, strict=True):

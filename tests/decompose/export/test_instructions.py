@@ -61,20 +61,20 @@ def table() -> Decomposition:
 
 
 @pytest.fixture(scope="module")
-def drilled(table: Decomposition) -> Decomposition:
+def drilled_table(table: Decomposition) -> Decomposition:
     """The table with pins and codes."""
     options = replace(table.options, connectors=ConnectorOptions(2.85, marks=True))
     return connect_parts(replace(table, options=options))
 
 
 @pytest.fixture(scope="module")
-def drawn(drilled: Decomposition) -> list[StepPictures]:
-    return draw_steps(drilled)
+def step_pictures(drilled_table: Decomposition) -> list[StepPictures]:
+    return draw_steps(drilled_table)
 
 
 @pytest.fixture(scope="module")
-def page(drilled: Decomposition, drawn: list[StepPictures]) -> str:
-    return render_instructions(drilled, Pictures(drawn))
+def page(drilled_table: Decomposition, step_pictures: list[StepPictures]) -> str:
+    return render_instructions(drilled_table, Pictures(step_pictures))
 
 
 @pytest.fixture(scope="module")
@@ -115,45 +115,49 @@ def count_colour(picture: Image.Image, colour: np.ndarray) -> int:
 
 
 def test_the_page_names_every_part_and_joint_once_and_loads_nothing(
-    drilled: Decomposition, page: str
+    drilled_table: Decomposition, page: str
 ) -> None:
     rows = re.findall(r"<tr[^>]*><td>(p\d+)</td>", page)
-    assert rows == [drilled.parts[number].id for number in drilled.assembly.part_order]
-    assert sorted(rows) == [part.id for part in drilled.parts]
+    assert rows == [drilled_table.parts[number].id for number in drilled_table.assembly.part_order]
+    assert sorted(rows) == [part.id for part in drilled_table.parts]
     names = re.findall(r'<tr[^>]*><td class="name">(\d+-\d+)</td>', page)
-    assert len(names) == len(drilled.joints) and len(set(names)) == len(names)
+    assert len(names) == len(drilled_table.joints) and len(set(names)) == len(names)
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert "url(" not in page and "<script" not in page and "@import" not in page
-    assert len(pictures_of(page)) == 2 * (len(drilled.parts) - 1)
-    assert find_page_faults(page, drilled) == []
+    assert len(pictures_of(page)) == 2 * (len(drilled_table.parts) - 1)
+    assert find_page_faults(page, drilled_table) == []
 
 
-def test_pins_and_codes_are_listed_in_their_steps(drilled: Decomposition, page: str) -> None:
+def test_pins_and_codes_are_listed_in_their_steps(drilled_table: Decomposition, page: str) -> None:
     sections = re.findall(r'<section class="step".*?</section>', page, re.S)
     for number, section in enumerate(sections):
-        pins = [pin for pin in drilled.connectors.pins if pin.step == number]
+        pins = [pin for pin in drilled_table.connectors.pins if pin.step == number]
         assert len(pins) >= 2
         assert re.findall(r"data-pin[^>]*>pin (\d+) mm", section) == [f"{pin.length_mm:.0f}" for pin in pins]
-        joints = drilled.assembly.steps[number].joints
-        marks = [mark for mark in drilled.connectors.marks if mark.joint in joints]
+        joints = drilled_table.assembly.steps[number].joints
+        marks = [mark for mark in drilled_table.connectors.marks if mark.joint in joints]
         assert len(marks) >= 2 and section.count("data-mark") == len(marks)
         for mark in marks:
             assert f">{mark.text.replace('^', ' ↑').replace('.', '●')}</span> on {mark.part + 1}" in section
-    lengths = [round(pin.length_mm) for pin in drilled.connectors.pins]
+    lengths = [round(pin.length_mm) for pin in drilled_table.connectors.pins]
     for length_mm in (11, 5):
         cells = f'<td class="number">{length_mm}</td><td class="number">{lengths.count(length_mm)}</td>'
         assert cells in page
 
 
-def test_faces_without_a_code_are_named(drilled: Decomposition, drawn: list[StepPictures]) -> None:
-    first = drilled.connectors.marks[0]
+def test_faces_without_a_code_are_named(
+    drilled_table: Decomposition, step_pictures: list[StepPictures]
+) -> None:
+    first = drilled_table.connectors.marks[0]
     kept = tuple(
-        mark for mark in drilled.connectors.marks if (mark.part, mark.joint) != (first.part, first.joint)
+        mark
+        for mark in drilled_table.connectors.marks
+        if (mark.part, mark.joint) != (first.part, first.joint)
     )
-    connectors = replace(drilled.connectors, marks=kept)
-    text = render_instructions(replace(drilled, connectors=connectors), Pictures(drawn))
+    connectors = replace(drilled_table.connectors, marks=kept)
+    text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
     assert f"no code on {first.part + 1}<" in text
-    assert "no code on" not in render_instructions(drilled, Pictures(drawn))
+    assert "no code on" not in render_instructions(drilled_table, Pictures(step_pictures))
 
 
 def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
@@ -171,17 +175,17 @@ def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
     )
 
 
-def test_every_picture_shows_glue_pins_and_codes(drawn: list[StepPictures]) -> None:
-    for step in drawn:
+def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPictures]) -> None:
+    for step in step_pictures:
         both, moved = (Image.open(BytesIO(png)).convert("RGB") for png in (step.both, step.moved))
         assert count_colour(both, GLUE_COLOUR) > 1000 and count_colour(moved, GLUE_COLOUR) > 1000
         assert count_colour(both, PIN_COLOUR) > 50
 
 
-def test_view_is_one_in_which_pins_and_codes_are_seen(drilled: Decomposition) -> None:
-    for number, step in enumerate(drilled.assembly.steps):
+def test_view_is_one_in_which_pins_and_codes_are_seen(drilled_table: Decomposition) -> None:
+    for number, step in enumerate(drilled_table.assembly.steps):
         pose = find_pose(step.direction)
-        scene = build_both(number, drilled, 60.0 * step.direction)
+        scene = build_both(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
         visible = draw(scene.shapes, camera, 400, oversample=1).visible
         seen = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
@@ -203,21 +207,21 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
     assert name_top(make_camera(-60.0, 30.0) @ find_pose(np.array([0.0, 0.0, -1.0]))) == "downwards"
 
 
-def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled: Decomposition) -> None:
-    scene = build_moved(0, drilled)
+def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposition) -> None:
+    scene = build_moved(0, drilled_table)
     for pin, shape in zip(scene.pins, scene.shapes[scene.first_pin :], strict=False):
         assert np.abs(shape.triangles.mean(axis=(0, 1)) - pin.at_mm).max() < 2.0
         assert np.cross(*np.diff(shape.triangles[0], axis=0)) @ pin.axis < 0.0  # seen from below
 
 
-def test_step_without_pins_says_why(drilled: Decomposition, drawn: list[StepPictures]) -> None:
-    kept = tuple(pin for pin in drilled.connectors.pins if pin.step != 1)
+def test_step_without_pins_says_why(drilled_table: Decomposition, step_pictures: list[StepPictures]) -> None:
+    kept = tuple(pin for pin in drilled_table.connectors.pins if pin.step != 1)
     for unpinned, reason in (
         (((1, "too small for a pin"),), "too small for a pin"),
         ((), "its holes were left out"),
     ):
-        connectors = replace(drilled.connectors, pins=kept, unpinned=unpinned)
-        text = render_instructions(replace(drilled, connectors=connectors), Pictures(drawn))
+        connectors = replace(drilled_table.connectors, pins=kept, unpinned=unpinned)
+        text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
         assert f"No pins ({reason}): line the faces up by their rims." in text
 
 
@@ -231,9 +235,9 @@ def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: De
             assert any((lo < point).all() and (point < hi).all() for lo, hi in bounds)
 
 
-def test_view_before_is_kept_or_approached(drilled: Decomposition) -> None:
-    pose = find_pose(drilled.assembly.steps[0].direction)
-    scene = build_both(0, drilled, 60.0 * drilled.assembly.steps[0].direction)
+def test_view_before_is_kept_or_approached(drilled_table: Decomposition) -> None:
+    pose = find_pose(drilled_table.assembly.steps[0].direction)
+    scene = build_both(0, drilled_table, 60.0 * drilled_table.assembly.steps[0].direction)
 
     def turn_deg(azimuth_deg: float, before_deg: float) -> float:
         return abs((azimuth_deg - before_deg + 180.0) % 360.0 - 180.0)
@@ -252,8 +256,10 @@ def test_parts_without_an_order_are_named(table: Decomposition) -> None:
     assert "p01, p02 cannot be joined" in page
 
 
-def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(drilled: Decomposition, page: str) -> None:
-    table = drilled
+def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(
+    drilled_table: Decomposition, page: str
+) -> None:
+    table = drilled_table
     name = table.parts[0].id
     assert find_page_faults(page.replace('data-pin="1"', ""), table) == ["pin 1 is missing"]
     assert find_page_faults(page.replace(f'data-part="{name}"', ""), table) == [f"part {name} is missing"]
@@ -288,9 +294,9 @@ def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
         assert alike.sum() > 300
 
 
-def test_parts_are_drawn_alike_in_another_process(drilled: Decomposition, tmp_path: Path) -> None:
+def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, tmp_path: Path) -> None:
     """Their solids travel as triangles, whose order may change."""
-    for name, parts in (("here", drilled), ("there", pickle.loads(pickle.dumps(drilled)))):
+    for name, parts in (("here", drilled_table), ("there", pickle.loads(pickle.dumps(drilled_table)))):
         (tmp_path / name).mkdir()
         draw_parts(parts, tmp_path / name)
     here, there = tmp_path / "here", tmp_path / "there"
@@ -300,11 +306,11 @@ def test_parts_are_drawn_alike_in_another_process(drilled: Decomposition, tmp_pa
 
 
 def test_a_share_of_the_steps_is_drawn_as_among_all(
-    drilled: Decomposition, drawn: list[StepPictures]
+    drilled_table: Decomposition, step_pictures: list[StepPictures]
 ) -> None:
-    middle = len(drawn) // 2
-    assert 0 < middle < len(drawn)
-    shares = [*draw_steps(drilled, 0, middle), *draw_steps(drilled, middle, len(drawn))]
+    middle = len(step_pictures) // 2
+    assert 0 < middle < len(step_pictures)
+    shares = [*draw_steps(drilled_table, 0, middle), *draw_steps(drilled_table, middle, len(step_pictures))]
     assert [(step.both, step.moved, step.top) for step in shares] == [
-        (step.both, step.moved, step.top) for step in drawn
+        (step.both, step.moved, step.top) for step in step_pictures
     ]

@@ -84,7 +84,7 @@ def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
     assert load_model(path, scale=1000.0).extents_mm.max() == pytest.approx(260.0)
 
 
-def damaged(path: Path, change: Callable[[bytes], bytes]) -> Path:
+def damage_file(path: Path, change: Callable[[bytes], bytes]) -> Path:
     save(path, ball())
     path.write_bytes(change(path.read_bytes()))
     return path
@@ -108,7 +108,7 @@ def test_unreadable_and_empty_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelEmpty):
         load_model(tmp_path / "points.stl")
     with pytest.raises(ModelUnreadable, match="header promises 1280 triangles, the file holds 6"):
-        load_model(damaged(tmp_path / "half.stl", lambda b: b[: len(b) // 2]))
+        load_model(damage_file(tmp_path / "half.stl", lambda b: b[: len(b) // 2]))
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -31,7 +31,7 @@ def volume(data: bytes) -> float:
     return float(np.linalg.det(triangles).sum() / 6)
 
 
-def refused(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
+def read_refusal(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
     with pytest.raises(kind) as raised:
         read_3mf("a.3mf", data)
     text = str(raised.value)
@@ -147,23 +147,23 @@ def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float],
 
 
 def test_invalid_package_is_refused() -> None:
-    refused(b"junk" * 100)
+    read_refusal(b"junk" * 100)
     data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
     for cut in range(0, len(data), 97):
-        refused(data[:cut] or b"x")
+        read_refusal(data[:cut] or b"x")
 
 
 def test_missing_parts_and_objects_are_named() -> None:
     model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
-    assert "_rels/.rels is missing" in refused(package_bytes(model, relations=None))
-    assert "3D/3dmodel.model is missing" in refused(package_bytes(None))
-    assert "name no 3D model" in refused(package_bytes(model, relations="<Relationships/>"))
-    assert "object 7 is missing" in refused(package_bytes(model_xml([], ['objectid="7"'])))
+    assert "_rels/.rels is missing" in read_refusal(package_bytes(model, relations=None))
+    assert "3D/3dmodel.model is missing" in read_refusal(package_bytes(None))
+    assert "name no 3D model" in read_refusal(package_bytes(model, relations="<Relationships/>"))
+    assert "object 7 is missing" in read_refusal(package_bytes(model_xml([], ['objectid="7"'])))
     lost = components_xml(f'p:path="/{OTHER}" objectid="1"')
-    assert "other.model is missing" in refused(
+    assert "other.model is missing" in read_refusal(
         package_bytes(model_xml([object_xml(1, lost)], ['objectid="1"']))
     )
-    refused(package_bytes(model_xml([object_xml(1, BOX)], [])), ModelEmpty)
+    read_refusal(package_bytes(model_xml([object_xml(1, BOX)], [])), ModelEmpty)
 
 
 def test_paths_stay_inside_the_package(tmp_path: Path) -> None:
@@ -171,7 +171,7 @@ def test_paths_stay_inside_the_package(tmp_path: Path) -> None:
     secret.write_text(model_xml([object_xml(1, BOX)], ['objectid="1"']))
     for path in (str(secret), f"/../../../../../../..{secret}", f"file://{secret}", "..\\..\\secret.model"):
         components = components_xml(f'p:path="{path}" objectid="1"')
-        refused(package_bytes(model_xml([object_xml(1, components)], ['objectid="1"'])))
+        read_refusal(package_bytes(model_xml([object_xml(1, components)], ['objectid="1"'])))
 
 
 def test_entities_and_document_types_are_refused() -> None:
@@ -179,52 +179,52 @@ def test_entities_and_document_types_are_refused() -> None:
     outside = '<!DOCTYPE m [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
     for head in (bomb, outside, '<!DOCTYPE m SYSTEM "http://127.0.0.1:1/x.dtd">'):
         model = model_xml([object_xml(1, BOX)], ['objectid="1"'], head=head)
-        assert "document type" in refused(package_bytes(model))
+        assert "document type" in read_refusal(package_bytes(model))
 
 
 def test_objects_that_contain_themselves_are_refused() -> None:
     loop = [object_xml(1, components_xml('objectid="2"')), object_xml(2, components_xml('objectid="1"'))]
-    assert "contains itself" in refused(package_bytes(model_xml(loop, ['objectid="1"'])))
+    assert "contains itself" in read_refusal(package_bytes(model_xml(loop, ['objectid="1"'])))
     deep = [object_xml(n, components_xml(f'objectid="{n + 1}"')) for n in range(1, 5000)]
-    assert "deep" in refused(package_bytes(model_xml([*deep, object_xml(5000, BOX)], ['objectid="1"'])))
+    assert "deep" in read_refusal(package_bytes(model_xml([*deep, object_xml(5000, BOX)], ['objectid="1"'])))
 
 
 def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
     """Twenty levels of ten components each: ten to the twentieth boxes, or as many empty objects."""
     for leaf, kind in ((BOX, ModelTooDetailed), (BOX.partition("<triangles>")[0] + "</mesh>", ModelEmpty)):
         levels = [object_xml(n, components_xml(*[f'objectid="{n - 1}"'] * 10)) for n in range(2, 22)]
-        refused(package_bytes(model_xml([object_xml(1, leaf), *levels], ['objectid="21"'])), kind)
+        read_refusal(package_bytes(model_xml([object_xml(1, leaf), *levels], ['objectid="21"'])), kind)
     many = model_xml([object_xml(1, BOX)], ['objectid="1"'] * 10_001)
-    assert "10000 objects" in refused(package_bytes(many), ModelTooDetailed)
+    assert "10000 objects" in read_refusal(package_bytes(many), ModelTooDetailed)
 
 
 def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "ANY_RATIO_BYTES", 2**16)
     blank = model_xml([object_xml(1, BOX)], ['objectid="1"']).replace("<build>", " " * 2**22 + "<build>")
-    assert "unpacks from" in refused(package_bytes(blank))
-    assert "entries" in refused(package_bytes(blank) + package._ENTRY * 20_000)
+    assert "unpacks from" in read_refusal(package_bytes(blank))
+    assert "entries" in read_refusal(package_bytes(blank) + package._ENTRY * 20_000)
 
 
 def test_entry_that_hides_its_size_ends_at_the_size_it_gives() -> None:
     data = bytearray(package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'])))
     at = data.rindex(b"PK\x01\x02")
     data[at + 24 : at + 28] = (100).to_bytes(4, "little")
-    refused(bytes(data))
+    read_refusal(bytes(data))
 
 
 def test_unknown_compression_is_refused() -> None:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as packed:
         packed.writestr("_rels/.rels", "<a/>")
-    assert "packed in a way" in refused(file.getvalue())
+    assert "packed in a way" in read_refusal(file.getvalue())
 
 
 def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
     long = model.replace("<build>", f'<metadata name="{"a" * 2**22}"/><build>')
-    assert "tag of more than" in refused(package_bytes(long))
+    assert "tag of more than" in read_refusal(package_bytes(long))
     monkeypatch.setattr(model_part, "MAX_OTHER_TAGS", 1000)
-    assert "tags beside" in refused(package_bytes(model.replace("<build>", "<a/>" * 1001 + "<build>")))
+    assert "tags beside" in read_refusal(package_bytes(model.replace("<build>", "<a/>" * 1001 + "<build>")))
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
 def test_broken_model_is_refused_in_a_sentence(was: str, becomes: str) -> None:
     model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
     assert was in model
-    refused(package_bytes(model.replace(was, becomes, 1)))
+    read_refusal(package_bytes(model.replace(was, becomes, 1)))
 
 
 def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() -> None:

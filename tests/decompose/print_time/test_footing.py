@@ -21,12 +21,12 @@ def footing(solid: Solid) -> Footing:
     return Footing.from_mesh(vertices[faces], NO_PROPS)
 
 
-def upright(width: float, depth: float, height: float) -> Footing:
+def measure_box(width: float, depth: float, height: float) -> Footing:
     return footing(Solid.box((0, 0, 0), (width, depth, height)))
 
 
 def test_footing_of_a_block_is_its_base() -> None:
-    result = upright(30, 20, 10)
+    result = measure_box(30, 20, 10)
     assert result.contact_mm2 == pytest.approx(600.0)
     assert result.wall_mm == pytest.approx(4 * 600 / 100)
     assert (result.width_mm, result.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
@@ -70,12 +70,14 @@ def test_footing_of_an_edge_is_empty() -> None:
 
 
 def test_brim_depends_on_width_height_and_size() -> None:
-    assert upright(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
-    assert upright(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
-    assert upright(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
-    assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
-    assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5  # and less where it shrinks less
-    assert upright(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its weight is beside it
+    assert measure_box(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
+    assert measure_box(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
+    assert measure_box(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
+    assert measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
+    assert (
+        measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
+    )  # and less where it shrinks less
+    assert measure_box(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its weight is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
     blunt = footing(Solid.from_arrays(disc.vertices, disc.faces))
@@ -99,9 +101,9 @@ def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
 
 
 def test_first_layer_is_narrowed_at_joints_but_not_at_thin_walls() -> None:
-    assert upright(20, 20, 20).expansion_mm(joined=True) == -0.2
-    assert upright(20, 20, 20).expansion_mm(joined=False) == 0.0
-    assert upright(80, 0.9, 20).expansion_mm(joined=True) == 0.0
+    assert measure_box(20, 20, 20).expansion_mm(joined=True) == -0.2
+    assert measure_box(20, 20, 20).expansion_mm(joined=False) == 0.0
+    assert measure_box(80, 0.9, 20).expansion_mm(joined=True) == 0.0
 
 
 sizes = st.floats(1.0, 150.0)
@@ -111,7 +113,7 @@ sizes = st.floats(1.0, 150.0)
 def test_brim_is_never_wider_than_the_widest_and_grows_with_height(
     width: float, depth: float, height: float, widest: float
 ) -> None:
-    result = upright(width, depth, height)
+    result = measure_box(width, depth, height)
     brims = [result.brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
     assert brims == sorted(brims)
     assert all(0.0 <= b <= widest for b in brims)

@@ -26,7 +26,7 @@ BELOW, ABOVE, SIDE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0
 UPRIGHT, OVER = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
 
 
-def posed(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT, cost=COST):
+def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT, cost=COST):
     vertices, faces = solid.arrays()
     cut = find_cut_faces(vertices, faces, np.array(planes).reshape(-1, 4))
     return measure_pose(vertices, faces, cut, rotation, cost, fit_first_layer=False)
@@ -44,9 +44,9 @@ def posed(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT, co
     ],
 )
 def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, bed, tops):
-    pose = posed(*planes, rotation=rotation)
+    pose = measure_block(*planes, rotation=rotation)
     assert (pose.bed_face_hidden, pose.tops_hidden) == (bed, tops)
-    plain = posed(*planes, rotation=rotation, cost=PLAIN)
+    plain = measure_block(*planes, rotation=rotation, cost=PLAIN)
     assert not plain.bed_face_hidden
     assert not plain.tops_hidden
     # A layer of skin over 1200 mm2, but for the rim under the walls, and the infill in its place.
@@ -56,8 +56,8 @@ def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, bed, tops)
 
 def test_top_that_is_seen_beside_a_cut_keeps_its_skin():
     step = Solid.union([BLOCK, Solid.box((10.0, 10.0, 10.0), (20.0, 20.0, 30.0))])
-    assert not posed(BELOW, (0.0, 0.0, 1.0, 30.0), solid=step).tops_hidden
-    assert posed(BELOW, (0.0, 0.0, 1.0, 30.0), solid=step).bed_face_hidden
+    assert not measure_block(BELOW, (0.0, 0.0, 1.0, 30.0), solid=step).tops_hidden
+    assert measure_block(BELOW, (0.0, 0.0, 1.0, 30.0), solid=step).bed_face_hidden
 
 
 def test_foot_beside_a_cut_face_on_the_bed_is_seen():

@@ -28,7 +28,7 @@ EDGEWISE = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
 NOTHING = np.zeros(0, dtype=np.bool_)
 
 
-def turned(solid: Solid, rotation: npt.NDArray[np.float64] = TURNED) -> Solid:
+def rotate_solid(solid: Solid, rotation: npt.NDArray[np.float64] = TURNED) -> Solid:
     vertices, faces = solid.arrays()
     return Solid.from_arrays(vertices @ rotation.T, faces)
 
@@ -73,7 +73,7 @@ def pyramid_on_its_tip() -> Solid:
 
 
 def test_tilted_block_is_laid_flat() -> None:
-    pose = laid(turned(Solid.box((0, 0, 0), (70, 50, 12))))
+    pose = laid(rotate_solid(Solid.box((0, 0, 0), (70, 50, 12))))
     assert sorted(pose.size_mm) == pytest.approx([12.0, 50.0, 70.0], abs=1e-6)
     assert pose.stands
     assert pose.support_mm3 == 0.0
@@ -111,7 +111,7 @@ def test_thin_part_is_laid_down_or_gets_a_brim(size: tuple[float, ...]) -> None:
 
 
 def test_edge_is_not_used_as_footing() -> None:
-    vertices, faces = turned(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
+    vertices, faces = rotate_solid(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
     pose = measure_pose(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
     assert pose.footing.contact_mm2 > 10.0  # narrower than a line, and as long as the block
     assert not pose.stands
@@ -119,7 +119,7 @@ def test_edge_is_not_used_as_footing() -> None:
 
 def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
-    pose, turned_pose = laid(solid), laid(turned(solid))
+    pose, turned_pose = laid(solid), laid(rotate_solid(solid))
     assert turned_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
     assert find_up(turned_pose) == pytest.approx(TURNED @ find_up(pose), abs=1e-6)
     assert sorted(turned_pose.size_mm) == pytest.approx(sorted(pose.size_mm), abs=1e-6)
@@ -173,7 +173,7 @@ def test_part_without_a_fitting_pose_is_reported() -> None:
 
 
 def test_flat_sides_are_candidates_in_any_orientation() -> None:
-    solid = turned(pyramid_on_its_tip())
+    solid = rotate_solid(pyramid_on_its_tip())
     vertices, faces = solid.arrays()
     ups = list_directions(vertices, faces)
     corners = vertices[faces]
@@ -197,7 +197,7 @@ def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None
 
 def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: Path) -> None:
     """Corners at the bed are at zero after rounding to single precision."""
-    solid = turned(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
+    solid = rotate_solid(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
     model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)
     result = write_decomposition(decompose_model(model, [ROOM], Options(granularity=3), COST), tmp_path)
     (part,) = result.parts

@@ -31,13 +31,13 @@ def mesh_of(solid: Solid) -> PartMesh:
     return PartMesh(vertices, faces, np.zeros(len(faces), np.bool_))
 
 
-def upright(solid: Solid, cost: CostModel) -> Pose:
+def measure_upright(solid: Solid, cost: CostModel) -> Pose:
     mesh = mesh_of(solid)
     return measure_pose(mesh.vertices, mesh.faces, mesh.cut, POSE_ROTATIONS[4], cost)
 
 
 def test_part_on_a_small_foot_lies_down_within_its_time(cost: CostModel) -> None:
-    standing = upright(PIN, cost)
+    standing = measure_upright(PIN, cost)
     assert standing.has_small_foot
     lying = find_steady_pose(mesh_of(PIN), [ROOM], cost, standing, 1.5 * standing.price_s)
     assert lying.size_mm[2] == pytest.approx(12.0)
@@ -47,7 +47,7 @@ def test_part_on_a_small_foot_lies_down_within_its_time(cost: CostModel) -> None
 
 
 def test_steady_pose_fits_its_printer_and_keeps_supports_off_cuts(cost: CostModel) -> None:
-    standing = upright(PIN, cost)
+    standing = measure_upright(PIN, cost)
     narrow = PrinterRoom("narrow", ((50.0, 50.0, 200.0),))
     assert find_steady_pose(mesh_of(PIN), [narrow], cost, standing, 9.0 * standing.price_s) is standing
     tee = Solid.union([Solid.box((-5, -5, 0), (5, 5, 40)), Solid.box((-30, -5, 40), (30, 5, 100))])
@@ -63,8 +63,8 @@ def test_steady_pose_fits_its_printer_and_keeps_supports_off_cuts(cost: CostMode
 
 
 def test_only_a_part_on_a_small_foot_spends_its_spare_time(cost: CostModel) -> None:
-    small = upright(PIN, cost)
-    large = upright(Solid.box((0, 0, 0), (60, 60, 150)), cost)
+    small = measure_upright(PIN, cost)
+    large = measure_upright(Solid.box((0, 0, 0), (60, 60, 150)), cost)
     assert small.has_small_foot and not large.has_small_foot
     assert steady_limit_s(small, 2.0 * small.price_s) == 2.0 * small.price_s
     assert steady_limit_s(small, 0.0) == pytest.approx(1.02 * small.price_s)

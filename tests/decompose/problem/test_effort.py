@@ -43,14 +43,14 @@ class ReversedExecutor(Executor):
         return future
 
 
-def everything(result: Decomposition) -> list[Any]:
+def list_figures(result: Decomposition) -> list[Any]:
     """Return a report without its durations."""
     untimed = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
     parts = [(p.id, p.printer, p.price_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
     return [untimed, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
 
 
-def same(a: list[Any], b: list[Any]) -> bool:
+def are_equal(a: list[Any], b: list[Any]) -> bool:
     return all(
         x[:4] == y[:4] and all(np.array_equal(*pair) for pair in zip(x[4], y[4], strict=True))
         for x, y in zip(a[-1], b[-1], strict=True)
@@ -101,9 +101,9 @@ def test_result_is_independent_of_clock_and_threads(
         ticks = count(0.0, step_s)
         for module in (best, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
-        results.append(everything(run_within(share * effort_s(unlimited_result), executor)))
-    assert same(results[0], results[1])
-    assert same(results[0], results[2])
+        results.append(list_figures(run_within(share * effort_s(unlimited_result), executor)))
+    assert are_equal(results[0], results[1])
+    assert are_equal(results[0], results[2])
 
 
 def test_search_ends_with_the_best_so_far_within_the_budget(
@@ -115,7 +115,9 @@ def test_search_ends_with_the_best_so_far_within_the_budget(
     assert all(
         item.finished and item.makespan_s and item.effort_s > 0.0 for item in unlimited_result.attempts
     )
-    assert same(everything(run_within(1.5 * effort_s(unlimited_result))), everything(unlimited_result))
+    assert are_equal(
+        list_figures(run_within(1.5 * effort_s(unlimited_result))), list_figures(unlimited_result)
+    )
     assert unlimited_result.makespan_s <= none.makespan_s
 
 

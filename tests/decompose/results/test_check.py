@@ -73,7 +73,7 @@ def test_valid_result_passes_all_rules(
     assert coverage.overlap_mm3 == 0.0
 
 
-def grown(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def make_overlapping(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     """The second part reaches 1 mm into the first."""
     lo, hi = parts[1].solid.bounds_mm
     return [parts[0], replace(parts[1], solid=Solid.box((lo[0] - 1.0, lo[1], lo[2]), hi))]
@@ -104,7 +104,7 @@ def two_pieces(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [replace(parts[0], solid=crumbs), parts[1]]
 
 
-def empty(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def make_empty(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [replace(parts[0], solid=parts[0].solid.clip((900, 900, 900), (901, 901, 901))), parts[1]]
 
 
@@ -123,7 +123,7 @@ def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
 @pytest.mark.parametrize(
     ("spoil", "rule", "name"),
     [
-        (grown, Rule.NO_OVERLAP, "p02"),
+        (make_overlapping, Rule.NO_OVERLAP, "p02"),
         (repeat_part, Rule.NO_OVERLAP, "p03"),
         (drop_part, Rule.SURFACE, None),
         (nibbled, Rule.SURFACE, None),
@@ -132,7 +132,7 @@ def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
         (unknown_printer, Rule.FITS, "p02"),
         (too_large, Rule.FITS, "p01"),
         (two_pieces, Rule.ONE_PIECE, "p01"),
-        (empty, Rule.CLOSED, "p01"),
+        (make_empty, Rule.CLOSED, "p01"),
     ],
 )
 def test_broken_rule_is_named(
@@ -160,7 +160,7 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))
     near = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
 
-    def around(lo: int) -> list[Box]:
+    def list_boxes_around(lo: int) -> list[Box]:
         """Boxes about the hollow [lo, 6) x [4, 6) x [4, 6)."""
         return [
             (0, 0, 0, lo, 10, 10), (6, 0, 0, 10, 10, 10), (lo, 0, 0, 6, 4, 10),
@@ -168,13 +168,13 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
         ]  # fmt: skip
 
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
-    check_missing(hollow.parts, in_mm(grid, around(4)), block, 15.0)
+    check_missing(hollow.parts, in_mm(grid, list_boxes_around(4)), block, 15.0)
     with pytest.raises(GeometryError) as raised:
         check_missing(hollow.parts, in_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert raised.value.rule == Rule.INSIDE
     thin = replace(base, parts=(part(near, "p01", "p"),))
     with pytest.raises(GeometryError) as raised:
-        check_missing(thin.parts, in_mm(grid, around(1)), block, 15.0)
+        check_missing(thin.parts, in_mm(grid, list_boxes_around(1)), block, 15.0)
     assert raised.value.rule == Rule.WALL
 
 
@@ -191,7 +191,7 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
     grid = replace(plain, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
-    around: list[Box] = [
+    list_boxes_around: list[Box] = [
         (0, 0, 0, 1, 3, 3), (2, 0, 0, 3, 3, 3), (1, 0, 0, 2, 1, 3),
         (1, 2, 0, 2, 3, 3), (1, 1, 0, 2, 2, 1), (1, 1, 2, 2, 2, 3),
     ]  # fmt: skip
@@ -199,10 +199,10 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
     if gap is None:
-        check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
+        check_missing(hollow.parts, in_mm(grid, list_boxes_around), cube, 10.0)
         return
     with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as raised:
-        check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
+        check_missing(hollow.parts, in_mm(grid, list_boxes_around), cube, 10.0)
     assert raised.value.rule == Rule.WALL
 
 

@@ -31,7 +31,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
-def drilled() -> DrilledParts:
+def drilled_parts() -> DrilledParts:
     spans = [((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)), ((0, 0, 50), (60, 40, 80))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -100,14 +100,14 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
     ],
 )
 def test_each_rule_refuses(
-    drilled: DrilledParts, spoil: Callable[[DrilledParts], DrilledParts], rule: Rule
+    drilled_parts: DrilledParts, spoil: Callable[[DrilledParts], DrilledParts], rule: Rule
 ) -> None:
-    assert list(drilled.find_faults()) == []
-    assert rule in {fault.rule for fault in spoil(drilled).find_faults()}
+    assert list(drilled_parts.find_faults()) == []
+    assert rule in {fault.rule for fault in spoil(drilled_parts).find_faults()}
 
 
-def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled: DrilledParts) -> None:
-    pins = drilled.connectors.pins
+def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled_parts: DrilledParts) -> None:
+    pins = drilled_parts.connectors.pins
     assert find_wrong_fits(pins) == []
     same = [replace(pin, length_mm=2.0 * pin.depth_mm - 5.0) for pin in pins]
     assert any("half around" in fault for fault in find_wrong_fits(same))
@@ -243,11 +243,11 @@ def test_seams_that_cannot_be_measured_are_left_out(
     assert result.as_dict()["joints"][0]["seam_mm"] == 0.0
 
 
-def test_tool_that_opens_outside_of_its_joint_is_refused(drilled: DrilledParts) -> None:
-    mark = drilled.connectors.marks[0]
+def test_tool_that_opens_outside_of_its_joint_is_refused(drilled_parts: DrilledParts) -> None:
+    mark = drilled_parts.connectors.marks[0]
     shifted = tuple(
         Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.into, t.face_mm) for t in mark.grooves
     )
-    connectors = replace(drilled.connectors, marks=(replace(mark, grooves=shifted),))
-    parts = replace(drilled, connectors=connectors, drilled=drill(drilled.blanks, connectors))
+    connectors = replace(drilled_parts.connectors, marks=(replace(mark, grooves=shifted),))
+    parts = replace(drilled_parts, connectors=connectors, drilled=drill(drilled_parts.blanks, connectors))
     assert Rule.SKIN in {fault.rule for fault in parts.find_faults()}

@@ -39,16 +39,16 @@ class Agent:
             self.board._on_idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
             self.recorder.record_changes()
 
-    def until(self, observed: Callable[[], bool]) -> None:
+    def wait_until(self, observed: Callable[[], bool]) -> None:
         until_s = time.monotonic() + DEADLINE_S
         while not observed():
             assert time.monotonic() < until_s
             select.select([], [], [], 0.01)
             self.recorder.record_changes()
 
-    def settled(self) -> Alarm:
+    def wait_for_outcome(self) -> Alarm:
         """Wait for the outcome of the command, and return the alarm."""
-        self.until(lambda: self.alarm is None or self.alarm.outcome is not None)
+        self.wait_until(lambda: self.alarm is None or self.alarm.outcome is not None)
         assert self.alarm is not None
         return self.alarm
 
@@ -81,7 +81,7 @@ def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, mark: Pa
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
     agent.report(90.0, 50)
-    alarm = agent.settled()
+    alarm = agent.wait_for_outcome()
     agent.report(120.0, 50)
     assert alarm.outcome == CUT and runs(mark) == 1
     assert agent.look.count("gets hotter") == agent.look.count(CUT) == 1
@@ -92,7 +92,7 @@ def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark
     agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
     agent.report(90.0)
-    agent.settled()
+    agent.wait_for_outcome()
     assert runs(mark) == 1 and agent.look.startswith("its print failed; the nozzle is off")
 
 
@@ -102,7 +102,7 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     agent.report(21.0)
     agent.board._on_idle_trouble(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
     agent.report(21.0)
-    agent.settled()
+    agent.wait_for_outcome()
     assert runs(mark) == 1
     assert agent.look == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT}"
 
@@ -120,7 +120,7 @@ def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: P
     def burns(times: int) -> None:
         agent.report(21.0)
         agent.report(90.0, 5)
-        agent.settled()
+        agent.wait_for_outcome()
         assert runs(mark) == times
 
     burns(1)
@@ -129,7 +129,7 @@ def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: P
     agent.board.idle_watch.reset()
     agent.report(60.0)
     agent.report(90.0)
-    agent.settled()
+    agent.wait_for_outcome()
     assert runs(mark) == 3
     agent.recorder.alarms.clear()
     assert agent.alarm is None
@@ -140,7 +140,7 @@ def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark:
     agent = Agent(tmp_path, relay(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
     agent.report(21.0)
     agent.report(90.0)
-    agent.settled()
+    agent.wait_for_outcome()
     last = json.loads((tmp_path / "seen").read_text().splitlines()[-1])
     assert last["alarm"]["asked"] and last["alarm"]["said"] is None
 
@@ -152,7 +152,7 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
     for _ in range(2):  # and not by the one after that
         agent = Agent(tmp_path, relay(mark))
         agent.recorder.record_changes()
-        assert agent.settled().outcome == CUT
+        assert agent.wait_for_outcome().outcome == CUT
         agent.recorder.record_changes()
         assert runs(mark) == 1
     assert agent.look == f"{alarm.text}; {CUT}"
@@ -163,7 +163,7 @@ def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path,
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
     agent = Agent(tmp_path, relay(mark))
     agent.recorder.record_changes()
-    agent.settled()
+    agent.wait_for_outcome()
     assert runs(mark) == 1 and alarm.text in agent.look
 
 
@@ -176,7 +176,7 @@ def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
     agent.journal.write = full  # type: ignore[method-assign]
     agent.report(21.0)
     agent.report(90.0, 20)
-    assert agent.settled().outcome == CUT and runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT and runs(mark) == 1
 
 
 def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
@@ -185,11 +185,11 @@ def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark, f"read go < {tmp_path}/gate"))
     agent.report(21.0)
     agent.report(90.0)
-    agent.until(lambda: runs(mark) == 1)
+    agent.wait_until(lambda: runs(mark) == 1)
     agent.report(99.0, 100)
     assert agent.alarm is not None and agent.alarm.pending
     (tmp_path / "gate").write_text("go\n")
-    assert agent.settled().outcome == CUT and runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT and runs(mark) == 1
 
 
 # --- at a print ---
@@ -203,11 +203,11 @@ def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
     return agent, rig
 
 
-def step_until(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
+def step_until(agent: Agent, rig: Rig, wait_until: Callable[[], bool]) -> None:
     """Run session and recorder together; after the end wait for the command."""
-    while not until():
+    while not wait_until():
         if rig.session.context.ended:
-            agent.until(until)
+            agent.wait_until(wait_until)
         else:
             rig.step()
             agent.recorder.record_changes()

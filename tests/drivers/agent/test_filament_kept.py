@@ -19,7 +19,7 @@ OTHER = REST.replace(b"E:-20.00", b"E:80.00")
 
 
 @asynccontextmanager
-async def printed(folder: Path) -> AsyncIterator[Printer]:
+async def print_file(folder: Path) -> AsyncIterator[Printer]:
     """Print one file on a port that does not report its bed, and end its agent."""
     emulator = folder / "emulator"
     printer = Printer(folder / "agent", str(emulator / "tty"))
@@ -71,7 +71,7 @@ async def _start_again(printer: Printer) -> m.Snapshot:
 @pytest.mark.system
 def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None:
     async def scenario() -> None:
-        async with printed(tmp_path) as printer:
+        async with print_file(tmp_path) as printer:
             for _ in range(2):
                 first = await _start_again(printer)
                 assert first.bed_unknown_reason is not None
@@ -89,7 +89,7 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
     tmp_path: Path, deed: dict[str, object]
 ) -> None:
     async def scenario() -> None:
-        async with printed(tmp_path) as printer:
+        async with print_file(tmp_path) as printer:
             await asyncio.to_thread(control, tmp_path / "emulator", **deed)
             await _start_again(printer)
             await _await_rest(printer, "null")

@@ -13,7 +13,7 @@ from drivers import messages as m
 def test_an_agent_loads_no_module_after_its_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
 
-    async def story() -> None:
+    async def scenario() -> None:
         async with printer(tmp_path) as rig:
             assert (await rig.start(gcode(200))).error is None
             await rig.phase(m.PrintPhase.PRINTING)
@@ -21,7 +21,7 @@ def test_an_agent_loads_no_module_after_its_start(tmp_path: Path, monkeypatch: p
             await rig.connect()
             await rig.phase(m.PrintPhase.DONE)
 
-    run(story())
+    run(scenario())
     [log] = [path.read_text() for path in tmp_path.rglob("agent.log")]
     imports, ready, after = log.partition("the board answers")
     assert ready and "done" in after

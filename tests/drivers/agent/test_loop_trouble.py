@@ -147,23 +147,23 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
     text = gcode(300)
     observed: list[m.PrintPhase] = []
 
-    def listed(since_s: float) -> tuple[m.PrintSnapshot, ...]:
+    def list_prints(since_s: float) -> tuple[m.PrintSnapshot, ...]:
         return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
 
     def do(agent: Driven) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
-            assert listed(0.0) == ()
+            assert list_prints(0.0) == ()
             assert agent.start(tmp_path / "a.gcode", text).error is None
         elif snapshot.print is not None and snapshot.link is m.LinkState.BUSY:
-            (rig,) = listed(snapshot.now_s)
+            (rig,) = list_prints(snapshot.now_s)
             assert rig.sha256 == hashlib.sha256(text.encode()).hexdigest()
             observed.append(rig.phase)
         elif snapshot.print is not None:
             assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
-            (rig,) = listed(0.0)
+            (rig,) = list_prints(0.0)
             assert (rig.phase, rig.ended_s) == (m.PrintPhase.DONE, snapshot.print.ended_s)
-            assert listed(snapshot.now_s + 1.0) == ()
+            assert list_prints(snapshot.now_s + 1.0) == ()
             lines = agent._answer(m.ListLines(id=5)).lines
             assert ("ok", False) in [(line.text, line.sent) for line in lines]
             assert any(line.sent and "G" in line.text for line in lines)

@@ -12,7 +12,7 @@ from drivers.agent.sleep_inhibitor import Inhibitor
 HELD = 'echo "$1" > "$0"; shift; "$@"; rm "$0"'
 
 
-def settled(path: Path, exists: bool) -> bool:
+def wait_for_file(path: Path, exists: bool) -> bool:
     until_s = time.monotonic() + 10.0
     while path.exists() != exists and time.monotonic() < until_s:
         select.select([], [], [], 0.01)
@@ -25,9 +25,9 @@ def test_lock_is_held_while_a_print_is_open(tmp_path: Path):
     for _ in range(2):
         inhibitor.hold(True)
         inhibitor.hold(True)
-        assert settled(lock, exists=True)
+        assert wait_for_file(lock, exists=True)
         inhibitor.hold(False)
-        assert settled(lock, exists=False)
+        assert wait_for_file(lock, exists=False)
 
 
 def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
@@ -39,11 +39,11 @@ def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
     )
     agent = subprocess.Popen([sys.executable, "-c", text], cwd=Path(__file__).parents[3])
     try:
-        assert settled(lock, exists=True)
+        assert wait_for_file(lock, exists=True)
     finally:
         os.kill(agent.pid, signal.SIGKILL)
         agent.wait()
-    assert settled(lock, exists=False)
+    assert wait_for_file(lock, exists=False)
 
 
 def test_no_lock_on_a_host_without_inhibitors_or_for_a_simulated_printer(tmp_path: Path):

@@ -56,14 +56,14 @@ class Printer:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def on(self, url: str = "sim://ultimaker2_plus") -> Path:
+    def start_emulator(self, url: str = "sim://ultimaker2_plus") -> Path:
         return launch(url, self.folder, Clock(SCALE, time.time()))
 
     def status(self) -> EmulatorStatus:
         return read_status(self.folder)
 
     def booted(self) -> Link:
-        link = Link(self.on())
+        link = Link(self.start_emulator())
         link.read_until(b"SD init fail\n")
         return link
 
@@ -78,7 +78,7 @@ def printer(tmp_path: Path) -> Iterator[Printer]:
 
 
 def test_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
-    tty = printer.on()
+    tty = printer.start_emulator()
     assert tty == printer.folder / "tty" and tty.is_char_device()
     status = printer.status()
     assert status.tty == str(tty.readlink())
@@ -88,9 +88,9 @@ def test_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
 
 
 def test_running_emulator_is_found_and_not_started_twice(printer: Printer) -> None:
-    first = printer.on()
+    first = printer.start_emulator()
     pid = printer.status().pid
-    assert printer.on() == first and printer.status().pid == pid
+    assert printer.start_emulator() == first and printer.status().pid == pid
     assert os.getsid(pid) != os.getsid(0)
 
 
@@ -110,7 +110,7 @@ def test_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) 
     observed = printer.status()
     wait_for(lambda: printer.status().time_s > observed.time_s + 25.0)
     assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > observed.nozzle_c
-    repeated = Link(printer.on())
+    repeated = Link(printer.start_emulator())
     wait_for(lambda: printer.status().resets == observed.resets + 1)
     assert printer.status().nozzle_target_c == 0.0
     assert repeated.read_until(b"SD init fail\n").startswith(b"start\n")
@@ -123,7 +123,7 @@ def test_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -
     for times in range(1, 6):
         link.ask(b"M104 S200")
         link.close()
-        link = Link(printer.on())
+        link = Link(printer.start_emulator())
         assert link.read_until(b"SD init fail\n").startswith(b"start\n")
         wait_for(lambda times=times: printer.status().resets == before + times)  # type: ignore[misc]
         assert printer.status().nozzle_target_c == 0.0
@@ -162,19 +162,19 @@ def test_power_is_cut_and_restored(printer: Printer) -> None:
     link.close()
     with pytest.raises(PortError, match="no emulator answers"):
         control(printer.folder, Command.RESET)
-    printer.on()
+    printer.start_emulator()
     assert printer.status().nozzle_c == 21.0
 
 
 def test_control_allows_actions_of_a_person_only(printer: Printer) -> None:
-    printer.on()
+    printer.start_emulator()
     with pytest.raises(PortError, match="no command 'dance'; use one of clear_bed, reset, power_off"):
         control(printer.folder, "dance")
 
 
 def test_wrong_url_starts_nothing(printer: Printer) -> None:
     with pytest.raises(PortError, match="no printer model"):
-        printer.on("sim://ender3")
+        printer.start_emulator("sim://ender3")
     assert not printer.folder.exists()
 
 
@@ -184,7 +184,7 @@ def test_missing_status_is_reported(tmp_path: Path) -> None:
 
 
 def test_slow_wire_delays_answers(printer: Printer) -> None:
-    link = Link(printer.on("sim://ultimaker2_plus?wire=1"))
+    link = Link(printer.start_emulator("sim://ultimaker2_plus?wire=1"))
     link.read_until(b"SD init fail\n")
     assert link.ask(b"M115").endswith(b"\nok\n")
     link.close()
@@ -240,7 +240,7 @@ def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
 
 
 def test_answers_in_pieces_are_complete_at_the_end(printer: Printer) -> None:
-    printer.on("sim://ultimaker2_plus?bytewise=1")
+    printer.start_emulator("sim://ultimaker2_plus?bytewise=1")
     link = printer.booted()
     assert b"EXTRUDER_COUNT:1\nok" in link.ask(b"M115")
     link.close()

@@ -16,7 +16,7 @@ def program(text: str) -> Program:
     return read_program(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
 
 
-def after(text: str, stopped_at: tuple[float, float, float, float] | None = None) -> float:
+def measure_after(text: str, stopped_at: tuple[float, float, float, float] | None = None) -> float:
     p = program(text)
     return measure_retraction(p, p.count, stopped_at)
 
@@ -34,7 +34,7 @@ def after(text: str, stopped_at: tuple[float, float, float, float] | None = None
     ],
 )
 def test_feeder_is_followed_as_the_firmware_counts(text: str, retracted_mm: float):
-    assert after(text) == pytest.approx(retracted_mm)
+    assert measure_after(text) == pytest.approx(retracted_mm)
 
 
 HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
@@ -54,7 +54,7 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
 def test_interrupted_move_decides_the_retraction(
     stopped_at: tuple[float, float, float, float], retracted_mm: float
 ):
-    assert after(HOP, stopped_at) == pytest.approx(retracted_mm)
+    assert measure_after(HOP, stopped_at) == pytest.approx(retracted_mm)
 
 
 @given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())
@@ -67,11 +67,13 @@ def test_retraction_is_independent_of_earlier_lines_and_of_the_mode(feeds: list[
         moves.append(f"G1 X{i} E{feed if relative else 100 + e_mm:g}\n")
     long = "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
     assert WINDOW_LINES < 5000
-    assert after(long + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(retracted_mm)
+    assert measure_after(long + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(
+        retracted_mm
+    )
 
 
 def test_positions_are_read_from_answers_to_m114():
     assert read_position(b"X:1.00Y:-2.50Z:3.00E:4.25 Count X: 1.00Y:2.00Z:3.00") == [1.0, -2.5, 3.0, 4.25]
     assert read_position(b"echo: X") is None
     assert read_position(b"X:1.0.0Y:2Z:3E:4") is None
-    assert not math.isnan(after("G1 X1 E1\n"))
+    assert not math.isnan(measure_after("G1 X1 E1\n"))

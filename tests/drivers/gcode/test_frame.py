@@ -56,7 +56,7 @@ def flips(data: bytes) -> list[bytes]:
 
 
 @st.composite
-def numbered(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
+def numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
     """A line number and a move, of which some decimals are the checksum of what is before them."""
     number = draw(st.integers(1, 9_999_999))
     command = b"G1"
@@ -70,7 +70,7 @@ def numbered(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
     return number, command
 
 
-@given(numbered())
+@given(numbered_moves())
 @example((4, COLLIDING))
 @settings(max_examples=100, deadline=None)
 def test_flipped_bit_is_never_accepted_as_another_line(line):
@@ -94,7 +94,7 @@ def test_flipped_bit_is_never_accepted_in_lines_of_a_session(command):
                 assert meaning(taken) == meaning(command), (data, taken)
 
 
-@given(numbered(b"EFIJRXYZ"))
+@given(numbered_moves(b"EFIJRXYZ"))
 @settings(deadline=None)
 def test_frame_holds_its_command_and_fits(line):
     number, command = line
@@ -139,7 +139,7 @@ def test_running_checksums_match_each_prefix(line):
     assert list(compute_running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
 
 
-@given(st.integers(0, 9_999_000), st.lists(numbered().map(lambda line: line[1]), max_size=30))
+@given(st.integers(0, 9_999_000), st.lists(numbered_moves().map(lambda line: line[1]), max_size=30))
 @example(3, [b"G1 X1.5", COLLIDING, b"M117 1. *2.30 *", b"M105", b"G1 Y.0000000000 E1.1234567"])
 def test_lines_framed_together_equal_lines_framed_one_by_one(number, commands):
     frames = [add_frame(at, command) for at, command in enumerate(commands, number)]

@@ -61,7 +61,7 @@ class Wire:
         return out
 
 
-def printed(
+def print_program(
     program: list[bytes], faults: Faults, piece: int, late_s: float, seed: int
 ) -> tuple[Recorder, Link, list[Fault]]:
     """Stream a program to the end, or until the link has given up."""
@@ -101,7 +101,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
 ):
     path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
     program = [b"M302 S0", *path, *[b"M400"] * 3]
-    firmware, link, fault_texts = printed(
+    firmware, link, fault_texts = print_program(
         program, Faults(noise=noise, lost=lost, doubled=doubled), piece, late_s, seed
     )
     numbers = [number for number, _ in firmware.taken]

@@ -14,7 +14,7 @@ from drivers.link.replies import Report
 SLOW, SLOWER, FAST = b"G1 F60 X10", b"G1 F30 X10", b"G1 F6000 X10"
 
 
-def sent(commands, polls_before=()):
+def send_all(commands, polls_before=()):
     """Send all commands through an outbox; return it with the time limit of each."""
     outbox, waits = Outbox(ULTIMAKER2), []
     outbox.begin()
@@ -30,33 +30,33 @@ def sent(commands, polls_before=()):
 
 
 def test_lines_behind_a_slow_move_have_its_time_limit():
-    _, waits = sent([SLOW, *[FAST] * (QUEUED_LINES + 3)])
+    _, waits = send_all([SLOW, *[FAST] * (QUEUED_LINES + 3)])
     assert QUEUED_LINES >= 16 + 8  # planned, and waiting
     assert waits[: QUEUED_LINES + 1] == [pytest.approx(60 * REACH_MM / 60)] * (QUEUED_LINES + 1)
     assert waits[QUEUED_LINES + 1 :] == [LINE_S] * 3
 
 
 def test_time_limit_follows_the_slowest_queued_move():
-    _, waits = sent([FAST, SLOWER, SLOW, FAST])
+    _, waits = send_all([FAST, SLOWER, SLOW, FAST])
     assert waits == [LINE_S, *[pytest.approx(60 * REACH_MM / 30)] * 3]
 
 
 @pytest.mark.parametrize("before", range(1, 6))
 def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(before):
     plain = [b"G90", b"M400", b"G90", b"G4 P9", b"G28"]
-    assert sent(plain, [before])[1] == sent(plain)[1]
+    assert send_all(plain, [before])[1] == send_all(plain)[1]
 
 
 def test_line_can_be_resent_while_it_is_kept():
-    outbox, _ = sent([b"G90"] * 200)
+    outbox, _ = send_all([b"G90"] * 200)
     assert [number for number in range(201) if outbox.holds(number)] == list(range(201 - HISTORY_LINES, 201))
-    first, _ = sent([b"G90"])
+    first, _ = send_all([b"G90"])
     assert first.holds(0) and not first.holds(-1)
 
 
 def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
     """`take_encoded` returns what a link sends on a plain ok."""
-    outbox, _ = sent([])
+    outbox, _ = send_all([])
     outbox.queue((FAST,) * 9)
     assert outbox.take_next() is not None and outbox.take_encoded() is not None
     outbox.insert_poll()

@@ -120,7 +120,7 @@ LEAVES: list[Leave] = [
 ]
 
 
-def ended(leave: Leave, lines: int, seconds: float, text: str) -> Rig:
+def end_print(leave: Leave, lines: int, seconds: float, text: str) -> Rig:
     """Run a print, end it in some way after a number of lines and seconds, and run to its end."""
     rig = Rig(text=text)
     rig.run(until=lambda: rig.session.context.acknowledged_lines >= lines)
@@ -147,7 +147,7 @@ def print_again(rig: Rig) -> float:
 @pytest.mark.parametrize("lines", [0, 12, 60, 137])
 @pytest.mark.parametrize("leave", LEAVES, ids=lambda leave: leave.__name__)
 def test_next_print_knows_the_filament_or_asks_for_a_person(leave: Leave, lines: int):
-    rig = ended(leave, lines, 0.7, hopping(50))
+    rig = end_print(leave, lines, 0.7, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
         end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.context.filament]
@@ -157,7 +157,7 @@ def test_next_print_knows_the_filament_or_asks_for_a_person(leave: Leave, lines:
 @given(leave=st.sampled_from(LEAVES), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
 @settings(max_examples=40, deadline=None)
 def test_fault_at_any_line_ends_the_print_safely(leave: Leave, lines: int, seconds: float):
-    rig = ended(leave, lines, seconds, hopping(50))
+    rig = end_print(leave, lines, seconds, hopping(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
 
@@ -166,7 +166,7 @@ def test_fault_at_any_line_ends_the_print_safely(leave: Leave, lines: int, secon
 def test_responsive_firmware_parks_the_filament(lines: int):
     """Usual ends of a print need no person."""
     for leave in EVERYDAY:
-        assert ended(leave, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
+        assert end_print(leave, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
 
 
 @given(

@@ -25,7 +25,7 @@ def snapshot(**fields):
     )
 
 
-def trusted(message, simulated=False, bed_cleared=False):
+def trust(message, simulated=False, bed_cleared=False):
     return to_trusted_snapshot(message, CLOCK, "a", simulated, bed_cleared)
 
 
@@ -33,14 +33,14 @@ def trusted(message, simulated=False, bed_cleared=False):
 def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
     """Such a snapshot left its agent before the command arrived: the alarm in it is out of date."""
     message = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
-    assert getattr(trusted(message), field) is not None
-    assert getattr(trusted(message, bed_cleared=True), field) is None
+    assert getattr(trust(message), field) is not None
+    assert getattr(trust(message, bed_cleared=True), field) is None
 
 
 def test_readings_of_a_printer_are_copied_to_its_view():
     readings = {"heaters_off": True, "board_resets": 3}
     assert set(readings) == set(m.PrinterReadings.model_fields)
-    seen = trusted(snapshot(**readings))
+    seen = trust(snapshot(**readings))
     assert seen.readings() == readings
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": "m", "port": "/dev/a"}]})
     books, _ = apply(ev.PrinterAdded(at_s=0.0, printer="a", bed="clear"), Books())
@@ -50,23 +50,23 @@ def test_readings_of_a_printer_are_copied_to_its_view():
 
 def test_bed_is_reported_by_emulators_only():
     message = snapshot(bed_clear=True)
-    assert trusted(message, simulated=True).bed_clear is True
-    assert trusted(message).bed_clear is None
+    assert trust(message, simulated=True).bed_clear is True
+    assert trust(message).bed_clear is None
 
 
 def test_agent_reports_its_own_printer_only():
-    assert trusted(snapshot(printer="b")).printer == "a"
+    assert trust(snapshot(printer="b")).printer == "a"
 
 
 def test_filament_of_an_older_agent_is_unknown_to_the_farm():
     facts = {"filament": "parked", "doubt": "the board was reset"}
-    assert trusted(snapshot(**facts)).filament is FilamentState.PARKED
-    assert trusted(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
-    assert trusted(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
+    assert trust(snapshot(**facts)).filament is FilamentState.PARKED
+    assert trust(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
+    assert trust(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
 
 
 def test_idle_agent_of_an_older_version_gets_no_prints():
-    old = trusted(snapshot(protocol=m.StartPrint.min_protocol - 1))
+    old = trust(snapshot(protocol=m.StartPrint.min_protocol - 1))
     assert (old.link, old.outdated) == (Link.FAULT, True)
     assert "farm up --replace a" in old.reason
 

@@ -62,7 +62,7 @@ def bench(tmp_path):
         client.close()
 
 
-def refused(client):
+def is_refused(client):
     client.settimeout(0.0)
     try:
         message = client.recv(4096)
@@ -83,14 +83,14 @@ def test_request_is_passed_on_once_complete(bench):
 def test_connection_without_a_request_is_ended_after_two_seconds(bench, message):
     client = bench.connect(1000, message)
     bench.serve_once(REQUEST_S)
-    assert not refused(client)
+    assert not is_refused(client)
     bench.serve_once(0.1)
-    assert refused(client) and bench.begun == []
+    assert is_refused(client) and bench.begun == []
 
 
 def test_requests_are_limited_per_user(bench):
     clients = [bench.connect(1000) for _ in range(CROWD)]
-    assert sum(not refused(client) for client in clients) == MAX_PER_USER
+    assert sum(not is_refused(client) for client in clients) == MAX_PER_USER
     bench.connect(2000, REQUEST)
     assert len(bench.begun) == 1
 
@@ -98,7 +98,7 @@ def test_requests_are_limited_per_user(bench):
 def test_running_stops_count_until_they_end(bench):
     for _ in range(MAX_PER_USER):
         bench.connect(1000, REQUEST)
-    assert refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MAX_PER_USER
+    assert is_refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MAX_PER_USER
     bench.begun[0][1].code = 0
     bench.connect(1000, REQUEST)
     assert len(bench.begun) == MAX_PER_USER + 1

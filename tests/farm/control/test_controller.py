@@ -257,11 +257,11 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     attempt = farm.controller.books.open_print_on("a")
     runs = []
 
-    def counted(situation):
+    def count_call(situation):
         runs.append(1)
         return assign_plates(situation)
 
-    monkeypatch.setattr(module, "assign_plates", counted)
+    monkeypatch.setattr(module, "assign_plates", count_call)
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
         message = AgentPrint(

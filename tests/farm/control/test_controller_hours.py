@@ -17,7 +17,7 @@ from recording_controller import MODEL, Farm
 STATE = StateFolder(Path("/state"))
 
 
-def at(text):
+def parse_time(text):
     return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
 
 
@@ -33,7 +33,7 @@ class Clock:
         return self.now_s
 
 
-FRIDAY, STOP = at("2026-11-20 17:00"), at("2026-11-20 17:45")
+FRIDAY, STOP = parse_time("2026-11-20 17:00"), parse_time("2026-11-20 17:45")
 
 
 @pytest.fixture
@@ -92,7 +92,7 @@ def test_changed_hours_are_sent_to_the_agent(farm):
 
 def test_late_start_is_refused_and_its_plate_waits(farm):
     attempt = farm.controller.books.open_print_on("a")
-    farm.controller.clock.now_s = at("2026-11-20 19:00")
+    farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     farm.controller.on_refusal(attempt.id, "it came too late", late=True)
     late = farm.controller.books.prints[attempt.id]
     assert (late.state, late.fault) == (PrintState.CANCELLED, None)
@@ -103,7 +103,7 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
     )
     (hold,) = farm.controller.plate_holds().values()
     assert "from Mon 08:00" in hold.text
-    farm.controller.clock.now_s = at("2026-11-23 08:00")
+    farm.controller.clock.now_s = parse_time("2026-11-23 08:00")
     farm.controller.handle()
     assert farm.controller.books.open_print_on("a").plate == late.plate
 
@@ -127,7 +127,7 @@ def test_pause_is_resumed_in_attended_hours_only(farm):
     assert [item.text for item in list_deadline_texts(farm)] == [
         "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
-    farm.controller.clock.now_s = at("2026-11-20 19:00")
+    farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"only in attended hours .*: from Mon 08:00"):
         farm.printers.pause("a", False, "ann")
     farm.controller.clock.now_s = STOP - 60.0
@@ -139,7 +139,7 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     report(farm)
     farm.jobs.pause(1, True, "ann")
     report(farm, PrintState.PAUSED)
-    farm.controller.clock.now_s = at("2026-11-20 19:00")
+    farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
@@ -179,7 +179,10 @@ def test_clock_step_moves_hours_and_no_print(farm, step_s):
 def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     """A host that starts without a network believes the night before, until NTP tells it otherwise."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
-    farm.controller.clock, farm.controller.started_s = Clock(at("2026-11-20 03:00")), at("2026-11-20 02:00")
+    farm.controller.clock, farm.controller.started_s = (
+        Clock(parse_time("2026-11-20 03:00")),
+        parse_time("2026-11-20 02:00"),
+    )
     farm.ready("a")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = planned(1, 1)
@@ -189,7 +192,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     farm.controller.clock.now_s += 7 * 3600.0
     farm.controller.on_clock_set(7 * 3600.0)
     assert farm.controller.books.open_print_on("a").plate == "1/01"
-    assert farm.controller.books.jobs[2].not_before_s == at("2026-11-20 12:00")
+    assert farm.controller.books.jobs[2].not_before_s == parse_time("2026-11-20 12:00")
     later = planned(2, 1)
     farm.controller.on_plan(2, Plan(later.parts, later.plates, later.repairs, 1.0, 500.0, 100.0, None))
     farm.ready("b")

@@ -33,12 +33,12 @@ def calls(monkeypatch):
     """Count the calls of the scheduler."""
     results = []
 
-    def counted(situation):
+    def count_call(situation):
         results.append(situation.now_s)
         return assign_plates(situation)
 
     assign_plates = module.assign_plates
-    monkeypatch.setattr(module, "assign_plates", counted)
+    monkeypatch.setattr(module, "assign_plates", count_call)
     return results
 
 

@@ -224,21 +224,21 @@ def test_invalid_start_time_is_refused_at_submission(farm):
 
 
 def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
-    def by(seconds):
+    def miss_deadline(seconds):
         moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
         number = submit(farm, name=f"{seconds:03d}", done_by=moment, hold=True)
         farm.controller.on_plan(number, plan_for(number, state))
         return farm.controller.books.job(number).repairs
 
-    assert by(3600) == ()
-    (notice,) = by(50)
+    assert miss_deadline(3600) == ()
+    (notice,) = miss_deadline(50)
     assert notice.startswith("It was to be printed by") and "the earliest possible is" in notice
-    assert by(600) == ()
+    assert miss_deadline(600) == ()
     for name in "ab":  # somebody has to clear them first
         farm.controller.handle(
             ev.BedBecameUnknown(at_s=farm.controller.clock.now(), printer=name, reason="so")
         )
-    assert len(by(601)) == 1
+    assert len(miss_deadline(601)) == 1
 
 
 def test_plan_of_several_materials_is_reported(farm, state):
@@ -269,14 +269,14 @@ def test_deadline_of_the_assembly_leaves_time_to_glue(farm):
 
 
 def test_missed_deadline_of_the_assembly_is_reported(farm, state):
-    def by(seconds):
+    def miss_deadline(seconds):
         moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
         number = submit(farm, name=f"{seconds:04d}", assembled_by=moment, hold=True)
         farm.controller.on_plan(number, replace(plan_for(number, state), assembly_s=3600.0))
         return farm.controller.books.job(number).repairs
 
-    assert by(3600 + 600) == ()
-    (notice,) = by(3600 + 50)
+    assert miss_deadline(3600 + 600) == ()
+    (notice,) = miss_deadline(3600 + 50)
     assert notice.startswith("It was to be assembled by") and "the earliest possible is" in notice
 
 

@@ -41,7 +41,7 @@ def server():
         thread.join()
 
 
-def printed():
+def make_printed_books():
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     return apply_events(make_printing_books(plates=1), assigned, make_end_event("x"))[0]
 
@@ -51,16 +51,16 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
     urls = [SecretStr(f"json://ann:secret@{address}/"), SecretStr("json://ann:secret@127.0.0.1:1/")]
     file = tmp_path / "told.json"
     notifier = Notifier(urls, "lab", file, 0.0)
-    notifier.notify(printed(), 500.0)
+    notifier.notify(make_printed_books(), 500.0)
     message = posts.get(timeout=PATIENCE_S)
     assert message["title"] == "lab"
     assert message["message"].splitlines() == [
         "job 1 (bracket.stl) is printed: 1 part in 3 min",
         "all jobs have ended",
     ]
-    notifier.notify(printed(), 510.0)
+    notifier.notify(make_printed_books(), 510.0)
     repeated = Notifier(urls, "lab", file, 520.0)
-    repeated.notify(printed(), 530.0)
+    repeated.notify(make_printed_books(), 530.0)
     failed = make_end_event("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
     more = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
     books, _ = apply_events(make_printing_books(plates=2), more, failed)
@@ -73,12 +73,12 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
 def test_events_before_the_first_notice_are_not_sent(server, tmp_path):
     posts, address = server
     file = tmp_path / "told.json"
-    Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).notify(printed(), 500.0)
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).notify(make_printed_books(), 500.0)
     delete_record(file)
     delete_record(file)
     assert not file.exists()
     late = Notifier([SecretStr(f"json://{address}/")], "lab", file, 150.0)
-    late.notify(printed(), 500.0)
+    late.notify(make_printed_books(), 500.0)
     assert posts.get(timeout=PATIENCE_S)["title"] == "lab"
     assert posts.empty()
 
@@ -105,8 +105,8 @@ def test_events_after_a_backward_clock_step_are_notified(server, tmp_path):
     file = tmp_path / "told.json"
     notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)
     notifier.clock_set(-3900.0)
-    notifier.notify(printed(), 500.0)
+    notifier.notify(make_printed_books(), 500.0)
     assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
     file.write_text(json.dumps({"since_s": 4000.0, "told": {}}))
-    Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).notify(printed(), 500.0)
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).notify(make_printed_books(), 500.0)
     assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]

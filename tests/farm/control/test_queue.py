@@ -30,17 +30,17 @@ def farm(tmp_path):
     return farm
 
 
-def shown(farm):
+def list_queue(farm):
     return [entry.id for entry in describe_queue(farm.view_context(STATE)).jobs]
 
 
 def move(farm, number, to=None, before=None):
     farm.jobs.move(number, QueueMove(to=to and QueuePlace(to), before=before), "ann")
-    return shown(farm)
+    return list_queue(farm)
 
 
 def test_jobs_move_up_down_first_last_and_before_each_other(farm):
-    assert shown(farm) == [1, 2, 3]
+    assert list_queue(farm) == [1, 2, 3]
     assert move(farm, 3, "up") == [1, 3, 2]
     assert move(farm, 1, "down") == [3, 1, 2]
     assert move(farm, 3, "last") == [1, 2, 3]
@@ -62,7 +62,7 @@ def test_impossible_move_is_refused_with_the_reason(farm):
     farm.jobs.cancel(2, "ann")
     with pytest.raises(Refused, match="already ended"):
         move(farm, 2, "up")
-    assert shown(farm) == [1, 3]
+    assert list_queue(farm) == [1, 3]
 
 
 def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
@@ -78,7 +78,7 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     assert [plate.job for plate in waiting[:3]] == [3, 3, 3]
     farm.store.close()
     again = Farm(tmp_path)  # the order is in the books
-    assert shown(again) == [3, 1, 2]
+    assert list_queue(again) == [3, 1, 2]
     assert [plate.job for plate in again.controller.expected_situation().by_priority[:3]] == [3, 3, 3]
 
 

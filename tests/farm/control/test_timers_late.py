@@ -17,14 +17,14 @@ BERLIN = ZoneInfo("Europe/Berlin")
 HOUR_S = 3600.0
 
 
-def at(text):
+def parse_time(text):
     return datetime.fromisoformat(text).replace(tzinfo=BERLIN).timestamp()
 
 
 @pytest.fixture
 def begin(monkeypatch):
     def begin(text):
-        return FakeTime(monkeypatch, at(text))
+        return FakeTime(monkeypatch, parse_time(text))
 
     return begin
 
@@ -100,9 +100,9 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
         timers.start()
         await nightly.begin()
         if asleep:
-            await asyncio.sleep(at(f"{first} 23:30") - time.now_s)
+            await asyncio.sleep(parse_time(f"{first} 23:30") - time.now_s)
             time.stall(7 * HOUR_S)
-        await asyncio.sleep(at(f"{first} 12:00") + 4 * 24.5 * HOUR_S - time.now_s)
+        await asyncio.sleep(parse_time(f"{first} 12:00") + 4 * 24.5 * HOUR_S - time.now_s)
         timers.stop()
         await asyncio.sleep(0)
 

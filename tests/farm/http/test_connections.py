@@ -115,7 +115,7 @@ def test_idle_connections_are_closed_to_serve_a_request(tmp_path):
 
 
 def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(tmp_path):
-    async def story(server, path):
+    async def hold_connection(server, path):
         unread = [await asyncio.open_unix_connection(path, limit=1) for _ in range(4)]
         for _, writer in unread:
             writer.write(COMPLETE_REQUEST.replace(b"/status", b"/large"))
@@ -125,7 +125,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
         for _, writer in unread:
             writer.close()
 
-    serve(tmp_path, 4, story)
+    serve(tmp_path, 4, hold_connection)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, s
 
 def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
     async def scenario(server, path):
-        async def since():
+        async def read_waiting_since_s():
             await asyncio.sleep(0.01)
             [item] = server.server_state.connections
             return item.waiting_since_s
@@ -158,14 +158,14 @@ def test_time_limit_applies_to_the_head_and_to_each_chunk(tmp_path):
         _, writer = await asyncio.open_unix_connection(path)
         while not server.server_state.connections:
             await asyncio.sleep(0.0)
-        started_s = await since()
+        started_s = await read_waiting_since_s()
         writer.write(INCOMPLETE_REQUEST)
-        assert await since() == started_s
+        assert await read_waiting_since_s() == started_s
         writer.write(b"Content-Length: 9\r\n\r\nhalf")
-        body_s = await since()
+        body_s = await read_waiting_since_s()
         assert body_s > started_s
         writer.write(b"more")
-        assert await since() > body_s
+        assert await read_waiting_since_s() > body_s
         writer.close()
 
     serve(tmp_path, 4, scenario)
@@ -207,12 +207,12 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
                 raise faults.pop()
             return await accept(listening)
 
-        def broken():
+        def raise_error():
             server._make_protocol = make
             raise RuntimeError("no protocol")
 
         monkeypatch.setattr(loop, "sock_accept", failing)
-        server._make_protocol = broken
+        server._make_protocol = raise_error
         assert await ask(path) == b""  # by the accept that was under way: refused
         assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert not faults
@@ -281,12 +281,12 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
                     client.send(INCOMPLETE_REQUEST)
             os.kill(killed, signal.SIGKILL)
 
-            def started():
+            def has_restarted():
                 message = farm.run("status", "--json")
                 [printer] = json.loads(message.stdout)["printers"] if message.returncode == 0 else [{}]
                 return printer.get("agent_pid") not in (None, killed) and printer["state"] == "idle"
 
-            wait_for("another agent", started, 60.0)
+            wait_for("another agent", has_restarted, 60.0)
         assert len((farm.state / "daemon.log").read_text().splitlines()) < 200
     finally:
         farm.end()

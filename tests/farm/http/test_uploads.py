@@ -143,14 +143,14 @@ def test_slow_disk_delays_its_upload_only(tmp_path, monkeypatch):
             for _ in range(3):
                 await append(large)
 
-    async def story():
+    async def upload_slowly():
         receiving = asyncio.create_task(receive())
         await asyncio.sleep(0)  # it writes, and the loop goes on
         assert (file.written, receiving.done()) == (b"", False)
         file.ready.set()
         await receiving
 
-    asyncio.run(story())
+    asyncio.run(upload_slowly())
     assert file.written == 3 * large
 
 

@@ -180,19 +180,19 @@ def test_gcode_for_another_kind_of_printer_waits():
     assert [a.printer for a in assignments] == ["plus"]
 
 
-def named(name, **changes):
+def name_printer(name, **changes):
     plain = printer(name, **changes)
     return replace(plain, capabilities=replace(plain.capabilities, named=name))
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
     only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
-    fleet = [printer("a"), named("b"), printer("c")]
+    fleet = [printer("a"), name_printer("b"), printer("c")]
     first, second = plate("1/01", "a", requirements=only_b), plate("1/02", "a", requirements=only_b)
     assignments, holds = assign([first, second], fleet)
     assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
     assert holds["1/02"].text == "needs b: every matching printer got another plate"
-    assignments, holds = assign([first], [printer("a"), named("b", bed=Bed.NOT_CLEAR)])
+    assignments, holds = assign([first], [printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)])
     assert assignments == []
     assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
     assert assign([first], [printer("a")])[1]["1/01"].text.startswith(

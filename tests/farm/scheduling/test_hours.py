@@ -14,7 +14,7 @@ from farm.week_windows import DAYS, parse_window
 LONDON = ZoneInfo("Europe/London")
 
 
-def at(text, fold=0):
+def parse_time(text, fold=0):
     return datetime.fromisoformat(text).replace(tzinfo=LONDON, fold=fold).timestamp()
 
 
@@ -38,20 +38,20 @@ def test_invalid_window_is_refused_with_an_example(text):
 
 def test_spans_may_cross_midnight_and_the_end_of_the_week():
     night = hours("fri 22:00-06:00", "sat 06:00-08:00")
-    begin, end = at("2026-11-20 22:00"), at("2026-11-21 08:00")
-    assert night.span(at("2026-11-21 05:00")) == (begin, end)
-    assert night.span(at("2026-11-21 08:00")) is None
+    begin, end = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
+    assert night.span(parse_time("2026-11-21 05:00")) == (begin, end)
+    assert night.span(parse_time("2026-11-21 08:00")) is None
     assert night.following(end) == (begin + 7 * 86400, end + 7 * 86400)
-    assert night.edge_s(at("2026-11-21 05:00")) == end
+    assert night.edge_s(parse_time("2026-11-21 05:00")) == end
     assert night.edge_s(end) == begin + 7 * 86400
 
 
 def test_windows_may_cover_nothing_or_the_whole_week():
-    assert hours().span(at("2026-11-20 22:00")) is None
-    assert hours().edge_s(at("2026-11-20 22:00")) is None
+    assert hours().span(parse_time("2026-11-20 22:00")) is None
+    assert hours().edge_s(parse_time("2026-11-20 22:00")) is None
     whole_week = hours("00:00-12:00", "12:00-24:00")
-    assert whole_week.span(at("2026-11-20 22:00"))[1] == math.inf
-    assert whole_week.edge_s(at("2026-11-20 22:00")) is None
+    assert whole_week.span(parse_time("2026-11-20 22:00"))[1] == math.inf
+    assert whole_week.edge_s(parse_time("2026-11-20 22:00")) is None
 
 
 def test_length_of_a_night_changes_with_daylight_saving():
@@ -59,19 +59,19 @@ def test_length_of_a_night_changes_with_daylight_saving():
     lengths = [
         (end - begin) / 3600
         for day in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
-        for begin, end in [night.span(at(day))]
+        for begin, end in [night.span(parse_time(day))]
     ]
     assert lengths == [7, 9, 8]
 
 
 def test_window_edges_in_skipped_or_repeated_hours():
-    skipped = hours("01:30-04:00").span(at("2026-03-29 03:00"))
-    assert skipped == (at("2026-03-29 02:30"), at("2026-03-29 04:00"))
-    twice = hours("00:30-01:30").span(at("2026-10-25 01:10", fold=1))
-    assert twice == (at("2026-10-25 00:30"), at("2026-10-25 01:30", fold=1))
-    assert hours("01:15-01:45").span(at("2026-03-29 02:20")) == (
-        at("2026-03-29 02:15"),
-        at("2026-03-29 02:45"),
+    skipped = hours("01:30-04:00").span(parse_time("2026-03-29 03:00"))
+    assert skipped == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
+    twice = hours("00:30-01:30").span(parse_time("2026-10-25 01:10", fold=1))
+    assert twice == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
+    assert hours("01:15-01:45").span(parse_time("2026-03-29 02:20")) == (
+        parse_time("2026-03-29 02:15"),
+        parse_time("2026-03-29 02:45"),
     )
 
 

@@ -21,11 +21,11 @@ HOUR = 3600.0
 WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
 
 
-def at(text):
+def parse_time(text):
     return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
 
 
-FRIDAY = at("2026-11-20 17:00")
+FRIDAY = parse_time("2026-11-20 17:00")
 
 
 def assign(waiting, fleet, start_rules, now_s, spares=0):
@@ -132,14 +132,14 @@ def test_start_is_allowed_until_the_latest_start(waiting, fleet, start_rules, no
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     start_rules, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
-    assert start_rules.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
-    assert start_rules.unattended_reason(alone, at("2026-11-20 17:44")) is None
+    assert start_rules.ends_by_s(alone, FRIDAY) == parse_time("2026-11-20 17:45")
+    assert start_rules.unattended_reason(alone, parse_time("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
-    assert start_rules.unattended_reason(alone, at("2026-11-20 17:45")) == message
-    assert start_rules.unattended_reason(alone, at("2026-11-21 03:00")) == message
-    assert start_rules.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
+    assert start_rules.unattended_reason(alone, parse_time("2026-11-20 17:45")) == message
+    assert start_rules.unattended_reason(alone, parse_time("2026-11-21 03:00")) == message
+    assert start_rules.ends_by_s(alone, parse_time("2026-11-21 03:00")) == parse_time("2026-11-21 03:00")
     assert rules().unattended_reason(alone, FRIDAY) == "a prints only in attended hours (so)"
-    assert start_rules.unattended_reason(printer("a"), at("2026-11-21 03:00")) is None
+    assert start_rules.unattended_reason(printer("a"), parse_time("2026-11-21 03:00")) is None
     assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
 
 
@@ -202,7 +202,7 @@ def test_every_plate_is_served_eventually(waiting, fleet, spares):
             assert holds[candidate.id].code in stuck
 
 
-def only(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
+def find_printer(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
     assignments, holds = assign([plate_view], [printer_view], start_rules or rules(), now_s, **changes)
     return holds[plate_view.id] if holds else assignments[0].printer
 
@@ -227,10 +227,10 @@ def only(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
     ],
 )
 def test_hold_has_a_code_and_a_reason(plate_view, printer_view, start_rules, code, message):
-    hold = only(plate("1/01", "a", **plate_view), printer("a", **printer_view), rules(**start_rules))
+    hold = find_printer(plate("1/01", "a", **plate_view), printer("a", **printer_view), rules(**start_rules))
     assert hold.code == code
     assert message in hold.text
-    assert only(plate("1/01", "a"), printer("a")) == "a"
+    assert find_printer(plate("1/01", "a"), printer("a")) == "a"
 
 
 def test_short_reel_is_named_in_addition_to_another_hold():
@@ -247,8 +247,10 @@ def test_short_reel_is_named_in_addition_to_another_hold():
 
 def test_margin_is_kept_to_quiet_hours():
     start_rules = rules(quiet=["22:00-06:00"])
-    assert only(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), start_rules) == "a"
-    assert only(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), start_rules).code == "quiet_hours"
+    assert find_printer(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), start_rules) == "a"
+    assert (
+        find_printer(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), start_rules).code == "quiet_hours"
+    )
 
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():

@@ -14,7 +14,7 @@ from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import apply_events, make_end_event, make_printing_books
 
 
-def assigned(*pairs):
+def make_assigned_events(*pairs):
     return [
         ev.PlateAssigned(at_s=2.0, plate=plate, printer=printer, print_id=printer) for plate, printer in pairs
     ]
@@ -28,7 +28,7 @@ TWO = (("1/01", "a"), ("1/02", "b"))
 
 
 def test_losses_within_the_window_are_one_outage_without_attempts():
-    books, _ = apply_events(make_printing_books(), *assigned(*TWO), lose_printer("a", 100.0))
+    books, _ = apply_events(make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0))
     assert (books.outage, books.prints["a"].charged) == (None, True)
     books, _ = apply_events(books, lose_printer("b", 100.0 + WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
@@ -43,16 +43,20 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second = lose_printer("b", 250.0)  # half a wall second after the other
-    real, _ = apply_events(make_printing_books(), *assigned(*TWO), lose_printer("a", 100.0), second)
+    real, _ = apply_events(
+        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second
+    )
     assert real.outage is None
     fast = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
-    fast, _ = apply_events(fast, *assigned(*TWO), lose_printer("a", 100.0), second)
+    fast, _ = apply_events(fast, *make_assigned_events(*TWO), lose_printer("a", 100.0), second)
     assert fast.outage.printers == ("a", "b")
 
 
 @pytest.mark.parametrize("second", [lose_printer("b", 111.0), lose_printer("b", 101.0, fault="maxtemp")])
 def test_failure_counts_as_an_attempt(second):
-    books, _ = apply_events(make_printing_books(), *assigned(*TWO), lose_printer("a", 100.0), second)
+    books, _ = apply_events(
+        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second
+    )
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
 
@@ -70,7 +74,7 @@ def test_job_continues_after_failures_by_an_outage():
     books, _ = apply_events(
         books,
         ev.BedCleared(at_s=3.0, printer="a", by="ann"),
-        *assigned(("1/01", "a")),
+        *make_assigned_events(("1/01", "a")),
         lose_printer("a", 100.0),
     )
     assert books.jobs[1].state is JobState.FAILED
@@ -93,11 +97,11 @@ def test_group_of_lost_printers_is_the_same_for_each(times):
 def test_failure_before_an_outage_stays_charged():
     """A failure before the outage still counts, so that the job stays failed."""
     own = (
-        *assigned(("1/01", "a")),
+        *make_assigned_events(("1/01", "a")),
         make_end_event("a", PrintState.FAILED, 50.0, fault="maxtemp"),
         ev.BedCleared(at_s=60.0, printer="a", by="ann"),
         ev.PlateAssigned(at_s=61.0, plate="1/01", printer="a", print_id="again"),
-        *assigned(("1/02", "b")),
+        *make_assigned_events(("1/02", "b")),
     )
     books, _ = apply_events(
         make_printing_books(), *own, lose_printer("again", 100.0), lose_printer("b", 101.0)

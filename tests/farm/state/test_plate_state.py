@@ -12,28 +12,30 @@ from make_books import apply_events, make_end_event, make_printing_books
 CANCELLED = {"reason": "because", "state": PrintState.CANCELLED}
 
 
-def assigned(plate, printer, print_id):
+def make_assigned_event(plate, printer, print_id):
     return ev.PlateAssigned(at_s=2.0, plate=plate, printer=printer, print_id=print_id)
 
 
-def cleared(printer, verdict=Verdict.GOOD):
+def make_cleared_event(printer, verdict=Verdict.GOOD):
     return ev.BedCleared(at_s=300.0, printer=printer, by="ann", verdict=verdict, why="stringy")
 
 
-def printed(plates=1):
+def make_printed_books(plates=1):
     books = make_printing_books(plates=plates)
     for number, printer in zip(range(1, plates + 1), "abc", strict=False):
-        books, _ = apply_events(books, assigned(f"1/{number:02d}", printer, printer), make_end_event(printer))
+        books, _ = apply_events(
+            books, make_assigned_event(f"1/{number:02d}", printer, printer), make_end_event(printer)
+        )
     return books
 
 
-def failed(books, times, printer="a", plate="1/01", start=0):
+def make_failed_books(books, times, printer="a", plate="1/01", start=0):
     for number in range(start, start + times):
         name = f"{printer}{number}"
         books, _ = apply_events(
             books,
-            cleared(printer),
-            assigned(plate, printer, name),
+            make_cleared_event(printer),
+            make_assigned_event(plate, printer, name),
             make_end_event(name, PrintState.FAILED, reason="no heat"),
         )
     return books
@@ -44,29 +46,35 @@ def find_state(books, plate="1/01"):
 
 
 def test_job_is_done_when_a_person_has_found_every_part_good():
-    books = printed(2)
+    books = make_printed_books(2)
     assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.PRINTED)
-    books, _ = apply_events(books, cleared("a"))
+    books, _ = apply_events(books, make_cleared_event("a"))
     assert (books.jobs[1].state, find_state(books)) == (JobState.PRINTED, PlateState.GOOD)
-    books, _ = apply_events(books, cleared("b"))
+    books, _ = apply_events(books, make_cleared_event("b"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 200.0)
 
 
 def test_bad_part_is_printed_again_without_an_attempt():
-    books, _ = apply_events(printed(1), cleared("a", Verdict.BAD))
+    books, _ = apply_events(make_printed_books(1), make_cleared_event("a", Verdict.BAD))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.PRINTING, None)
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
-    books = failed(books, ATTEMPTS - 1)
+    books = make_failed_books(books, ATTEMPTS - 1)
     assert find_state(books) is PlateState.WAITING
     books, _ = apply_events(
-        books, cleared("a"), assigned("1/01", "a", "x"), make_end_event("x", at_s=900.0), cleared("a")
+        books,
+        make_cleared_event("a"),
+        make_assigned_event("1/01", "a", "x"),
+        make_end_event("x", at_s=900.0),
+        make_cleared_event("a"),
     )
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 900.0)
 
 
 def test_clearing_a_bed_judges_the_last_print_only():
-    books, _ = apply_events(printed(1), cleared("a"), cleared("a", Verdict.BAD))
+    books, _ = apply_events(
+        make_printed_books(1), make_cleared_event("a"), make_cleared_event("a", Verdict.BAD)
+    )
     assert books.prints["a"].verdict is Verdict.GOOD
 
 
@@ -74,7 +82,10 @@ def test_clearing_a_bed_judges_the_last_print_only():
 def test_print_failed_by_a_person_is_repeated(end):
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     books, reported = apply_events(
-        make_printing_books(plates=1), assigned("1/01", "a", "x"), requested, make_end_event("x", end)
+        make_printing_books(plates=1),
+        make_assigned_event("1/01", "a", "x"),
+        requested,
+        make_end_event("x", end),
     )
     assert reported[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
     assert find_state(books) is PlateState.WAITING
@@ -89,14 +100,16 @@ def test_print_failed_by_a_person_is_repeated(end):
 def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
     requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     hot = make_end_event("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
-    books, _ = apply_events(make_printing_books(plates=1), assigned("1/01", "a", "x"), requested, hot)
+    books, _ = apply_events(
+        make_printing_books(plates=1), make_assigned_event("1/01", "a", "x"), requested, hot
+    )
     assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
     assert books.printers["a"].attention_reason == "it does not cool"
 
 
 def test_plate_without_attempts_does_not_block_others():
-    books, _ = apply_events(make_printing_books(plates=2), assigned("1/02", "b", "y"))
-    books = failed(books, ATTEMPTS)
+    books, _ = apply_events(make_printing_books(plates=2), make_assigned_event("1/02", "b", "y"))
+    books = make_failed_books(books, ATTEMPTS)
     assert find_state(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
     assert books.prints["y"].cancel_reason is None
@@ -108,31 +121,36 @@ def test_plate_without_attempts_does_not_block_others():
 def test_reprint_of_failed_cancelled_and_good_parts():
     repeated = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
-        failed(make_printing_books(plates=1), ATTEMPTS),
+        make_failed_books(make_printing_books(plates=1), ATTEMPTS),
         apply_events(make_printing_books(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
-        apply_events(printed(1), cleared("a"))[0],
-        printed(1),
+        apply_events(make_printed_books(1), make_cleared_event("a"))[0],
+        make_printed_books(1),
     ):
         assert books.jobs[1].state.ended
         books, _ = apply_events(books, repeated)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
         assert find_state(books) is PlateState.WAITING
-        assert find_state(failed(books, ATTEMPTS - 1, start=10)) is PlateState.WAITING
-        assert find_state(failed(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
+        assert find_state(make_failed_books(books, ATTEMPTS - 1, start=10)) is PlateState.WAITING
+        assert find_state(make_failed_books(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
 
 
 def test_cancelled_part_is_not_repeated_while_others_continue():
     cancelled = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
     books, reported = apply_events(
-        make_printing_books(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled
+        make_printing_books(plates=2),
+        make_assigned_event("1/01", "a", "x"),
+        make_assigned_event("1/02", "b", "y"),
+        cancelled,
     )
     assert [t for t in reported if isinstance(t, ev.SendCancel)] == [
         ev.SendCancel(print_id="x", printer="a", reason="cancelled by ann")
     ]
-    books, _ = apply_events(books, make_end_event("x", PrintState.FAILED, reason="no heat"), cleared("a"))
+    books, _ = apply_events(
+        books, make_end_event("x", PrintState.FAILED, reason="no heat"), make_cleared_event("a")
+    )
     assert not list(books.waiting_plates())
-    books, _ = apply_events(books, make_end_event("y"), cleared("b"))
+    books, _ = apply_events(books, make_end_event("y"), make_cleared_event("b"))
     assert books.jobs[1].state is JobState.DONE
     both, _ = apply_events(
         make_printing_books(plates=2), cancelled, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
@@ -142,7 +160,9 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
 
 def test_paused_job_pauses_all_its_prints():
     books, reported = apply_events(
-        make_printing_books(plates=2), assigned("1/01", "a", "x"), ev.JobPaused(at_s=9.0, job=1, wanted=True)
+        make_printing_books(plates=2),
+        make_assigned_event("1/01", "a", "x"),
+        ev.JobPaused(at_s=9.0, job=1, wanted=True),
     )
     assert books.jobs[1].paused
     assert reported[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
@@ -166,15 +186,17 @@ def test_maintenance_lasts_until_ended_by_a_person():
 
 def test_unconfirmed_print_cancelled_elsewhere_has_failed():
     """Its agent was cancelled before it reported the start: a person has to check the bed."""
-    assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(
-        make_printing_books(1), assigned, make_end_event("x", PrintState.CANCELLED, 50.0, started_s=10.0)
+        make_printing_books(1),
+        assigned_event,
+        make_end_event("x", PrintState.CANCELLED, 50.0, started_s=10.0),
     )
     assert books.prints["x"].state is PrintState.FAILED
     assert (books.printer("a").attention_reason is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
     not_started, _ = apply_events(
         make_printing_books(1),
-        assigned,
+        assigned_event,
         make_end_event("x", PrintState.CANCELLED, 50.0, False, started_s=None),
     )
     assert not_started.prints["x"].state is PrintState.CANCELLED

@@ -87,14 +87,14 @@ def report(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
     return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=message)
 
 
-def assigned():
+def make_assigned_books():
     return apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )[0]
 
 
 def test_reconciliation_yields_events_for_changes_only():
-    books = assigned()
+    books = make_assigned_books()
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], report(), 3.0))
     assert books.prints["x"].state is PrintState.PRINTING
     assert books.prints["x"].started_s == 2.0
@@ -106,41 +106,45 @@ def test_reconciliation_yields_events_for_changes_only():
 
 
 def test_start_is_repeated_and_a_forgotten_print_is_lost():
-    books = assigned()
-    assert list(reconcile_print(books.prints["x"], empty(), 3.0)) == []
-    assert list(list_pending_instructions(books.prints["x"], empty())) == [
+    books = make_assigned_books()
+    assert list(reconcile_print(books.prints["x"], make_idle_snapshot(), 3.0)) == []
+    assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [
         ev.SendStart(print_id="x", printer="a")
     ]
     books, _ = apply_events(books, *reconcile_print(books.prints["x"], report(), 3.0))
-    assert list(list_pending_instructions(books.prints["x"], empty())) == []
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(), 9.0))
+    assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == []
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], make_idle_snapshot(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
     assert books.prints["x"].fault == OwnFault.PRINT_LOST
 
 
-def empty(link=Link.READY, pid=9, **changes):
+def make_idle_snapshot(link=Link.READY, pid=9, **changes):
     """Snapshot of an agent without a print."""
     return AgentSnapshot(printer="a", link=link, agent_pid=pid, **changes)
 
 
 def test_cancelled_print_ends_when_its_agent_confirms():
     """Until then the start may be in transit together with an older snapshot of the agent."""
-    books, _ = apply_events(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    books, _ = apply_events(make_assigned_books(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
-    assert list(reconcile_print(books.prints["x"], empty(), 4.0)) == []
-    assert list(list_pending_instructions(books.prints["x"], empty())) == [stop]
+    assert list(reconcile_print(books.prints["x"], make_idle_snapshot(), 4.0)) == []
+    assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [stop]
     # nobody would hear it
-    assert list(list_pending_instructions(books.prints["x"], empty(Link.STARTING))) == []
-    assert list(reconcile_print(books.prints["x"], empty(acknowledged_cancel="another"), 4.0)) == []
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(acknowledged_cancel="x"), 4.0))
+    assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot(Link.STARTING))) == []
+    assert (
+        list(reconcile_print(books.prints["x"], make_idle_snapshot(acknowledged_cancel="another"), 4.0)) == []
+    )
+    books, _ = apply_events(
+        books, *reconcile_print(books.prints["x"], make_idle_snapshot(acknowledged_cancel="x"), 4.0)
+    )
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
 
 
 @pytest.mark.parametrize("link", [Link.FAULT, Link.ABSENT])
 def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
-    books = assigned()
-    stale = empty(link, reason="unplugged")
+    books = make_assigned_books()
+    stale = make_idle_snapshot(link, reason="unplugged")
     books, sent = apply_events(books, *reconcile_print(books.prints["x"], stale, 3.0))
     assert sent == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
@@ -157,7 +161,7 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     assert began.prints["x"].state is PrintState.CANCELLED
     # Or it never did.
     books, _ = apply_events(
-        books, *reconcile_print(books.prints["x"], empty(link, acknowledged_cancel="x"), 5.0)
+        books, *reconcile_print(books.prints["x"], make_idle_snapshot(link, acknowledged_cancel="x"), 5.0)
     )
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
@@ -166,12 +170,14 @@ def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
 
 
 def test_print_without_an_agent_cannot_start():
-    books = assigned()
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    books = make_assigned_books()
+    books, _ = apply_events(
+        books, *reconcile_print(books.prints["x"], make_idle_snapshot(Link.ABSENT, None), 3.0)
+    )
     assert books.prints["x"].state is PrintState.CANCELLED
 
 
-def restored(*states):
+def restore_books(*states):
     """Restore books in which plates were in these states on a, b, ..."""
     books = make_printing_books()
     for name, state in zip("ab", states, strict=False):
@@ -185,8 +191,10 @@ def restored(*states):
 
 @pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
 def test_restored_books_adopt_the_print_of_an_agent(state):
-    books = restored(state)
-    assert list(list_pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
+    books = restore_books(state)
+    assert (
+        list(list_pending_instructions(books.prints["a"], make_idle_snapshot())) == []
+    )  # it is not begun (again)
     message = report("a")
     books, sent = apply_events(books, *reconcile_print(books.prints["a"], message, 51.0))
     assert (sent, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
@@ -201,21 +209,23 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
 
 
 def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
-    books = restored(PrintState.PRINTING, PrintState.PRINTING)
+    books = restore_books(PrintState.PRINTING, PrintState.PRINTING)
     for name in "ab":
-        message = empty().model_copy(update={"printer": name})
+        message = make_idle_snapshot().model_copy(update={"printer": name})
         books, _ = apply_events(books, *reconcile_print(books.prints[name], message, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
     assert "check what became of it" in books.printers["a"].attention_reason
-    fresh = restored(PrintState.ASSIGNED)
-    fresh, _ = apply_events(fresh, *reconcile_print(fresh.prints["a"], empty(), 51.0))
+    fresh = restore_books(PrintState.ASSIGNED)
+    fresh, _ = apply_events(fresh, *reconcile_print(fresh.prints["a"], make_idle_snapshot(), 51.0))
     assert fresh.prints["a"].state is PrintState.CANCELLED
 
 
 def test_print_ended_in_the_books_is_cancelled_at_its_agent():
-    books = assigned()
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    books = make_assigned_books()
+    books, _ = apply_events(
+        books, *reconcile_print(books.prints["x"], make_idle_snapshot(Link.ABSENT, None), 3.0)
+    )
     heating = report(state=PrintState.HEATING, extruded=False)
     reported = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(item) for item in reported] == [ev.SendCancel]
@@ -248,7 +258,9 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
     ],
 )
 def test_unconfirmed_pause_is_repeated(expected, state, reported):
-    books, sent = apply_events(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected))
+    books, sent = apply_events(
+        make_assigned_books(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected)
+    )
     assert sent == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
     repeated = list(list_pending_instructions(books.prints["x"], report(state=state)))
     assert repeated == (
@@ -257,11 +269,11 @@ def test_unconfirmed_pause_is_repeated(expected, state, reported):
 
 
 def test_cancelled_print_is_not_paused():
-    books, _ = apply_events(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    books, _ = apply_events(make_assigned_books(), ev.JobCancelled(at_s=3.0, job=1))
     with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
         apply_events(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
     books, sent = apply_events(
-        assigned(),
+        make_assigned_books(),
         ev.PlateCancelled(at_s=3.0, plate="1/01", by="ann"),
         ev.JobPaused(at_s=4.0, job=1, wanted=True),
     )

@@ -295,7 +295,7 @@ def run_until_killed(state, step):
         try:
             left = step
 
-            def dying(function, *args, **kwargs):
+            def die_at_call(function, *args, **kwargs):
                 nonlocal left
                 left -= 1
                 if left < 0:
@@ -304,7 +304,7 @@ def run_until_killed(state, step):
 
             for owner, name in CHANGES:
                 function = getattr(owner, name)
-                setattr(owner, name, lambda *args, _f=function, **kwargs: dying(_f, *args, **kwargs))
+                setattr(owner, name, lambda *args, _f=function, **kwargs: die_at_call(_f, *args, **kwargs))
             _, run = begin(state)
             asyncio.run(run.prune("ann", dry_run=False))
             os._exit(0)

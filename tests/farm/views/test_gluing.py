@@ -40,7 +40,7 @@ def describe(books, now_s=10.0):
     return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), now_s)
 
 
-def printed(books):
+def print_parts(books):
     for number, name in enumerate(PRINTERS, 1):
         assigned = ev.PlateAssigned(at_s=2.0, plate=f"1/{number:02d}", printer=name, print_id=name)
         books, _ = apply_events(books, assigned, make_end_event(name, at_s=200.0 + number))
@@ -58,14 +58,14 @@ def test_parts_are_listed_in_the_order_of_gluing(books):
 
 
 def test_beds_are_cleared_in_the_order_of_gluing(books):
-    [task] = [item for item in list_tasks(describe(printed(books), 300.0)) if item.code == "clear"]
+    [task] = [item for item in list_tasks(describe(print_parts(books), 300.0)) if item.code == "clear"]
     assert task.printers == ["c", "a", "b"]
     assert task.brief == "c (1/p03) a (1/p01) b (1/p02)"
     assert task.text.startswith(f"clear 3 beds: {task.brief}, then")
 
 
 def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
-    books = printed(books)
+    books = print_parts(books)
     view = describe_job(describe(books, 300.0), books.jobs[1])
     assert (view.assembly_s, view.glued) == (3600.0, False)
     assert view.submitted_to_assembled_s == pytest.approx(203.0 + 3600.0)
@@ -77,7 +77,7 @@ def test_time_from_submission_to_assembled_is_foreseen_then_measured(books):
 
 
 def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
-    books = printed(books)
+    books = print_parts(books)
     context = describe(books, 300.0)
     assert [row.assembled for row in (*list_jobs(context, None, 9), *list_history(context))] == [None] * 4
     [outcome] = describe_history(context, HistoryFilter()).jobs
@@ -96,7 +96,7 @@ def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
 
 def test_reported_times_correct_those_expected_of_a_later_job(books):
     later = make_job(2).model_copy(update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0})
-    books = put(printed(books), later)
+    books = put(print_parts(books), later)
     assert describe_job(describe(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
     books, _ = apply_events(
         books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann")
@@ -105,7 +105,7 @@ def test_reported_times_correct_those_expected_of_a_later_job(books):
 
 
 def test_page_of_a_job_names_its_instructions(books):
-    view = describe_job(describe(printed(books), 300.0), printed(books).jobs[1])
+    view = describe_job(describe(print_parts(books), 300.0), print_parts(books).jobs[1])
     console = Console(width=140, record=True, file=io.StringIO())
     console.print(render_job(view))
     assert f"steps, codes and pins to glue it: {view.folder}/instructions.html" in console.export_text()

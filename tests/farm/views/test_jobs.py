@@ -31,7 +31,7 @@ FLEET = Fleet.model_validate(
 )
 
 
-def priced(*prices):
+def make_priced_books(*prices):
     """A planned job whose plates cost so much."""
     books = make_printing_books(plates=len(prices))
     plates = {
@@ -46,7 +46,7 @@ def view(books):
 
 
 def test_price_of_a_job_is_the_sum_of_its_plates():
-    observed = view(priced(1.25, 0.5))
+    observed = view(make_priced_books(1.25, 0.5))
     assert [plate.price for plate in observed.plates] == [1.25, 0.5]
     assert (observed.price, observed.currency) == (pytest.approx(1.75), "EUR")
     assert (observed.grams, observed.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
@@ -66,7 +66,7 @@ def test_starved_time_does_not_exceed_the_printing_time():
 
 
 def test_job_has_no_price_if_one_reel_has_none():
-    assert view(priced(1.25, None)).price is None
+    assert view(make_priced_books(1.25, None)).price is None
 
 
 def test_cancelled_parts_are_shown_with_the_job():

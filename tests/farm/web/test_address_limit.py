@@ -50,7 +50,7 @@ async def answer(scope, receive, send):
     await send({"type": "http.response.body", "body": b"well"})
 
 
-def serve(story, limit=16):
+def serve(scenario, limit=16):
     """Serve on loopback, whose addresses 127.0.0.X are clients of their own here."""
 
     async def run():
@@ -65,7 +65,7 @@ def serve(story, limit=16):
             serving = asyncio.create_task(server.serve([listening]))
             try:
                 async with asyncio.timeout(30.0):
-                    await story(server, listening.getsockname())
+                    await scenario(server, listening.getsockname())
             finally:
                 server.should_exit = True
                 await serving
@@ -90,7 +90,7 @@ async def wait_until(condition):
 
 
 def test_idle_connections_are_closed_for_their_own_client_only():
-    async def story(server, at):
+    async def scenario(server, at):
         other = await connect(at, "127.0.0.2", INCOMPLETE_REQUEST)
         await wait_until(lambda: len(server.connections) == 1)
         flood = [await connect(at, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
@@ -102,11 +102,11 @@ def test_idle_connections_are_closed_for_their_own_client_only():
         for _, connection in (*flood, (reader, writer), other):
             connection.close()
 
-    serve(story)
+    serve(scenario)
 
 
 def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
-    async def story(server, at):
+    async def scenario(server, at):
         busy = [await connect(at, "127.0.0.1", SLOW) for _ in range(4)]
         await wait_until(
             lambda: sum(connection.waiting_since_s is None for connection in server.connections) == 4
@@ -119,7 +119,7 @@ def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
         for _, connection in (*busy, (reader, writer), (reader, refused)):
             connection.close()
 
-    serve(story)
+    serve(scenario)
 
 
 def test_client_with_too_many_handshakes_abandons_its_own_oldest():

@@ -15,7 +15,7 @@ def free_address():
         return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
-async def nothing(scope, receive, send):
+async def do_nothing(scope, receive, send):
     pass
 
 
@@ -24,7 +24,7 @@ def run(section, has_key, until):
     state = NetworkState()
 
     async def serve():
-        server = NetworkServer(section, nothing, 4, state)
+        server = NetworkServer(section, do_nothing, 4, state)
         server.start(has_key)
         async with asyncio.timeout(30):
             while not until(state):

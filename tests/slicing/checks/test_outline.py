@@ -40,7 +40,7 @@ def rings(shape, lines=LINES):
         yield from (part.exterior.coords, *(hole.coords for hole in part.interiors))
 
 
-def drawn(layers, lines=LINES):
+def draw_gcode(layers, lines=LINES):
     """G-code of an outer wall: for each layer its rings, each a list of points."""
     text, fed = [";LAYER_COUNT:9"], 0.0
     for number, paths in enumerate(layers):
@@ -79,9 +79,9 @@ def shapes_of(mesh, lines=LINES):
     return [SHAPES[id(mesh)](z_mm) for z_mm in lines.section_mm(count_of(mesh, lines))]
 
 
-def checked(mesh, layers, lines=LINES, removed_layers=0):
+def check(mesh, layers, lines=LINES, removed_layers=0):
     return check_outline(
-        read_toolpath(drawn(layers, lines)),
+        read_toolpath(draw_gcode(layers, lines)),
         np.asarray(mesh.triangles, float),
         lines,
         removed_layers=removed_layers,
@@ -93,12 +93,12 @@ def checked(mesh, layers, lines=LINES, removed_layers=0):
 @pytest.mark.parametrize("mesh", [BOX, TUBE], ids=["box", "tube"])
 def test_wall_along_the_outline_passes(mesh):
     good = [list(rings(shape)) for shape in shapes_of(mesh)]
-    assert checked(mesh, good) == ()
+    assert check(mesh, good) == ()
     turned = [[np.asarray(ring)[::-1] for ring in layer] for layer in good]  # as Cura 5 goes round
-    assert checked(mesh, turned) == ()
+    assert check(mesh, turned) == ()
     inside_out = mesh.copy()
     inside_out.invert()
-    assert checked(inside_out, good) == ()
+    assert check(inside_out, good) == ()
 
 
 def test_model_is_grown_as_the_settings_say():
@@ -107,12 +107,12 @@ def test_model_is_grown_as_the_settings_say():
         list(rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
         for number, shape in enumerate(shapes_of(BOX))
     ]
-    assert checked(BOX, grown, lines) == ()
+    assert check(BOX, grown, lines) == ()
     with pytest.raises(SliceRejected, match="layer 0"):
-        checked(BOX, grown)
+        check(BOX, grown)
 
 
-def broken(change):
+def break_layer(change):
     """The tube with its fifth layer changed."""
     layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
     layers[5] = change(layers[5])
@@ -135,7 +135,7 @@ def broken(change):
 )
 def test_layer_that_differs_from_the_model_is_refused(change, message):
     with pytest.raises(SliceRejected, match=message) as refused:
-        checked(TUBE, broken(change))
+        check(TUBE, break_layer(change))
     assert refused.value.rule is Rule.OUTLINE
     assert "repair the mesh" in str(refused.value)
 
@@ -143,9 +143,9 @@ def test_layer_that_differs_from_the_model_is_refused(change, message):
 def test_missing_top_is_refused():
     layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
     with pytest.raises(SliceRejected, match="leaves out"):
-        checked(TUBE, layers[:20])
+        check(TUBE, layers[:20])
     with pytest.raises(SliceRejected, match="% of the model is missing"):
-        checked(TUBE, layers[:10])
+        check(TUBE, layers[:10])
 
 
 def test_short_gap_without_flow_does_not_open_a_ring():
@@ -153,21 +153,21 @@ def test_short_gap_without_flow_does_not_open_a_ring():
     outer = np.asarray(layers[5][0])
     gap_end = outer[2] + (outer[3] - outer[2]) / 20
     layers[5] = [outer[:3], np.vstack((gap_end, outer[3:]))]
-    assert checked(BOX, layers) == ()
+    assert check(BOX, layers) == ()
 
 
 def test_removed_bottom_layers_are_considered():
     layers = [list(rings(shape)) for shape in shapes_of(CONE)]
-    assert checked(CONE, layers) == ()
-    assert checked(CONE, layers[2:], removed_layers=2) == ()
-    assert checked(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed_layers=2) == ()
+    assert check(CONE, layers) == ()
+    assert check(CONE, layers[2:], removed_layers=2) == ()
+    assert check(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed_layers=2) == ()
     with pytest.raises(SliceRejected, match="layer"):
-        checked(CONE, layers[2:])
+        check(CONE, layers[2:])
 
 
 def test_unprintable_wall_is_reported_with_its_size_and_position():
     layers = [list(rings(shape)) for shape in shapes_of(FIN)]
-    (wall,) = checked(FIN, layers)
+    (wall,) = check(FIN, layers)
     assert wall.area_mm2 == pytest.approx(12 * 7.5, rel=0.05)
     assert (wall.x_mm, wall.y_mm) == pytest.approx((4, 0), abs=0.1)
     assert (wall.from_z_mm, wall.to_z_mm) == pytest.approx((6, 13.5), abs=0.11)
@@ -177,7 +177,7 @@ def test_unprintable_wall_is_reported_with_its_size_and_position():
 def test_wall_of_one_line_is_printed():
     layers = [list(rings(shape)) for shape in shapes_of(FIN)]
     layers = [layer or [[(4, -5.8), (4, 5.8)]] for layer in layers]
-    assert checked(FIN, layers) == ()
+    assert check(FIN, layers) == ()
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ G28
 BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
-def checked(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
+def check(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
     facts = gather_facts(read_toolpath(gcode), 170.0)
     check_facts(
         facts,
@@ -64,7 +64,7 @@ def checked(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
 
 
 def test_facts_of_a_valid_file():
-    facts = checked(GOOD)
+    facts = check(GOOD)
     assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
     assert (facts.layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
@@ -93,7 +93,7 @@ def test_facts_of_a_valid_file():
 def test_each_rule_refuses_a_violation(rule, old, new):
     assert old.encode() in GOOD
     with pytest.raises(SliceRejected) as refused:
-        checked(GOOD.replace(old.encode(), new.encode()))
+        check(GOOD.replace(old.encode(), new.encode()))
     assert refused.value.rule is rule
     assert "\n" not in str(refused.value)
     assert "; " in str(refused.value)  # what was found; what to do
@@ -103,7 +103,7 @@ def test_file_without_extrusion_is_refused():
     start, _, rest = GOOD.partition(b";LAYER_COUNT")
     end = rest.partition(b"G1 F1500 E-3.5")[2]
     with pytest.raises(SliceRejected) as refused:
-        checked(start + end)
+        check(start + end)
     assert refused.value.rule is Rule.NOTHING_PRINTED
 
 
@@ -122,20 +122,20 @@ def test_file_without_extrusion_is_refused():
 )
 def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, good):
     if good:
-        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
         return
     with pytest.raises(SliceRejected) as refused:
-        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
     assert refused.value.rule is Rule.HEIGHT
 
 
 def test_one_rectangle_of_the_bed_must_contain_the_print():
     left, right = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
     with pytest.raises(SliceRejected, match="build volume"):
-        checked(GOOD, bed=(left, right))
-    checked(GOOD, bed=(left, right, *BED))
+        check(GOOD, bed=(left, right))
+    check(GOOD, bed=(left, right, *BED))
     with pytest.raises(SliceRejected, match="build volume"):
-        checked(GOOD, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
+        check(GOOD, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
 
 
 @pytest.mark.parametrize(

@@ -27,11 +27,11 @@ def test_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
 
 
 def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
-    def two(layers):
+    def make_two_towers(layers):
         return marlin(after(square(layers=layers), square(at_mm=170.0, layers=2)))
 
-    safe(take(two(layers=50)))
-    refused(two(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
+    safe(take(make_two_towers(layers=50)))
+    refused(make_two_towers(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
 
 
 @pytest.mark.parametrize(

@@ -56,12 +56,12 @@ def test_extent_of_the_head_matches_the_definition_of_cura():
 
 
 def test_sequential_objects_need_the_width_of_the_head_between_them():
-    def two(at_mm, layers):
+    def make_two_towers(at_mm, layers):
         return marlin(after(square(layers=layers), square(at_mm=at_mm, layers=2)))
 
-    safe(take(two(170.0, layers=45)))
-    safe(take(two(135.0, layers=25)))  # 5 mm high: below the head
-    refused(two(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
+    safe(take(make_two_towers(170.0, layers=45)))
+    safe(take(make_two_towers(135.0, layers=25)))  # 5 mm high: below the head
+    refused(make_two_towers(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
 
 
 def test_later_lines_are_obstacles_too():

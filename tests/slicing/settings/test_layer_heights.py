@@ -26,14 +26,14 @@ CASES = [*WANTED.items(), (0.4, LayerHeights(0.3, 0.2))]
 cases = st.sampled_from(CASES)
 
 
-def fitted(height_mm, nozzle_mm, heights):
+def fit(height_mm, nozzle_mm, heights):
     return fit_heights(height_mm, heights, max_first_mm=0.8 * nozzle_mm)
 
 
 @given(st.floats(0.2, HIGHEST_MM), cases)
 def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, case):
     nozzle_mm, heights = case
-    result = fitted(height_mm, nozzle_mm, heights)
+    result = fit(height_mm, nozzle_mm, heights)
     assert abs(result.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
     assert 0.75 * heights.first_mm - 1e-3 <= result.first_mm <= 0.8 * nozzle_mm + 1e-9
     assert result.first_mm <= 1.25 * heights.first_mm + 1e-3
@@ -45,8 +45,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
     lowest_mm = CERTAIN_LAYERS * heights.other_mm
     height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
     assert (
-        abs(compute_printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm)
-        <= EXACT_MM
+        abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
     )
 
 
@@ -54,7 +53,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 @example(156.94921875, (0.4, LayerHeights(0.3, 0.2)))  # the first layer changes by 4 % exactly
 def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
-    result = fitted(height_mm, nozzle_mm, heights)
+    result = fit(height_mm, nozzle_mm, heights)
     alone = fit_heights(height_mm, heights, max_first_mm=0.0)
     assert alone.first_mm == heights.first_mm
     if abs(compute_printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
@@ -96,14 +95,14 @@ def list_reached(heights, low, high):
 def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
     plain = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
-    assert abs(
-        compute_printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm
-    ) <= max(plain, EXACT_MM)
+    assert abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm) <= max(
+        plain, EXACT_MM
+    )
 
 
 def test_fitting_height_is_unchanged():
     heights = WANTED[0.4]
-    assert fitted(0.27 + 100 * 0.2, 0.4, heights) == heights
+    assert fit(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 
 

@@ -15,7 +15,7 @@ from slicing_printers import UM2_PLUS
 LIMITS = UM2_PLUS.limits
 
 
-def refused(resources, overrides, **rest):
+def read_refusal(resources, overrides, **rest):
     with pytest.raises(BadSetting) as error:
         resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides, **rest), resources)
     message = str(error.value)
@@ -57,7 +57,7 @@ def refused(resources, overrides, **rest):
     ],
 )
 def test_settings_of_the_program_are_reserved(resources, key, value, reason):
-    message = refused(resources, {key: value})
+    message = read_refusal(resources, {key: value})
     assert message.startswith(f"{key}: ")
     assert reason in message
 
@@ -106,15 +106,15 @@ def test_few_settings_of_qualities_are_reserved(resources):
     ],
 )
 def test_bad_value_is_refused_with_the_allowed_range(resources, overrides, message):
-    assert message in refused(resources, overrides)
+    assert message in read_refusal(resources, overrides)
 
 
 def test_derived_invalid_value_is_refused_with_its_cause(resources):
-    message = refused(
+    message = read_refusal(
         resources, {"default_material_print_temperature": "259", "material_initial_print_temperature": "261"}
     )
     assert message.startswith("material_initial_print_temperature=261 is out of range")
-    message = refused(resources, {"infill_sparse_density": "1000"})
+    message = read_refusal(resources, {"infill_sparse_density": "1000"})
     assert message.startswith(
         "infill_line_distance=0.035 follows from infill_sparse_density and is out of range"
     )
@@ -133,7 +133,7 @@ def test_disabled_setting_is_not_a_violation(resources):
 
 
 def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resources):
-    message = refused(resources, {}, material="generic_pc")
+    message = read_refusal(resources, {}, material="generic_pc")
     assert "default_material_print_temperature=270, from glue with generic_pc" in message
     assert "take another material" in message
     colder = {"default_material_print_temperature": "260"}
@@ -149,7 +149,7 @@ def test_limits_hold_for_every_key_that_heats(resources):
     assert len(commanded) >= 8
     for key in commanded:
         greatest = LIMITS.max_bed_c if "bed" in key else LIMITS.max_nozzle_c
-        assert f"at most {greatest:g}" in refused(resources, {key: f"{greatest + 1:g}"})
+        assert f"at most {greatest:g}" in read_refusal(resources, {key: f"{greatest + 1:g}"})
 
 
 ANY_TEXT = st.one_of(
@@ -168,9 +168,9 @@ def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data
     request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(ANY_TEXT)})
     try:
         reported = resolve_settings(request, resources)
-    except BadSetting as refused:
-        assert str(refused).isprintable()
-        assert len(str(refused)) < 400
+    except BadSetting as read_refusal:
+        assert str(read_refusal).isprintable()
+        assert len(str(read_refusal)) < 400
     else:
         assert 0 <= reported.nozzle_c <= LIMITS.max_nozzle_c
         assert 0 <= reported.bed_c <= LIMITS.max_bed_c

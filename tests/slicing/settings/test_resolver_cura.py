@@ -35,7 +35,7 @@ def resources_of(version):
     return result
 
 
-def same(resolved, cura):
+def are_equal(resolved, cura):
     """Normalise a value as the engine reads it: numbers without their last digit, words in lower case."""
     try:
         return math.isclose(float(resolved), float(cura), rel_tol=1e-9)
@@ -62,5 +62,7 @@ def test_every_setting_equals_that_of_cura(version, number):
         resolved = {key: str(resolver.value(scope, key)) for key in resolver.keys(scope)}
         assert resolved.keys() == values.keys()
         assert {
-            key: (resolved[key], value) for key, value in values.items() if not same(resolved[key], value)
+            key: (resolved[key], value)
+            for key, value in values.items()
+            if not are_equal(resolved[key], value)
         } == {}

@@ -163,16 +163,16 @@ def test_cube_whose_parts_end_first_is_used(
     """A ball takes the refined cube if it is smaller, and refuses one that is larger."""
     cuts, cut = [], cube_skeleton._cut_shell
 
-    def scaled(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:
+    def scale_cube(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:
         middle = cube_mm.mean(axis=0)
         return np.asarray(middle + share * (cube_mm - middle))
 
-    def recorded(*args: Any) -> tuple[Piece, ...]:
+    def record_cut(*args: Any) -> tuple[Piece, ...]:
         cuts.append(cut(*args))
         return cuts[-1]
 
-    monkeypatch.setattr(cube_skeleton, "refine_cube", scaled)
-    monkeypatch.setattr(cube_skeleton, "_cut_shell", recorded)
+    monkeypatch.setattr(cube_skeleton, "refine_cube", scale_cube)
+    monkeypatch.setattr(cube_skeleton, "_cut_shell", record_cut)
     problem = Problem(ball(95.0), tuple(printers(40)), cost, MENDED)
     assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is cuts[taken]
     assert problem.makespan_s(cuts[taken]) < problem.makespan_s(cuts[1 - taken])

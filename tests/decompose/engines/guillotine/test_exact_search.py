@@ -29,7 +29,7 @@ def task(ball: Model, cost: CostModel) -> Problem:
 
 
 @pytest.fixture
-def searched(task: Problem) -> tuple[ExactSearch, list[Box]]:
+def search_result(task: Problem) -> tuple[ExactSearch, list[Box]]:
     grid = task.build_grid(task.model)
     search = ExactSearch(task, grid, task.price_boxes(grid), 0.0)
     return search, list(search.run())
@@ -39,8 +39,10 @@ def work_s(search: ExactSearch, boxes: list[Box]) -> float:
     return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
 
 
-def test_looser_partitions_are_complete_without_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
-    search, best = searched
+def test_looser_partitions_are_complete_without_more_work(
+    search_result: tuple[ExactSearch, list[Box]],
+) -> None:
+    search, best = search_result
     results = [list(cut) for cut in search.list_looser_partitions(best)]
     assert 0 < len(results) <= len(LOOSER_LIMIT_SHARES)
     assert len({frozenset(chosen) for chosen in [best, *results]}) == len(results) + 1
@@ -61,13 +63,13 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
     ends: dict[int, float] = {}
     created: list[tuple[Piece, ...]] = []
 
-    def evened(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
+    def reverse_shift(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
         pieces = tuple(piece for inside in cut.values() for piece in inside)
         created.append(pieces)
         ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(created) - 1]
         return list(pieces)
 
-    monkeypatch.setattr(exact_search, "shift_planes", evened)
+    monkeypatch.setattr(exact_search, "shift_planes", reverse_shift)
     monkeypatch.setattr(Problem, "makespan_s", lambda _, pieces: ends[id(pieces[0])])
     result = exact_search.cut_for_uniform_printers(task)
     assert len(created) > 2

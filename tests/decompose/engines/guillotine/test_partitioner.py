@@ -257,7 +257,7 @@ def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: fl
 def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
     """Cut the costliest box at its best plane as long as printers are left."""
 
-    def tight(box: list[int]) -> Box | None:
+    def trim(box: list[int]) -> Box | None:
         at = int(boxes.trimmed[box_index((*box,), boxes.shape)])  # type: ignore[arg-type]
         return None if at < 0 else box_at(at, boxes.shape)
 
@@ -270,10 +270,10 @@ def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
                 near[axis + 3] = far[axis] = plane
-                results.append([side for side in (tight(near), tight(far)) if side is not None])
+                results.append([side for side in (trim(near), trim(far)) if side is not None])
         return results
 
-    box_of_all = tight([0, 0, 0, *boxes.shape])
+    box_of_all = trim([0, 0, 0, *boxes.shape])
     parts = [] if box_of_all is None else [box_of_all]
     while parts and sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in parts) < printers:
         worst = max(parts, key=seconds)
@@ -297,7 +297,9 @@ def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers:
     assert solver.longest_s() <= boxes.longest_s(result) + 1e-3
 
 
-def turned(boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> BoxTables:
+def rotate_tables(
+    boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]
+) -> BoxTables:
     """Permute and mirror the axes of the tables of a model."""
     shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
 
@@ -328,7 +330,7 @@ def test_turned_or_mirrored_model_takes_the_same_time(
     shape: Shape, seed: int, axes: list[int], mirrored: tuple[bool, bool, bool], printers: int
 ) -> None:
     boxes, _ = tables(shape, seed)
-    other = turned(boxes, (axes[0], axes[1], axes[2]), mirrored)
+    other = rotate_tables(boxes, (axes[0], axes[1], axes[2]), mirrored)
     times = [Partitioner(item).find_min_makespan(printers, 0.0, tolerance_s=1e-3) for item in (boxes, other)]
     assert (times[0] is None) == (times[1] is None)
     assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)

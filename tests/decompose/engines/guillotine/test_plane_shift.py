@@ -97,11 +97,11 @@ class Rounds:
         self.begun = 0
         moved = _PlaneShift._take_steps
 
-        def counted(evening: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
+        def count_call(start_shift: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
             self.begun += 1
-            return moved(evening, parts, slopes)
+            return moved(start_shift, parts, slopes)
 
-        monkeypatch.setattr(_PlaneShift, "_take_steps", counted)
+        monkeypatch.setattr(_PlaneShift, "_take_steps", count_call)
 
 
 def halves(task: Problem) -> list[Box]:
@@ -109,7 +109,7 @@ def halves(task: Problem) -> list[Box]:
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def evening(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
+def start_shift(task: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     """Search for the two halves of a model, and the halves in their poses."""
     grid = task.build_grid(task.model)
     cut = {box: cut_cells(task.model.solid, grid, box) for box in halves(task)}
@@ -179,7 +179,7 @@ def test_fixed_longest_part_does_not_stop_other_faces(
 
 def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostModel) -> None:
     task = problem(cone, cost, 2, cells=2)
-    search, parts = evening(task)
+    search, parts = start_shift(task)
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
     assert search._bar_faces(parts, [slower, parts[1]], parts[0].seconds)
@@ -197,15 +197,15 @@ def test_new_pose_is_computed_once_and_recorded(
     """Every part gets a new pose as soon as it has moved."""
     measured, pose, posed = _PlaneShift._measure, Problem.find_pose, []
 
-    def tall(self: _PlaneShift, piece: Piece, old: Pose) -> Pose:
+    def make_tall(self: _PlaneShift, piece: Piece, old: Pose) -> Pose:
         return replace(measured(self, piece, old), size_mm=(1e4, 1e4, 1e4))
 
-    def counted(self: Problem, piece: Piece) -> Pose | None:
+    def count_call(self: Problem, piece: Piece) -> Pose | None:
         posed.append(piece.solid)
         return pose(self, piece)
 
-    monkeypatch.setattr(_PlaneShift, "_measure", tall)
-    monkeypatch.setattr(Problem, "find_pose", counted)
+    monkeypatch.setattr(_PlaneShift, "_measure", make_tall)
+    monkeypatch.setattr(Problem, "find_pose", count_call)
     task = problem(cone, cost, 2, cells=2)
     before, after = run(task, halves(task))
     assert after[0].solid is not before[0].solid

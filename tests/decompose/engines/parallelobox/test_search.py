@@ -45,7 +45,7 @@ def invented(shape: Shape, seed: int) -> Terrain:
     return Terrain(needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
 
 
-def nothing(grid: Grid) -> np.ndarray:
+def make_empty_mask(grid: Grid) -> np.ndarray:
     return np.zeros(grid.shape, bool)
 
 
@@ -148,24 +148,26 @@ def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) ->
 @pytest.mark.parametrize("count", [1, 7, 40, 10_000])
 def test_seeds_are_distinct_boundary_cells(ball_grid: Grid, ball_points: np.ndarray, count: int) -> None:
     result = draw_seeds(
-        SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
+        SeedSource(ball_points, ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
     boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
     assert len(set(result)) == len(result) == min(count, boundary)
     assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in result)
     assert result == draw_seeds(
-        SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
+        SeedSource(ball_points, ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
     # Fewer vertices than seeds:
     few = draw_seeds(
-        SeedSource(ball_points[:3], ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
+        SeedSource(ball_points[:3], ball_grid, make_empty_mask(ball_grid)), count, np.random.default_rng(3)
     )
     assert len(set(few)) == len(result)
 
 
 def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
     cells = np.array(
-        draw_seeds(SeedSource(ball_points, ball_grid, nothing(ball_grid)), 8, np.random.default_rng(0))
+        draw_seeds(
+            SeedSource(ball_points, ball_grid, make_empty_mask(ball_grid)), 8, np.random.default_rng(0)
+        )
     )[:, :3]
     gaps = np.abs(cells[:, None] - cells[None]).sum(axis=2) + 100 * np.eye(8, dtype=int)
     assert gaps.min() >= 2
@@ -298,12 +300,12 @@ def test_option_faithful_uses_the_settings_of_the_paper(
         observed.append(("grid", args[1], args[2].overhang_cos))
         return build(*args)
 
-    def seeded(*args: Any) -> list[Any]:
+    def record_draw(*args: Any) -> list[Any]:
         observed.append(("draws", args[1], args[2]))
         return drawn(*args)
 
     monkeypatch.setattr(problem_module, "build_grid", gridded)
-    monkeypatch.setattr(search, "draw_seed_sets", seeded)
+    monkeypatch.setattr(search, "draw_seed_sets", record_draw)
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
     options = replace(
         GROWN, faithful=True, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False

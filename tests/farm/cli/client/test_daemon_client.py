@@ -78,10 +78,10 @@ def test_hanging_daemon_is_not_reported_as_missing(tmp_path):
 
 
 def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
-    def closed(self):
+    def deny_access(self):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(SocketConnection, "connect", closed)
+    monkeypatch.setattr(SocketConnection, "connect", deny_access)
     with pytest.raises(DaemonUnreachable, match=r"you may not use .* members of its group"):
         client.status()
 

@@ -79,13 +79,15 @@ def ask(*arguments):
     return CliRunner().invoke(cli, list(arguments))
 
 
-def flat(text):
+def join_lines(text):
     return " ".join(text.split())
 
 
 @pytest.mark.parametrize("part", ["1/p01", "p01", "1"])
 def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
-    assert "if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
+    assert "if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`" in join_lines(
+        ask("status").stdout
+    )
     answer = ask("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE
@@ -132,7 +134,7 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
 def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
     answer = ask("cleared", *arguments)
     assert answer.exit_code != 0
-    shown = flat((answer.output + str(answer.exception or "")).replace("│", " "))
+    shown = join_lines((answer.output + str(answer.exception or "")).replace("│", " "))
     assert expected_text in shown
     assert farm.controller.books.jobs[1].state is JobState.PRINTING
     assert farm.controller.books.printer("a").bed is Bed.NOT_CLEAR

@@ -11,25 +11,25 @@ def block(name, number, rank, least=0):
     return Block([Text(f"{name} {i}") for i in range(number)], rank=rank, noun=name, least=least)
 
 
-def shown(blocks, height):
+def render(blocks, height):
     return [line.plain for line in fit_blocks(blocks, height)]
 
 
 def test_highest_rank_is_shortened_first_with_a_count_of_omitted_lines():
     blocks = [block("task", 2, 0), block("job", 4, 2), block("printer", 3, 1)]
-    assert len(shown(blocks, None)) == 9
-    assert shown(blocks, 7) == [
+    assert len(render(blocks, None)) == 9
+    assert render(blocks, 7) == [
         *("task 0", "task 1"),
         *("job 0", "... 3 more jobs"),
         *("printer 0", "printer 1", "printer 2"),
     ]
-    assert shown(blocks, 5) == ["task 0", "task 1", "printer 0", "printer 1", "printer 2"]
+    assert render(blocks, 5) == ["task 0", "task 1", "printer 0", "printer 1", "printer 2"]
 
 
 def test_minimum_lines_of_a_block_precede_lines_of_more_important_blocks():
     blocks = [block("job", 4, 2, least=2), block("printer", 50, 1, least=3)]
-    assert shown(blocks, 5) == ["job 0", "... 3 more jobs", "printer 0", "printer 1", "... 48 more printers"]
-    assert shown(blocks, 2) == ["printer 0", "... 49 more printers"]
+    assert render(blocks, 5) == ["job 0", "... 3 more jobs", "printer 0", "printer 1", "... 48 more printers"]
+    assert render(blocks, 2) == ["printer 0", "... 49 more printers"]
 
 
 @given(
@@ -38,7 +38,7 @@ def test_minimum_lines_of_a_block_precede_lines_of_more_important_blocks():
 )
 def test_blocks_fit_the_height_and_are_complete_if_possible(sizes, height):
     blocks = [block("x", *size) for size in sizes]
-    lines = shown(blocks, height)
+    lines = render(blocks, height)
     assert len(lines) <= height
     if sum(size[0] for size in sizes) <= height:
-        assert lines == shown(blocks, None)
+        assert lines == render(blocks, None)

@@ -15,7 +15,7 @@ from farm.views import list_history, select_shown_jobs
 from make_books import apply_events, make_job, make_plan_event
 
 
-def shown(view, width=120):
+def render(view, width=120):
     screen = open_console()
     screen.width, screen.file, screen.record = width, io.StringIO(), True
     screen.print(render_status(view, width))
@@ -23,7 +23,7 @@ def shown(view, width=120):
 
 
 def test_page_begins_with_the_tasks():
-    lines = shown(status_of(night_books()))
+    lines = render(status_of(night_books()))
     assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04: it does not get warm (00:00)"
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
@@ -36,14 +36,14 @@ def test_row_of_a_free_printer_shows_its_reservation():
     view = status_of(night_books())
     kept = view.printers[1].model_copy(update={"hold": None, "kept_for": "6/03"})
     printers = [*view.printers[:1], kept, *view.printers[2:]]
-    lines = shown(view.model_copy(update={"printers": printers}), width=160)
+    lines = render(view.model_copy(update={"printers": printers}), width=160)
     assert next(line for line in lines if line.endswith("kept for 6/03")).startswith("um2-02")
 
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
     doubt = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
     books, _ = apply_events(night_books(), doubt)
-    lines = shown(status_of(books))
+    lines = render(status_of(books))
     assert lines[1].startswith(
         "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03: used at its LCD (06:30), um2-04:"
     )
@@ -52,7 +52,9 @@ def test_manually_used_printer_needs_an_inspection_with_its_time():
 def test_text_of_users_is_not_interpreted():
     started = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
     books, _ = apply_events(night_books(), started)
-    assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
+    assert any(
+        line.endswith("maintenance --done ([/b] new [belt])") for line in render(status_of(books), 200)
+    )
 
 
 def test_unstarted_job_shows_known_figures_only():
@@ -60,12 +62,12 @@ def test_unstarted_job_shows_known_figures_only():
     printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     held = make_plan_event(1, 1).model_copy(update={"held": True, "plan": "abc"})
     books, _ = apply_events(Books(), *printers, *events, held)
-    lines = shown(status_of(books), width=200)
+    lines = render(status_of(books), width=200)
     assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
     assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; held until")
     assert lines[2].endswith("held until `farm approve 1`")
     books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
-    assert shown(status_of(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+    assert render(status_of(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
 
 
 def test_night_with_cancelled_prints_only_is_described():
@@ -79,7 +81,7 @@ def test_printer_in_maintenance_shows_its_reason():
     books, _ = apply_events(
         night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann")
     )
-    (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
+    (row,) = (line for line in render(status_of(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
 
 
@@ -88,7 +90,7 @@ def test_absent_printer_is_a_task_but_not_a_connecting_one(link, needs):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
     observed = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
     view = status_of(night_books()).model_copy(update={"printers": [observed]})
-    assert shown(view)[-1].endswith(needs)
+    assert render(view)[-1].endswith(needs)
 
 
 def test_verdict_on_a_part_is_shown():
@@ -111,7 +113,7 @@ def test_verdict_on_a_part_is_shown():
 
 
 def test_tasks_share_a_line_only_if_they_fit():
-    narrow = shown(status_of(night_books()), width=60)
+    narrow = render(status_of(night_books()), width=60)
     assert narrow[1:3] == [
         "DO NOW   clear 3 beds: um2-01..03",
         "         inspect: um2-04: it does not get warm (00:00)",
@@ -119,7 +121,7 @@ def test_tasks_share_a_line_only_if_they_fit():
     books, _ = apply_events(
         Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     )
-    assert shown(status_of(books))[1] == "DO NOW   nothing"
+    assert render(status_of(books))[1] == "DO NOW   nothing"
 
 
 @pytest.mark.parametrize(
@@ -154,5 +156,5 @@ def test_dry_run_is_on_the_page_only_while_planned():
 def test_stuck_heater_is_the_first_task():
     view = status_of(night_books())
     alarm = api.Todo(code="alarm", printers=["um2-05"], text="go to um2-05 now: it burns")
-    lines = shown(view.model_copy(update={"todo": [alarm, *view.todo]}))
+    lines = render(view.model_copy(update={"todo": [alarm, *view.todo]}))
     assert lines[1].startswith("DO NOW   go to um2-05 now: it burns")

@@ -32,7 +32,7 @@ def slice_(path, out, cache=None, on_step=lambda _: None, **options):
     return slice_to_file(path, out, SliceOptions(**{**defaults, **options}), cache, on_step)
 
 
-def refused(path, out, **options):
+def read_refusal(path, out, **options):
     with pytest.raises(FarmError) as error:
         slice_(path, out, **options)
     assert "\n" not in str(error.value)
@@ -70,7 +70,7 @@ REFUSED = {
 def test_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
     options, code, message = REFUSED[mistake]
     out = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
-    error = refused(box, out, **options)
+    error = read_refusal(box, out, **options)
     assert error.code is code
     assert message in str(error)
     assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
@@ -81,24 +81,24 @@ def test_output_over_the_model_is_refused(box, tmp_path):
     link = tmp_path / "link.stl"
     link.symlink_to(box)
     for out in (box, link):
-        assert "it is the model" in str(refused(box, out))
+        assert "it is the model" in str(read_refusal(box, out))
     assert box.read_bytes() == content
 
 
 def test_output_below_a_file_is_refused(box):
-    assert "is no folder" in str(refused(box, box / "deep" / "out.gcode"))
+    assert "is no folder" in str(read_refusal(box, box / "deep" / "out.gcode"))
 
 
 def test_model_in_inches_or_metres_is_refused_with_scales(tmp_path):
     path = tmp_path / "m.stl"
     trimesh.creation.box((0.3, 0.2, 0.1)).export(path)
-    message = str(refused(path, tmp_path / "out.gcode"))
+    message = str(read_refusal(path, tmp_path / "out.gcode"))
     assert "--scale 1000 if it is in metres" in message and "--scale 25.4 if it is in inches" in message
 
 
 def test_missing_engine_is_not_reported_as_model_error(box, tmp_path, monkeypatch):
     monkeypatch.setenv("FARM_CURA_ENGINE", str(tmp_path / "none"))
-    error = refused(box, tmp_path / "out.gcode")
+    error = read_refusal(box, tmp_path / "out.gcode")
     assert (error.code, error.exit_code) == (ErrorCode.ENGINE, ExitCode.FAILED)
 
 
@@ -107,7 +107,7 @@ def test_missing_engine_is_not_reported_as_model_error(box, tmp_path, monkeypatc
 def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_scale):
     path = tmp_path / "large.stl"
     trimesh.creation.box(size).export(path)
-    message = str(refused(path, tmp_path / "out.gcode"))
+    message = str(read_refusal(path, tmp_path / "out.gcode"))
     scale, longest = re.search(r"--scale (\S+) or --longest-side (\S+)$", message).groups()
 
     def engine(task, progress):
@@ -115,7 +115,7 @@ def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_sc
 
     monkeypatch.setattr("farm.planning.local.slice_file.slice_part", engine)
     proposed = {"scale": float(scale)} if by_scale else {"longest_side_mm": float(longest)}
-    assert str(refused(path, tmp_path / "out.gcode", **proposed)) == "it fits"
+    assert str(read_refusal(path, tmp_path / "out.gcode", **proposed)) == "it fits"
 
 
 def test_unwritable_cache_is_not_used(tmp_path):

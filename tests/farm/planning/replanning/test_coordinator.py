@@ -152,7 +152,7 @@ def test_approved_plan_is_not_replanned(tmp_path):
     assert printing(farm) == {"b": "1/01"}
 
 
-def sliced(farm, plate, printer, hours):
+def make_replanned_plate(farm, plate, printer, hours):
     old = farm.controller.books.plates[plate]
     name = make_next_plate_id(plate)
     time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
@@ -166,7 +166,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
     fails(farm, "a", "1/01")  # its bed is looked at in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
     assert farm.controller.plate_holds().get("1/01") is not None
-    farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 11.0))
+    farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 11.0))
     assert printing(farm) == {"b": "1/01-2"}
     assert farm.controller.books.jobs[1].parts == ("1/p01",)
     assert farm.controller.books.plates["1/01"].replaced_by == ("1/01-2",)
@@ -186,7 +186,7 @@ def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
 def test_useless_reslice_is_not_repeated(tmp_path):
     farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
-    farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 30.0))
+    farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 30.0))
     farm.controller.clock.now_s += HOUR
     farm.controller.handle()
     assert len(farm.effects.replans) == 1
@@ -200,7 +200,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     fails(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
-    farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 9.0))
+    farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 9.0))
     assert farm.controller.books.jobs[1].plates == ("1/01",)
     assert [make_next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == [
         "3/07-2",

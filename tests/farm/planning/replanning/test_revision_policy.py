@@ -16,7 +16,7 @@ HOUR = 3600.0
 ANY = Requirements(None, None, None)
 
 
-def planned(hours, names, **changes):
+def make_planned_job(hours, names, **changes):
     """Return a planned job with a plate of each of these lengths, for these printers in turn."""
     plates = tuple(
         plate(f"1/{at:02d}", names[at % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0)
@@ -32,26 +32,26 @@ def choose(job, fleet, *candidates, start_rules=None, others=()):
 
 def test_plan_is_revised_for_more_free_printers():
     fleet = [printer(name) for name in "abcdefgh"]
-    assert choose(planned([8.0, 8.0], "ab"), fleet, "abcdefgh") == tuple("abcdefgh")
-    assert choose(planned([8.0, 8.0], "ab"), fleet, "abc", "abcdefgh") == tuple("abcdefgh")
+    assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "abcdefgh") == tuple("abcdefgh")
+    assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "abc", "abcdefgh") == tuple("abcdefgh")
 
 
 def test_plan_stays_if_the_gain_is_small():
     fleet = [printer(name) for name in "abc"]
-    assert choose(planned([2.0, 2.0], "ab"), fleet, "abc") is None
-    assert choose(planned([8.0, 8.0], "ab"), fleet, "ab") is None
-    assert choose(planned([2.0, 2.0], "ab", planning_s=5 * HOUR), fleet, "abc") is None
+    assert choose(make_planned_job([2.0, 2.0], "ab"), fleet, "abc") is None
+    assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "ab") is None
+    assert choose(make_planned_job([2.0, 2.0], "ab", planning_s=5 * HOUR), fleet, "abc") is None
 
 
 def test_plan_without_some_printers_is_not_revised_for_more():
     fleet = [printer(name) for name in "abcdefgh"]
-    assert choose(planned([8.0, 8.0], "abcd"), fleet, "abcdefgh") is None
+    assert choose(make_planned_job([8.0, 8.0], "abcd"), fleet, "abcdefgh") is None
 
 
 def test_fewer_parts_are_planned_for_unattended_nights():
     fleet = [printer("a"), printer("b"), *(printer(name, bed=Bed.NOT_CLEAR) for name in "cdef")]
     night = rules(attended=["08:00-18:00"])
-    job = planned([1.0] * 6, "abcdef")
+    job = make_planned_job([1.0] * 6, "abcdef")
     moment = replace(situation(job.plates, fleet, night), now_s=20 * HOUR)
     assert choose_revision(job, moment, ["ab"]) == ("a", "b")
     by_day = replace(moment, now_s=9 * HOUR)
@@ -60,18 +60,18 @@ def test_fewer_parts_are_planned_for_unattended_nights():
 
 def test_plan_that_meets_its_deadline_stays():
     fleet = [printer(name) for name in "abcdefgh"]
-    job = planned([8.0, 8.0], "ab", done_by_s=9 * HOUR)
+    job = make_planned_job([8.0, 8.0], "ab", done_by_s=9 * HOUR)
     assert choose(job, fleet, "abcdefgh") is None
     assert choose(replace(job, done_by_s=7 * HOUR), fleet, "abcdefgh") == tuple("abcdefgh")
 
 
 def test_plan_in_rounds_is_not_made_for_fewer_printers():
     fleet = [printer(name) for name in "ab"]
-    assert choose(planned([8.0] * 5, "ab"), fleet, "a") is None
+    assert choose(make_planned_job([8.0] * 5, "ab"), fleet, "a") is None
 
 
 def test_plan_that_no_printer_can_print_is_made_again():
-    job = planned([8.0], "z")
+    job = make_planned_job([8.0], "z")
     tall = tuple(replace(p, requirements=Requirements("generic_pla", None, 0.8)) for p in job.plates)
     assert choose(replace(job, plates=tall), [printer("a"), printer("b")], "ab") == ("a", "b")
 
@@ -92,7 +92,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     fleet = [printer("abcdefgh"[at], **facts) for at, facts in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free = tuple(p.name for p in fleet if p.obstacle() is None)
-    job = planned(hours, "abcdefgh"[:used], planning_s=float(planning_s))
+    job = make_planned_job(hours, "abcdefgh"[:used], planning_s=float(planning_s))
     start_rules = rules(attended=["08:00-18:00"]) if night else rules()
     moment = replace(situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
     chosen = choose_revision(job, moment, (free, names))
@@ -117,6 +117,6 @@ def test_revision_considers_jobs_of_higher_priority(priority):
         plate(f"9/0{at}", name, job=9, priority=priority, expected_s=40 * HOUR)
         for at, name in enumerate("cd")
     ]
-    job = planned([8.0, 8.0], "ab")
+    job = make_planned_job([8.0, 8.0], "ab")
     chosen = choose(job, fleet, "abcd", others=others)
     assert chosen == (("a", "b", "c", "d") if priority == 0 else None)

@@ -55,7 +55,7 @@ def test_links_have_the_current_names_beside_other_files(tmp_path):
     assert {path.name for path in folder.iterdir()} == {"p01a.stl", "notes.txt", "mine.stl"}
 
 
-def stored(store, tmp_path, content):
+def store_content(store, tmp_path, content):
     (tmp_path / "new.stl").write_bytes(content)
     return store_file(store, tmp_path / "new.stl")
 
@@ -63,7 +63,7 @@ def stored(store, tmp_path, content):
 def test_unnamed_files_are_deleted_an_hour_after_they_were_stored(tmp_path):
     store = tmp_path / "files"
     store.mkdir()
-    name = stored(store, tmp_path, b"solid")
+    name = store_content(store, tmp_path, b"solid")
     now_s = (store / name).stat().st_mtime
     assert delete_files(store, [name, "gone.stl"], now_s + GRACE_S - 1) == 0
     assert delete_files(store, [name], now_s - 7200.0) == 0  # the clock was set back
@@ -75,9 +75,9 @@ def test_file_that_is_stored_again_counts_as_new(tmp_path):
     """A worker stores a model that an old job had; the event that names it follows."""
     store = tmp_path / "files"
     store.mkdir()
-    name = stored(store, tmp_path, b"solid")
+    name = store_content(store, tmp_path, b"solid")
     os.utime(store / name, (1000.0, 1000.0))
-    assert stored(store, tmp_path, b"solid") == name
+    assert store_content(store, tmp_path, b"solid") == name
     assert delete_files(store, [name], time.time()) == 0
     assert (store / name).read_bytes() == b"solid"
 
@@ -104,7 +104,7 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
         deleting = pool.submit(delete)
         try:
             for _ in range(300):
-                name = stored(store, tmp_path, b"solid")
+                name = store_content(store, tmp_path, b"solid")
                 assert (store / name).exists()
                 with suppress(FileNotFoundError):
                     os.utime(store / name, (1000.0, 1000.0))  # old enough to be deleted at any moment
@@ -116,7 +116,7 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
 def test_links_to_deleted_files_are_removed(tmp_path):
     store, jobs = tmp_path / "files", tmp_path / "jobs"
     store.mkdir()
-    kept, removed = stored(store, tmp_path, b"a"), stored(store, tmp_path, b"b")
+    kept, removed = store_content(store, tmp_path, b"a"), store_content(store, tmp_path, b"b")
     name_files(jobs / "1", store, {"p01.stl": kept, "p02.stl": removed})
     (jobs / "1" / "notes.txt").write_text("mine")
     (store / removed).unlink()

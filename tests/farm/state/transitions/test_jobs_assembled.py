@@ -26,7 +26,7 @@ def test_parts_that_are_not_printed_are_not_glued():
 
 
 def test_expected_time_follows_what_was_reported_within_bounds():
-    def glued(minutes: float, expected_s: float | None = 3600.0) -> Job:
+    def make_glued_job(minutes: float, expected_s: float | None = 3600.0) -> Job:
         return make_job().model_copy(
             update={"assembly_s": expected_s, "gluing": Gluing(minutes=minutes, at_s=0.0, by="ann")}
         )
@@ -34,15 +34,19 @@ def test_expected_time_follows_what_was_reported_within_bounds():
     assert (
         compute_assembly_ratio([])
         == compute_assembly_ratio([make_job()])
-        == compute_assembly_ratio([glued(99.0, None)])
+        == compute_assembly_ratio([make_glued_job(99.0, None)])
         == 1.0
     )
-    assert compute_assembly_ratio([glued(60.0)]) == pytest.approx(1.0)
-    assert compute_assembly_ratio([glued(90.0)]) == pytest.approx(1.25)  # half of what one report says
-    assert compute_assembly_ratio([glued(90.0)] * 9) == pytest.approx(1.45)
-    assert compute_assembly_ratio([glued(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
-    assert compute_assembly_ratio([glued(0.1)] * 99) == pytest.approx(0.2575)
-    assert compute_assembly_ratio([glued(9_000.0), *[glued(60.0)] * 9]) < 1.3  # a wrong report is outvoted
+    assert compute_assembly_ratio([make_glued_job(60.0)]) == pytest.approx(1.0)
+    assert compute_assembly_ratio([make_glued_job(90.0)]) == pytest.approx(
+        1.25
+    )  # half of what one report says
+    assert compute_assembly_ratio([make_glued_job(90.0)] * 9) == pytest.approx(1.45)
+    assert compute_assembly_ratio([make_glued_job(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
+    assert compute_assembly_ratio([make_glued_job(0.1)] * 99) == pytest.approx(0.2575)
+    assert (
+        compute_assembly_ratio([make_glued_job(9_000.0), *[make_glued_job(60.0)] * 9]) < 1.3
+    )  # a wrong report is outvoted
 
 
 def test_printing_has_to_end_before_the_gluing():

@@ -10,12 +10,12 @@ from farm.state.transitions import apply
 from make_books import apply_events, make_fleet_events, make_key
 
 
-def added(**fields):
+def add_key(**fields):
     return apply_events(Books(), *make_fleet_events(), ev.KeyAdded(at_s=0.0, key=make_key(**fields)))[0]
 
 
 def test_key_is_valid_until_it_expires_or_is_revoked():
-    books = added(expires_s=100.0)
+    books = add_key(expires_s=100.0)
     assert books.key("abcd2345").is_valid(99.0)
     assert not books.key("abcd2345").is_valid(100.0)
     books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="abcd2345", by="ann"))
@@ -25,7 +25,7 @@ def test_key_is_valid_until_it_expires_or_is_revoked():
 
 
 def test_restored_backup_revokes_all_keys():
-    books, _ = apply_events(added(), ev.BooksRestored(at_s=50.0, copied_s=10.0))
+    books, _ = apply_events(add_key(), ev.BooksRestored(at_s=50.0, copied_s=10.0))
     assert books.key("abcd2345").revoked_s == 50.0
 
 
@@ -52,7 +52,7 @@ def test_used_session_is_valid_until_its_later_end():
 
 def test_ended_sessions_of_a_user_leave_the_books_when_the_user_opens_another():
     books, _ = apply_events(
-        added(name="ann", expires_s=1.0), session("s1"), session("s2"), session("s3", "bob")
+        add_key(name="ann", expires_s=1.0), session("s1"), session("s2"), session("s3", "bob")
     )
     books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), session("s4", at_s=60.0))
     assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # never a key, and of this user alone

@@ -15,7 +15,7 @@ from farm.views.accounting import summarise_job
 from make_books import apply_events, make_end_event, make_printing_books
 
 
-def replaced(books, plate, names=("a", "b")):
+def make_replaced_event(books, plate, names=("a", "b")):
     """A plate's part cut into pieces of these letters; with none, sliced again."""
     old = books.plates[plate]
     (part,) = (books.parts[name] for name in old.parts)
@@ -36,25 +36,25 @@ def replaced(books, plate, names=("a", "b")):
     )
 
 
-def begun(plate, printer, print_id):
+def make_begun_event(plate, printer, print_id):
     return ev.PlateAssigned(at_s=2.0, plate=plate, printer=printer, print_id=print_id)
 
 
-def clear(printer, verdict=Verdict.GOOD):
+def make_cleared_event(printer, verdict=Verdict.GOOD):
     return ev.BedCleared(at_s=300.0, printer=printer, by="ann", filament=None, verdict=verdict, why=None)
 
 
 def failed_once():
     return apply_events(
         make_printing_books(3),
-        begun("1/02", "b", "x"),
+        make_begun_event("1/02", "b", "x"),
         make_end_event("x", PrintState.FAILED, fault="mintemp"),
     )[0]
 
 
 def test_pieces_replace_their_part_and_continue_its_attempts():
     books = failed_once()
-    books, reported = apply_events(books, replaced(books, "1/02"))
+    books, reported = apply_events(books, make_replaced_event(books, "1/02"))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
@@ -68,8 +68,8 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     for attempt in range(1, ATTEMPTS):
         name = f"y{attempt}"
         events = (
-            clear("b"),
-            begun("1/02a", "b", name),
+            make_cleared_event("b"),
+            make_begun_event("1/02a", "b", name),
             make_end_event(name, PrintState.FAILED, fault="mintemp"),
         )
         books, _ = apply_events(books, *events)
@@ -79,25 +79,25 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
 
 def test_resliced_part_keeps_its_name_and_prints():
     books = failed_once()
-    books, _ = apply_events(books, replaced(books, "1/02", ()))
+    books, _ = apply_events(books, make_replaced_event(books, "1/02", ()))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02-2", "1/03")
     assert (job.parts, books.parts["1/p02"].plate) == (("1/p01", "1/p02", "1/p03"), "1/02-2")
     assert books.plates["1/02-2"].prints == ("x",)
     with pytest.raises(InvalidTransition, match="plate 1/02 is replaced"):
-        apply_events(books, begun("1/02", "c", "z"))
+        apply_events(books, make_begun_event("1/02", "c", "z"))
 
 
 @pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
 def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
     books = failed_once()
-    event = replaced(books, "1/02")
+    event = make_replaced_event(books, "1/02")
     other = {
-        "printing": [begun("1/02", "a", "z")],
-        "printed": [begun("1/02", "a", "z"), make_end_event("z")],
+        "printing": [make_begun_event("1/02", "a", "z")],
+        "printed": [make_begun_event("1/02", "a", "z"), make_end_event("z")],
         "cancelled": [ev.PlateCancelled(at_s=8.0, plate="1/02", by="ann")],
         "held": [ev.BooksRestored(at_s=8.0, copied_s=7.0)],
-        "replaced": [replaced(books, "1/02", ())],
+        "replaced": [make_replaced_event(books, "1/02", ())],
     }[meanwhile]
     books, _ = apply_events(books, *other)
     with pytest.raises(InvalidTransition):
@@ -123,15 +123,17 @@ def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
         attempt = books.open_print_on(printer)
         if kind in ("slice", "cut") and waiting:
             letters = "ab" if kind == "cut" else ()
-            books, _ = apply_events(books, replaced(books, waiting[which % len(waiting)], letters))
+            books, _ = apply_events(books, make_replaced_event(books, waiting[which % len(waiting)], letters))
         elif kind == "begin" and waiting and attempt is None and books.printers[printer].bed is Bed.CLEAR:
-            books, _ = apply_events(books, begun(waiting[which % len(waiting)], printer, f"p{number}"))
+            books, _ = apply_events(
+                books, make_begun_event(waiting[which % len(waiting)], printer, f"p{number}")
+            )
         elif kind in ("done", "fail") and attempt is not None:
             state = PrintState.DONE if kind == "done" else PrintState.FAILED
             books, _ = apply_events(books, make_end_event(attempt.id, state, 200.0 + number, fault="mintemp"))
         elif kind in ("clear", "bad") and attempt is None:
             bad = kind == "bad" and books.print_to_judge(printer) is not None
-            books, _ = apply_events(books, clear(printer, Verdict.BAD if bad else Verdict.GOOD))
+            books, _ = apply_events(books, make_cleared_event(printer, Verdict.BAD if bad else Verdict.GOOD))
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
     current = [name for plate in books.plates_of(job) for name in plate.parts]
@@ -159,7 +161,7 @@ def _share(books, part, part_id):
 
 def test_failures_of_a_cut_part_are_shown_once():
     books = failed_once()
-    books, _ = apply_events(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
+    books, _ = apply_events(books, make_replaced_event(books, "1/02"), make_begun_event("1/02a", "a", "y"))
     view = describe_job(view_context_of(books), books.jobs[1])
     shown = {part.id: [item.part for item in part.prints] for part in view.parts}
     assert shown == {

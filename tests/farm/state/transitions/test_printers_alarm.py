@@ -32,7 +32,7 @@ def snapshot(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
     return AgentSnapshot.model_validate(expected | more)
 
 
-def begun():
+def begin_print():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     going = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True)
     return apply_events(make_printing_books(), assigned_event, going)[0]
@@ -47,7 +47,7 @@ def apply_report(books, message, at_s=50.0):
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
-    books = apply_report(begun(), snapshot())
+    books = apply_report(begin_print(), snapshot())
     first = list_tasks(context(books, snapshot()))[0]
     assert (first.code, first.printers) == ("alarm", ["a"])
     assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
@@ -60,7 +60,7 @@ def test_alarm_is_the_first_task_with_state_and_temperatures():
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(hand: str):
-    books = apply_report(begun(), snapshot())
+    books = apply_report(begin_print(), snapshot())
     if hand == "maintenance":
         books, _ = apply_events(
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
@@ -73,7 +73,7 @@ def test_alarm_precedes_other_states_of_the_printer(hand: str):
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
-    books = apply_report(begun(), snapshot())
+    books = apply_report(begin_print(), snapshot())
     reported = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in reported] == [f"go to a now: {FOUND}"]
     books = apply_report(books, snapshot(), 51.0)
@@ -85,7 +85,7 @@ def test_alarm_is_notified_once_and_its_outcome_later():
 
 
 def test_alarm_after_a_cleared_one_is_notified():
-    books = apply_report(begun(), snapshot())
+    books = apply_report(begin_print(), snapshot())
     failed = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,
         ended_s=60.0, extruded=True, filament="unknown",

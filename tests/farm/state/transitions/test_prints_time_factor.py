@@ -23,7 +23,7 @@ LENGTHS = st.floats(MIN_LEARNED_S, 100 * HOUR_S)
 ANY_TIME = st.floats(0.0, 1e9)
 
 
-def after(ratios, factor=1.0):
+def learn(ratios, factor=1.0):
     for ratio in ratios:
         factor = update_time_factor(factor, HOUR_S, ratio * HOUR_S)
     return factor
@@ -48,13 +48,13 @@ def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s
 
 @given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)
 def test_order_of_prints_hardly_affects_the_factor(ratios, start):
-    ends = [after(order, start) for order in itertools.permutations(ratios)]
+    ends = [learn(order, start) for order in itertools.permutations(ratios)]
     assert max(ends) - min(ends) <= max(ratios) - min(ratios) + 1e-9
 
 
 @given(st.lists(st.floats(1.0, 1.1), min_size=1, max_size=30))
 def test_time_factor_stays_within_observed_ratios(ratios):
-    assert 1.0 <= after(ratios) <= max(ratios)
+    assert 1.0 <= learn(ratios) <= max(ratios)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def long_plate(books, factor):
     return books
 
 
-def printed(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
+def print_plates(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
     return apply_events(
         long_plate(make_printing_books(plates=2), planned),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
@@ -93,14 +93,14 @@ def printed(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
 
 @pytest.mark.parametrize("planned", [1.0, 0.9])
 def test_time_factor_learns_from_a_completed_print(planned):
-    books = printed(planned=planned)
+    books = print_plates(planned=planned)
     assert books.printers["a"].time_factor == pytest.approx(1.025)
     assert books.printers["b"].time_factor == 1.0
     assert books.plates["1/01"].compute_expected_s(1.2) == pytest.approx(1.2 * HOUR_S + 100.0)
 
 
 def test_failed_print_does_not_update_the_factor():
-    books = printed(PrintState.FAILED)
+    books = print_plates(PrintState.FAILED)
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert books.printers["a"].time_factor == 1.0
 
