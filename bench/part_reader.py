@@ -68,7 +68,7 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
     ----------
     path
         STL file.
-    own, others
+    own_number, other_numbers
         Number of the part, as its file is named, and of the others.
     pin_mm
         Diameter of the pins.

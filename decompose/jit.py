@@ -43,7 +43,7 @@ def find_code_folder(installed: Path, other_folders: Iterable[Path]) -> Path | N
     ----------
     installed
         Folder beside the sources.
-    others
+    other_folders
         Folders to use if that one cannot be written, in this order; they get a copy of what is installed.
 
     Returns

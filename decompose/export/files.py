@@ -83,7 +83,7 @@ def draw_parts(
 
     Parameters
     ----------
-    stored
+    decomposition
         Parts as `write_parts` returned them.
     folder
         Folder that exists.

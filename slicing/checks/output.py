@@ -139,7 +139,7 @@ def check_facts(
         Height of the model that was sliced.
     cut_mm
         Height of the empty layers that the engine removed at the bottom.
-    top_checked
+    is_top_checked
         Whether the outline is compared up to the top; else `TOP_MM` of the height may be missing.
     layer_height_mm
         Height of the thickest layer; a flat top may be off by half of it.
@@ -225,7 +225,7 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
     ----------
     centre_mm
         The bed's centre in the printer's coordinates.
-    over_mm
+    max_excess_mm
         Height by which the last layer, which is printed whole, may exceed the bed's height.
     """
     low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]

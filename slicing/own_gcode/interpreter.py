@@ -52,7 +52,7 @@ class Interpreter:
         Gaps in the numbers of the layers.
     nozzle_c, bed_c
         Temperatures as last set before the print, in C.
-    left_out
+    omitted
         Commands that were left out, and the property that each would change.
     """
 

@@ -75,7 +75,7 @@ class Objections:
 
         Parameters
         ----------
-        closed
+        is_closed
             Whether the slicer's closing mark comes after the print.
 
         Raises

@@ -43,7 +43,7 @@ class Survey:
         Number of the line with which the print begins.
     marks_layers
         Whether comments mark where layers begin.
-    closed
+    is_closed
         Whether the slicer's closing mark comes after all that is printed; False for a slicer without one.
     machine
         The machine that it was sliced for.

@@ -113,7 +113,7 @@ def find_violations(
         All settings.
     printer
         The printer model, for its limits.
-    chosen
+    user_keys
         Keys that a person has set: they are checked first, and even where Cura disables them.
     """
     for scope in Scope:

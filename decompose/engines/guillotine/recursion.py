@@ -26,7 +26,7 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
     ----------
     value
         (states * size,) int16 counts or int64 keys, lowered in place.
-    at
+    start
         First index of the boxes, of their near sides and of their far sides, in each state.
     sums
         (m, 3) int64: a state, and the states of the near and of the far side that make it up.
