@@ -74,7 +74,8 @@ def make_figure(drawing: Drawing) -> tuple[Any, Any]:
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
-    axes.imshow(drawing.picture, origin="lower", interpolation="none", aspect="auto")
+    picture = np.rint(255.0 * drawing.picture).astype(np.uint8)
+    axes.imshow(picture, origin="lower", interpolation="none", aspect="auto")
     return figure, axes
 
 

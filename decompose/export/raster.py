@@ -20,13 +20,10 @@ OUTLINE_DEPTH_SHARE = 0.012  # share of the depth of the scene from which a jump
 
 
 @jit
-def _rasterise(
-    triangles: Floats, colours: Floats, owner: Ints, image: Floats, depth: Floats, visible: Ints
-) -> None:
-    """Draw triangles (m, 3, 3) in pixels, z towards the eye, each in one colour (m, 3).
+def _rasterise(triangles: Floats, depth: Floats, front: Ints) -> None:
+    """Draw triangles (m, 3, 3) in pixels, z towards the eye.
 
-    image (height, width, 3), depth (height, width) and visible (height, width) are filled in: colour, z, and
-    the owner (m,) of the triangle in front.
+    depth (height, width) and front (height, width) are filled in: z, and the index of the triangle in front.
     """
     height, width = depth.shape
     for t in range(len(triangles)):
@@ -38,55 +35,71 @@ def _rasterise(
         x1 = min(width - 1, int(max(a[0], b[0], c[0])))
         y0 = max(0, int(np.ceil(min(a[1], b[1], c[1]))))
         y1 = min(height - 1, int(max(a[1], b[1], c[1])))
+        # Barycentric coordinates and z are linear in x and y.
+        share = 1.0 / doubled_area
+        u_x, u_y = (b[1] - c[1]) * share, (c[0] - b[0]) * share
+        v_x, v_y = (c[1] - a[1]) * share, (a[0] - c[0]) * share
+        z_x, z_y = u_x * (a[2] - c[2]) + v_x * (b[2] - c[2]), u_y * (a[2] - c[2]) + v_y * (b[2] - c[2])
         for y in range(y0, y1 + 1):
+            u0, v0, z0 = u_y * (y - c[1]), v_y * (y - c[1]), c[2] + z_y * (y - c[1])
             for x in range(x0, x1 + 1):
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / doubled_area
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / doubled_area
-                w = 1.0 - u - v
-                if u < 0.0 or v < 0.0 or w < 0.0:
+                u, v = u0 + u_x * (x - c[0]), v0 + v_x * (x - c[0])
+                if u < 0.0 or v < 0.0 or u + v > 1.0:
                     continue
-                z = u * a[2] + v * b[2] + w * c[2]
+                z = z0 + z_x * (x - c[0])
                 if z > depth[y, x]:
                     depth[y, x] = z
-                    image[y, x] = colours[t]
-                    visible[y, x] = owner[t]
+                    front[y, x] = t
 
 
 @jit
-def _reduce(image: Floats, depth: Floats, step: float, oversample: int) -> Floats:
-    """Darken pixels beside which the depth jumps by more than a step, and average squares of pixels.
+def _colour(front: Ints, depth: Floats, colours: Floats, step: float, oversample: int) -> Floats:
+    """Colour the triangles in front, darker beside jumps of depth, and average squares of pixels.
 
-    image (height, width, 3) and depth (height, width), -inf where nothing is drawn, in pixels; both sides are
-    multiples of oversample. Returns (height / oversample, width / oversample, 3).
+    Parameters
+    ----------
+    front, depth
+        (height, width) index of the triangle in front and its z in pixels; -1 and -inf where nothing is
+        drawn. Both sides are multiples of oversample.
+    colours
+        (m, 3) colours of the triangles.
+    step
+        Depth in pixels from which a jump is an outline.
+
+    Returns
+    -------
+    ndarray
+        (height / oversample, width / oversample, 3) from 0 to 1, white where nothing is drawn.
     """
     height, width = depth.shape
     lowest = np.inf
     for y in range(height):
         for x in range(width):
-            if depth[y, x] != -np.inf:
+            if front[y, x] >= 0:
                 lowest = min(lowest, depth[y, x])
     background = lowest - 2.0 * step
     picture = np.zeros((height // oversample, width // oversample, 3))
-    share = 1.0 / oversample**2
     for y in range(height):
         for x in range(width):
-            weight = share
-            if depth[y, x] != -np.inf:
-                doubled_depth = 2.0 * depth[y, x]
-                vertical_jump = horizontal_jump = 0.0
-                if 0 < y < height - 1:
-                    vertical_jump = (
-                        max(depth[y - 1, x], background) + max(depth[y + 1, x], background) - doubled_depth
-                    )
-                if 0 < x < width - 1:
-                    horizontal_jump = (
-                        max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - doubled_depth
-                    )
-                if abs(vertical_jump) > step or abs(horizontal_jump) > step:
-                    weight *= EDGE
+            t = front[y, x]
+            if t < 0:
+                for channel in range(3):
+                    picture[y // oversample, x // oversample, channel] += 1.0
+                continue
+            doubled_depth = 2.0 * depth[y, x]
+            vertical_jump = horizontal_jump = 0.0
+            if 0 < y < height - 1:
+                vertical_jump = (
+                    max(depth[y - 1, x], background) + max(depth[y + 1, x], background) - doubled_depth
+                )
+            if 0 < x < width - 1:
+                horizontal_jump = (
+                    max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - doubled_depth
+                )
+            brightness = EDGE if abs(vertical_jump) > step or abs(horizontal_jump) > step else 1.0
             for channel in range(3):
-                picture[y // oversample, x // oversample, channel] += weight * image[y, x, channel]
-    return picture
+                picture[y // oversample, x // oversample, channel] += brightness * colours[t, channel]
+    return picture * (1.0 / oversample**2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,15 +177,14 @@ def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: in
     margin = MARGIN * float((high - low)[:2].max())
     scale = oversample * longest_px / (float((high - low)[:2].max()) + 2.0 * margin)
     size = np.ceil((high - low + 2.0 * margin) * scale / oversample).astype(int) * oversample
-    image = np.ones((size[1], size[0], 3))
     depth = np.full((size[1], size[0]), -np.inf)
-    visible = np.zeros((size[1], size[0]), dtype=np.int64)
-    pixels = (triangles - low + margin) * scale
-    _rasterise(pixels, np.concatenate(colours), np.concatenate(owner), image, depth, visible)
+    front = np.full((size[1], size[0]), -1)
+    _rasterise((triangles - low + margin) * scale, depth, front)
     step = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
+    number = np.concatenate([[0], *owner])  # of the shape of each triangle; 0 for none
     return Drawing(
-        picture=_reduce(image, depth, step, oversample),
-        visible=visible[::oversample, ::oversample],
+        picture=_colour(front, depth, np.concatenate(colours), step, oversample),
+        visible=number[front[::oversample, ::oversample] + 1],
         frame=frame,
         origin_mm=low[:2] - margin,
         pixels_per_mm=scale / oversample,
