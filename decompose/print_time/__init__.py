@@ -9,12 +9,13 @@ from decompose.print_time.hidden_faces import SEEN_MM2
 from decompose.print_time.orientation import find_best_pose
 from decompose.print_time.pose import TOUCHED_MM2, PartMesh, Pose, measure_pose
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
-from decompose.print_time.recipe import ADDITIVE, FACTORS, SUPPORT, Recipe, time_terms
+from decompose.print_time.recipe import ADDITIVE, FACTORS, FEATURES, SUPPORT, Recipe, time_terms
 from decompose.print_time.steady_pose import find_steady_pose, steady_limit_s
 
 __all__ = [
     "ADDITIVE",
     "FACTORS",
+    "FEATURES",
     "MAX_INSET_SHARE",
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",

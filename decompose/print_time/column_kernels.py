@@ -6,18 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from decompose.arrays import Bools, Floats, Ints
+from decompose.arrays import Bools, Bytes, Floats, Ints
 from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_crossings
 from decompose.jit import jit, jit_inline
 
 MIN_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is measured
 ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
-FEW_ISLANDS, MANY_SHARE = 4, 0.6
-"""Number of islands of a layer that count in full, and the share for which each further one counts, as among
-many the next is near; measured on slices of posts and fins (`bench/print_time_contours.py`)."""
 LEVEL_MM = 0.01  # heights closer than this are the same
 STEEPEST = 20.0  # the tangent that counts as upright
+BED_MM = 0.15  # what begins below it is printed in the first layer
 MIN_GAP_MM = 0.3  # a face that is lower above the bed, or above the part, gets no support
 
 
@@ -47,11 +45,11 @@ class Sweep(NamedTuple):
         Number of marked faces that columns of support touch, with their upper or their lower end.
     levels
         (LEVELS, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a column.
-    propped
-        (nx, ny) bool: support carries the part from the bed.
+    propped, standing
+        (nx, ny) bool: support carries the part from the bed; the part stands on it.
     supports_mm
         (nx, ny) float64 height of support in each column.
-    towers_mm, edges_mm2, islands_mm, bodies_mm
+    towers_mm, edges_mm2, islands_mm, bodies_mm, holes_mm, island_paths_mm2, hole_paths_mm2
         See `_sum_towers_mm` and `_sum_islands_mm`.
     """
 
@@ -63,6 +61,10 @@ class Sweep(NamedTuple):
     edges_mm2: float
     islands_mm: float
     bodies_mm: float
+    holes_mm: float
+    island_paths_mm2: float
+    hole_paths_mm2: float
+    standing: Bools
 
 
 @jit
@@ -104,8 +106,9 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
             passing[upper_level] += ending[level]
     carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
     towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried, step)
-    islands_mm, bodies_mm = _sum_islands_mm(runs, rays.shape, height)
-    return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm, bodies_mm)
+    paths = _sum_islands_mm(runs, rays.shape, height, step)
+    standing = _find_standing(runs, rays.shape)
+    return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, *paths, standing)
 
 
 @jit_inline
@@ -244,10 +247,25 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) ->
 
 
 @jit
-def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> tuple[float, float]:
-    """Sum the islands of each layer but one, and its bodies of solid but one, over the height in mm.
+def _find_standing(runs: Runs, shape: tuple[int, int]) -> Bools:
+    """Find the columns (nx, ny) whose lowest run stands on the bed."""
+    standing = np.zeros(shape, np.bool_)
+    for column in range(shape[0] * shape[1]):
+        first = runs.start[column]
+        standing[column // shape[1], column % shape[1]] = (
+            runs.counts[column] > 0 and runs.ends[first, 0] < BED_MM
+        )
+    return standing
 
-    Of many islands, those after the first few count less: `MANY_SHARE`.
+
+@jit
+def _sum_islands_mm(
+    runs: Runs, shape: tuple[int, int], height: float, step: float
+) -> tuple[float, float, float, float, float]:
+    """Sum the islands of each layer but one, its bodies of solid but one, and its holes, over the height.
+
+    The fourth and the last sum are of the islands and the holes times the mean distance of their kind, in
+    mm2: the side of the square that each of them has of the layer's rectangle, or of its solid.
 
     Parameters
     ----------
@@ -257,42 +275,95 @@ def _sum_islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> tuple[
         Number of columns along x and along y.
     height
         Height of the mesh in mm.
+    step
+        Distance of the columns in mm.
     """
-    start, counts, ends = runs.start, runs.counts, runs.ends
     nx, ny = shape
-    total, others = 0.0, 0
+    total, others, holes, paths, ways = 0, 0, 0, 0.0, 0.0
     rows, row = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kind = np.zeros(rows * row, np.int8)  # none, solid, support
     parent = np.zeros(rows * row, np.int64)
     for level in range(ISLAND_LEVELS):
-        z = height * (level + 0.5) / ISLAND_LEVELS
-        islands, bodies = 0, 0
-        for i in range(rows):
-            for j in range(row):
-                index = i * row + j
-                column = i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
-                kind[index], parent[index] = 0, index
-                for k in range(start[column], start[column] + counts[column]):
-                    if ends[k, 0] < z < ends[k, 1]:
-                        kind[index] = 1
-                    elif ends[k, 0] - ends[k, 3] < z <= ends[k, 0]:
-                        kind[index] = 2
-                if kind[index] == 0:
-                    continue
-                solid = 1 if kind[index] == 1 else 0
-                islands, bodies = islands + 1, bodies + solid
-                for n in range(4):  # the four of the eight neighbours that were visited before
-                    u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
-                    if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:
-                        continue
-                    a, b = _find_root(parent, index), _find_root(parent, u * row + v)
-                    if a != b:
-                        parent[a] = b
-                        islands -= 1
-                        bodies -= solid
-        total += max(0, min(islands, FEW_ISLANDS) - 1) + MANY_SHARE * max(0, islands - FEW_ISLANDS)
+        rectangle = _fill_level(runs, ny, height * (level + 0.5) / ISLAND_LEVELS, kind, (rows, row))
+        islands, bodies, cells = _count_islands(kind, parent, rows, row)
+        if islands > 1:
+            total += islands - 1
+            ways += (islands - 1) * ISLAND_STRIDE * step * np.sqrt(rectangle / islands)
         others += max(0, bodies - 1)
-    return total * height / ISLAND_LEVELS, others * height / ISLAND_LEVELS
+        pierced = max(0, bodies - _count_euler(kind, rows, row))
+        holes += pierced
+        paths += pierced * ISLAND_STRIDE * step * np.sqrt(cells / (bodies + pierced)) if pierced else 0.0
+    level_mm = height / ISLAND_LEVELS
+    return total * level_mm, others * level_mm, holes * level_mm, ways * level_mm, paths * level_mm
+
+
+@jit
+def _fill_level(runs: Runs, ny: int, z: float, kind: Bytes, shape: tuple[int, int]) -> int:
+    """Fill a raster (rows * row,) with what every second column has at a height; count its rectangle's cells.
+
+    kind: 1 for solid, 2 for support, else 0. The columns are (nx, ny), the raster is of `shape`.
+    """
+    rows, row = shape
+    low_i, high_i, low_j, high_j = rows, -1, row, -1
+    for i in range(rows):
+        for j in range(row):
+            index, column = i * row + j, i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
+            kind[index] = 0
+            for k in range(runs.start[column], runs.start[column] + runs.counts[column]):
+                if runs.ends[k, 0] < z < runs.ends[k, 1]:
+                    kind[index] = 1
+                elif runs.ends[k, 0] - runs.ends[k, 3] < z <= runs.ends[k, 0]:
+                    kind[index] = 2
+            if kind[index] > 0:
+                low_i, high_i, low_j, high_j = min(low_i, i), max(high_i, i), min(low_j, j), max(high_j, j)
+    return max(0, high_i + 1 - low_i) * max(0, high_j + 1 - low_j)
+
+
+@jit
+def _count_islands(kind: Bytes, parent: Ints, rows: int, row: int) -> tuple[int, int, int]:
+    """Count the islands of a raster (rows * row,), those of solid, and its cells; parent: (rows * row,)."""
+    islands, bodies, cells = 0, 0, 0
+    for i in range(rows):
+        for j in range(row):
+            index = i * row + j
+            parent[index] = index
+            if kind[index] == 0:
+                continue
+            solid = 1 if kind[index] == 1 else 0
+            islands, bodies, cells = islands + 1, bodies + solid, cells + solid
+            for n in range(4):  # the four of the eight neighbours that were visited before
+                u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
+                if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:
+                    continue
+                a, b = _find_root(parent, index), _find_root(parent, u * row + v)
+                if a != b:
+                    parent[a] = b
+                    islands -= 1
+                    bodies -= solid
+    return islands, bodies, cells
+
+
+@jit
+def _count_euler(kind: Bytes, rows: int, row: int) -> int:
+    """Count the bodies of solid (kind 1) of a raster (rows * row,) less their holes.
+
+    By the patterns of two by two cells (Gray 1971), cells that share a corner being one body.
+    """
+    quads = 0
+    for i in range(-1, rows):
+        for j in range(-1, row):
+            a = i >= 0 and j >= 0 and kind[i * row + j] == 1
+            b = i >= 0 and j + 1 < row and kind[i * row + j + 1] == 1
+            c = i + 1 < rows and j >= 0 and kind[(i + 1) * row + j] == 1
+            d = i + 1 < rows and j + 1 < row and kind[(i + 1) * row + j + 1] == 1
+            filled = int(a) + int(b) + int(c) + int(d)
+            if filled == 1:
+                quads += 1
+            elif filled == 3:
+                quads -= 1
+            elif filled == 2 and a == d:
+                quads -= 2
+    return quads // 4
 
 
 @jit

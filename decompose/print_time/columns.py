@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import Rays, find_bounds
@@ -31,10 +32,15 @@ class Columns:
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
-        Height of all islands but one, of part or support, in each layer: the nozzle goes there and back. Of
-        many, each counts less.
+        Height of all islands but one, of part or support, in each layer: the nozzle goes there.
     bodies_mm
         Height of all bodies of the part but one in each layer: inner walls are shorter in each.
+    holes_mm
+        Height of all holes of the part in each layer.
+    island_paths_mm2, hole_paths_mm2
+        Those of islands and of holes, each times the mean distance from one to the next.
+    first_layer
+        (nx, ny) bool: the part or its support stands on the bed; columns are `step_mm` apart.
     propped_mm2, props_mm
         Area, as seen from above, that this support carries from the bed, and (p, 2) points of it on the bed:
         the ends of each row of columns, which span the rest.
@@ -50,11 +56,25 @@ class Columns:
     towers_mm: float
     islands_mm: float
     bodies_mm: float
+    holes_mm: float
+    island_paths_mm2: float
+    hole_paths_mm2: float
+    first_layer: Bools
+    step_mm: float
     propped_mm2: float
     props_mm: Floats
     touched_mm2: float
     volumes_mm3: Floats
     centres_mm: Floats
+
+    def brim_mm2(self, width_mm: float) -> float:
+        """Measure the area of a brim around all that stands on the bed, but not in its holes."""
+        if width_mm <= 0.0:
+            return 0.0
+        stands = ndimage.binary_fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
+        # The outline is half a column beyond the middle of the last one inside.
+        away_mm = (ndimage.distance_transform_edt(~stands) - 0.5) * self.step_mm
+        return float((~stands & (away_mm <= width_mm)).sum() * self.step_mm**2) if stands.any() else 0.0
 
 
 def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = COLUMNS) -> Columns:
@@ -89,6 +109,11 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
         towers_mm=sums.towers_mm,
         islands_mm=sums.islands_mm,
         bodies_mm=sums.bodies_mm,
+        holes_mm=sums.holes_mm,
+        island_paths_mm2=sums.island_paths_mm2,
+        hole_paths_mm2=sums.hole_paths_mm2,
+        first_layer=sums.standing | sums.propped,
+        step_mm=step,
         propped_mm2=float(sums.propped.sum() * area),
         props_mm=origin + step * _find_row_ends(sums.propped),
         touched_mm2=float(sums.touched * area),

@@ -18,7 +18,9 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.jit import jit
+from decompose.print_time.contours import Contours
 from decompose.print_time.recipe import FACTORS, FEATURES, Recipe, time_terms
+from decompose.print_time.thin_walls import ThinWalls
 
 Prices = np.void
 """A record of `CostModel.prices`: compiled code reads its fields by name."""
@@ -59,6 +61,23 @@ class CostModel:
     support_side_s_mm2: float = 0.0
     tower_s_mm: float = 0.0
     island_s_mm: float = 0.0
+    island_path_s_mm2: float = 0.0
+    hole_s_mm: float = 0.0
+    hole_path_s_mm2: float = 0.0
+    rim_s_mm: float = 0.0
+    rim_end_s_mm: float = 0.0
+    ring_s_mm2: float = 0.0
+    steep_top_s_mm2: float = 0.0
+    bare_s_mm2: float = 0.0
+    gap_s_mm2: float = 0.0
+    full_s_mm2: float = 0.0
+    overlap_s_mm3: float = 0.0
+    line_mm: float = 0.0
+    layer_mm: float = 1.0
+    outer_walls_mm: float = 0.0  # width of the outer wall on both sides of a thin part
+    walls_mm: float = 0.0  # and of all walls
+    skins_mm: float = 0.0  # height of the skin on both sides of a sheet
+    ring_cos: float = 1.0  # slopes with a larger n have denser infill below them
     hidden_bed_share: float = 0.0  # of the skin of a hidden face on the bed, saved; see `hidden_faces`
     hidden_top_share: float = 0.0  # of that of hidden tops
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
@@ -94,6 +113,23 @@ class CostModel:
             support_side_s_mm2=seconds["support_side_mm2"],
             tower_s_mm=seconds["towers_mm"],
             island_s_mm=seconds["islands_mm"],
+            island_path_s_mm2=seconds["island_paths_mm2"],
+            hole_s_mm=seconds["holes_mm"],
+            hole_path_s_mm2=seconds["hole_paths_mm2"],
+            rim_s_mm=max(0.0, -seconds["rim_mm"]),
+            rim_end_s_mm=seconds["rim_ends_mm"],
+            ring_s_mm2=seconds["ring_mm2"],
+            steep_top_s_mm2=seconds["steep_top_mm2"],
+            bare_s_mm2=seconds["bare_mm2"],
+            gap_s_mm2=seconds["gap_mm2"],
+            full_s_mm2=seconds["full_mm2"],
+            overlap_s_mm3=seconds["overlap_mm3"],
+            line_mm=recipe.line_width_mm,
+            layer_mm=recipe.layer_height_mm,
+            outer_walls_mm=2.0 * recipe.outer_line_width_mm,
+            walls_mm=2.0 * recipe.walls_mm,
+            skins_mm=2.0 * recipe.skin_layers * recipe.layer_height_mm,
+            ring_cos=recipe.ring_cos,
             hidden_bed_share=recipe.bed_layers_saved / max(recipe.skin_layers, 1.0),
             hidden_top_share=recipe.top_layers_saved / max(recipe.skin_layers, 1.0),
         )
@@ -105,8 +141,35 @@ class CostModel:
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
+    def path_price_s(self, islands_mm2: float, holes_mm: float, holes_mm2: float) -> float:
+        """Price travel to islands and holes by height times distance, and to holes by their height too."""
+        holes_s = self.hole_s_mm * holes_mm + self.hole_path_s_mm2 * holes_mm2
+        return self.island_path_s_mm2 * islands_mm2 + holes_s
+
+    def brim_price_s(self, brim_mm2: float, extents_mm: Floats) -> float:
+        """Price a brim in place of that around the part's rectangle, which `price` assumes."""
+        width, depth = extents_mm[:2]
+        ring_mm2 = self.brim_mm * (2.0 * (width + depth) + math.pi * self.brim_mm)
+        return float(self.brim_s_mm2 * (brim_mm2 - ring_mm2))
+
+    def contour_price_s(self, contours: Contours, skin_mm2: float) -> float:
+        """Price the contours of a part, its rims in place of those of one face of its area of skin."""
+        skin_s = self.skin_s_mm2 * skin_mm2
+        assumed_s = max(0.0, skin_s - self.skin_rim_s_mm * math.sqrt(max(0.0, skin_mm2)))
+        rims_s = max(0.0, skin_s - self.rim_s_mm * contours.rim_mm) - assumed_s
+        rings_s = self.ring_s_mm2 * contours.ring_mm2 + self.steep_top_s_mm2 * contours.steep_top_mm2
+        return rims_s + self.rim_end_s_mm * contours.ends_mm + rings_s
+
+    def thin_price_s(self, thin: ThinWalls) -> float:
+        """Price what thin walls and sheets have more and less than thick ones."""
+        walls_s = self.bare_s_mm2 * thin.bare_mm2 + self.gap_s_mm2 * thin.gap_mm2
+        return walls_s + self.full_s_mm2 * thin.full_mm2 + self.overlap_s_mm3 * thin.overlap_mm3
+
     def inset_price_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
-        """Compute the saving by shorter inner walls in all but one body of a layer, which `price` omits."""
+        """Compute the saving by shorter inner walls in all but one body of a layer, which `price` omits.
+
+        Around a hole they are longer: a hole counts as a negative body.
+        """
         most_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
         one_s = min(self.inset_s_mm * height_mm, most_s)
         return min(self.inset_s_mm * (height_mm + bodies_mm), most_s) - one_s

@@ -10,14 +10,18 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
+from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
 from decompose.print_time.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
 from decompose.print_time.recipe import ADDITIVE
+from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
 LATERAL = ADDITIVE.index("lateral_mm2")
+SKIN = ADDITIVE.index("skin_mm2")
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
+HOLE_INSET_SHARE = math.pi / 4.0  # of a square outline: most holes are round
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
 # [assumed] A part stays upright while it sticks to the bed better than the nozzle pulls at its top and its
@@ -149,7 +153,11 @@ def measure_from_features(
     width, depth, height = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
+    hidden = find_hidden_faces(triangles, mesh.cut, cost.skin_cos)
+    saved_share = hidden.saved_share(cost.hidden_bed_share, cost.hidden_top_share)
+    sheets = Sheets(cost.skins_mm * (1.0 - saved_share), cost.layer_mm, cost.skin_cos)
     inside = measure_columns(triangles, mesh.cut, cost.overhang_cos)
+    thin = measure_thin_walls(triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets)
     footing = Footing.from_mesh(triangles, inside.props_mm)
     leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
     brim: float | None = None
@@ -158,16 +166,14 @@ def measure_from_features(
         brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
         joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
-    hidden = find_hidden_faces(triangles, mesh.cut, cost.skin_cos)
+    contours = measure_contours(mesh.vertices, mesh.faces, rotation[2], cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(
         to_model=to_model,
         size_mm=(width, depth, height),
-        price_s=pose_cost.price_s([*features[:COLUMN], 0.0], hi - lo)
-        - cost.inset_price_s(float(features[LATERAL]), height, inside.bodies_mm)
-        + cost.support_price_s(
-            inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
-        )
+        price_s=_price_pose_s(features, hi - lo, inside, pose_cost)
+        + cost.thin_price_s(thin)
+        + cost.contour_price_s(contours, float(features[SKIN]))
         + price_short_layers_s(triangles, cost),
         footing=footing,
         strain=_compute_strain(footing, inside, height, leans),
@@ -179,6 +185,20 @@ def measure_from_features(
         layer_0_expansion_mm=expansion,
         bed_face_hidden=hidden.is_bed_hidden and cost.hidden_bed_share > 0.0,
         tops_hidden=hidden.are_tops_hidden and cost.hidden_top_share > 0.0,
+    )
+
+
+def _price_pose_s(features: Floats, extents_mm: Floats, inside: Columns, cost: CostModel) -> float:
+    """Price `ADDITIVE` features (5,) and extents (3,) with what the columns of the part show."""
+    bodies_mm = inside.bodies_mm - HOLE_INSET_SHARE * inside.holes_mm
+    return (
+        cost.price_s([*features[:COLUMN], 0.0], extents_mm)
+        - cost.inset_price_s(float(features[LATERAL]), float(extents_mm[2]), bodies_mm)
+        + cost.path_price_s(inside.island_paths_mm2, inside.holes_mm, inside.hole_paths_mm2)
+        + cost.brim_price_s(inside.brim_mm2(cost.brim_mm), extents_mm)
+        + cost.support_price_s(
+            inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
+        )
     )
 
 

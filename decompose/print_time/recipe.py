@@ -29,10 +29,13 @@ FEATURES = (
     *ADDITIVE,
     *("height_mm", "skin_rim_mm", "brim_mm2"),
     *("support_mm3", "support_side_mm2", "towers_mm", "islands_mm"),
+    *("island_paths_mm2", "holes_mm", "hole_paths_mm2", "rim_mm", "rim_ends_mm", "ring_mm2", "steep_top_mm2"),
+    *("bare_mm2", "gap_mm2", "full_mm2", "overlap_mm3"),
 )
 """All features. Those that do not add up are the height, the root of `skin_mm2`, the ring of the brim about
-the part's rectangle and, if the columns of a part are measured (`columns`), its islands, and its support
-in place of `column_mm3`."""
+the part's rectangle and, if a part is measured in a pose, what its columns show (`columns`), its support in
+place of `column_mm3`, its contours (`contours`), their rim in place of the root of `skin_mm2`, its thin walls
+and sheets (`thin_walls`)."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -43,21 +46,30 @@ FACTORS: Mapping[str, float] = {
     "skin rim": 6.1,
     "slope ends": 2.0,
     "columns": 1.26,
-    "support": 1.054,
-    "support sides": 0.701,
-    "islands": 1.07,
+    "support": 0.986,
+    "support sides": 0.538,
+    "islands": 0.67,
+    "island paths": 2.56,
     "brim": 0.963,
     "infill ends": 0.808,
-    "travel": 0.868,
+    "travel": 0.72,
+    "holes": 0.8,
+    "rims": 1.0,
+    "rim ends": 5.0,
+    "rings": 0.6,
+    "steep tops": 1.0,
+    "thin walls": 1.0,
+    "thin sheets": 1.0,
 }
 """Factors of the seconds of each term of `time_terms`: one set for all settings.
 
-``columns`` replaces all of `SUPPORT` where only tables are available. The factor of ``islands`` is in seconds
-a layer: there and back, with a retraction each way.
+``columns`` replaces all of `SUPPORT` where only tables are available. Those of travel, of supports and of
+what only a pose shows were fitted to the features of sliced parts (`bench/print_time_features.py`), the
+others to five settings (`bench/print_time_model.py`).
 """
 
 
-SUPPORT = ("support", "support sides", "islands")
+SUPPORT = ("support", "support sides", "islands", "island paths")
 TOWER = 2.7
 """Time of a layer of a tower of support, as a multiple of an island's: it is printed, too."""
 
@@ -71,6 +83,11 @@ OUTLINE_MM = 0.004
 """Margin below the greatest overhang of a layer, beyond which it gets support: outlines are rounded, and a
 line of support grows to the whole face. Without it a face at just the support angle would be priced without
 one."""
+
+
+HOLE_VISITS = 4.0
+"""Number of times that the nozzle goes to a hole in a layer, or around it: measured on plates of 1 to 16
+bores, whose travel is that many times their distance, with a stop each."""
 
 
 TURN_TIME_SHARE = 0.5
@@ -103,6 +120,7 @@ class Recipe:
     brim_mm_s: float = 30.0  # of the first layer
     speeding_layers: int = 2  # number of layers over which the speed rises to that of the others
     travel_mm_s: float = 150.0
+    retraction_s: float = 0.52  # back and forth
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
     shrinkage: float = 0.007  # of the material, a share of its length, which makes parts warp
@@ -136,6 +154,19 @@ class Recipe:
         return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
 
     @property
+    def connection_s_mm2(self) -> float:
+        """Seconds for a line of infill along a mm2 of wall; 0 where its lines are not connected."""
+        connected = self.infill_connected and self.deep_lines_mm > 0.0
+        return 1.0 / (self.layer_height_mm * self.infill_mm_s) if connected else 0.0
+
+    @property
+    def infill_ends_s_mm2(self) -> float:
+        """Seconds lost at the ends of the lines of infill at a mm2 of wall."""
+        stop_s = self.infill_mm_s / self.acceleration_mm_s2
+        share = TURN_TIME_SHARE if self.connection_s_mm2 > 0.0 else 1.0
+        return share * self.deep_lines_mm * stop_s / self.layer_height_mm
+
+    @property
     def top_lines(self) -> float:
         """Mm of lines below each mm2 of a top that its infill has more than elsewhere, over a mm of depth."""
         return (
@@ -143,6 +174,12 @@ class Recipe:
             * self.deep_lines_mm
             * (2.0 ** (self.infill_steps + 1) - 2.0 - self.infill_steps)
         )
+
+    @property
+    def ring_cos(self) -> float:
+        """Minimum n of slopes with a ring of denser infill below them: a narrower one is not printed."""
+        depth_mm = self.infill_step_mm * self.infill_steps
+        return self.line_width_mm / math.hypot(depth_mm, self.line_width_mm) if depth_mm > 0.0 else 1.0
 
     @property
     def supported_deg(self) -> float:
@@ -171,11 +208,8 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
     Returns
     -------
     dict
-        (12,) float64 vectors in the order of `FEATURES`, before `FACTORS`.
+        (23,) float64 vectors in the order of `FEATURES`, before `FACTORS`.
     """
-
-    def vector(**features: float) -> Floats:
-        return np.array([features.get(name, 0.0) for name in FEATURES])
 
     r, layer = recipe, recipe.layer_height_mm
     inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
@@ -183,26 +217,61 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
     lines = r.deep_lines_mm
     supports = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
     infill = lines / (layer * r.infill_mm_s)
-    connected = r.infill_connected and lines > 0.0
-    ends = lines * r.infill_mm_s / r.acceleration_mm_s2 / layer
     skin = r.skin_s_mm / r.line_width_mm
     return {
-        "infill": vector(
+        "infill": _vector(
             volume_mm3=infill,
             lateral_mm2=-infill * r.walls_mm,
             # Every second skin is a top.
             skin_mm2=-infill * r.skin_layers * layer + r.top_lines / 2.0 / (layer * r.infill_mm_s),
         ),
-        "walls": vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
-        "connections": vector(lateral_mm2=1.0 / (layer * r.infill_mm_s) if connected else 0.0),
-        "skin": vector(skin_mm2=skin),
-        "skin rim": vector(skin_rim_mm=-skin * r.walls_mm),
-        "slope ends": vector(slope_mm2=r.skin_mm_s / r.acceleration_mm_s2 / (layer * r.line_width_mm)),
-        "columns": vector(column_mm3=supports / (layer * r.support_mm_s)),
-        "support": vector(support_mm3=supports / (layer * r.support_mm_s)),
-        "support sides": vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
-        "islands": vector(islands_mm=1.0 / layer, towers_mm=TOWER / layer if supports else 0.0),
-        "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
-        "infill ends": vector(lateral_mm2=ends * (TURN_TIME_SHARE if connected else 1.0)),
-        "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
+        "walls": _vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
+        "connections": _vector(
+            lateral_mm2=r.connection_s_mm2, height_mm=-INSET * r.walls_mm * r.connection_s_mm2
+        ),
+        "skin": _vector(skin_mm2=skin),
+        "skin rim": _vector(skin_rim_mm=-skin * r.walls_mm),
+        "slope ends": _vector(slope_mm2=r.skin_mm_s / r.acceleration_mm_s2 / (layer * r.line_width_mm)),
+        "columns": _vector(column_mm3=supports / (layer * r.support_mm_s)),
+        "support": _vector(support_mm3=supports / (layer * r.support_mm_s)),
+        "support sides": _vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
+        "brim": _vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
+        "infill ends": _vector(lateral_mm2=r.infill_ends_s_mm2),
+        "travel": _vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
+    } | _pose_terms(recipe)
+
+
+def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
+    """Compute the seconds of the terms, as `time_terms` does, whose features only a pose shows."""
+    r, layer = recipe, recipe.layer_height_mm
+    skin = r.skin_s_mm / r.line_width_mm
+    stop_s = r.travel_mm_s / r.acceleration_mm_s2 / 2.0
+    return {
+        "islands": _vector(
+            islands_mm=r.retraction_s / layer,
+            towers_mm=TOWER / layer if r.support_line_distance_mm > 0.0 else 0.0,
+        ),
+        "island paths": _vector(islands_mm=stop_s / layer, island_paths_mm2=1.0 / (layer * r.travel_mm_s)),
+        "holes": _vector(
+            holes_mm=HOLE_VISITS * stop_s / layer, hole_paths_mm2=HOLE_VISITS / (layer * r.travel_mm_s)
+        ),
+        "rims": _vector(rim_mm=-skin * r.walls_mm),
+        # A line ends at the rim once every pi widths in the mean over all directions.
+        "rim ends": _vector(
+            rim_ends_mm=r.skin_layers * r.skin_mm_s / r.acceleration_mm_s2 / (math.pi * r.line_width_mm)
+        ),
+        "rings": _vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
+        "thin walls": _vector(
+            bare_mm2=-max(r.wall_count - 1, 0) / r.inner_wall_mm_s / layer,
+            gap_mm2=0.5 / (layer * r.skin_mm_s),
+            full_mm2=-FACTORS["connections"] * r.connection_s_mm2
+            - FACTORS["infill ends"] * r.infill_ends_s_mm2,
+        ),
+        "thin sheets": _vector(overlap_mm3=-1.0 / (layer * r.line_width_mm * r.skin_mm_s)),
+        "steep tops": _vector(steep_top_mm2=r.top_lines / (layer * r.infill_mm_s)),
     }
+
+
+def _vector(**features: float) -> Floats:
+    """Return a vector in the order of `FEATURES`; those not named are 0."""
+    return np.array([features.get(name, 0.0) for name in FEATURES])

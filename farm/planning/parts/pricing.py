@@ -111,11 +111,20 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         brim_mm_s=settings.speed_layer_0_mm_s,
         speeding_layers=int(float(global_settings["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
+        retraction_s=_time_retraction_s(extruder),
         acceleration_mm_s2=float(global_settings["machine_acceleration"]),
         min_layer_s=float(extruder["cool_min_layer_time"]),
         shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
         prelude_s=prelude_s,
     )
+
+
+def _time_retraction_s(extruder: Mapping[str, str]) -> float:
+    """Compute the seconds of a retraction, back and forth; 0 without."""
+    if extruder["retraction_enable"] != "True":
+        return 0.0
+    speeds_mm_s = (float(extruder[f"retraction_{way}_speed"]) for way in ("retract", "prime"))
+    return sum(float(extruder["retraction_amount"]) / max(speed_mm_s, 0.1) for speed_mm_s in speeds_mm_s)
 
 
 def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:

@@ -94,7 +94,7 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     assert measure(legs[0]).islands_mm == 0.0
     assert measure(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
     assert measure(table).islands_mm == pytest.approx(
-        3.6 * 30.0, abs=4 * 40.0 / 16
+        4 * 30.0, abs=4 * 40.0 / 16
     )  # and the support between them
     assert (
         measure(Solid.union(legs)).bodies_mm == measure(table).bodies_mm == pytest.approx(3 * 30.0, abs=8.0)
@@ -102,11 +102,36 @@ def test_islands_are_separate_areas_of_a_layer() -> None:
     assert measure(legs[0]).bodies_mm == 0.0
 
 
-def test_further_islands_of_many_count_less() -> None:
+def test_many_islands_are_near_each_other() -> None:
     posts = [Solid.box((x, y, 0), (x + 6, y + 6, 30)) for x in range(0, 60, 12) for y in (0, 12, 24, 36)]
     result = measure(Solid.union(posts))
-    assert result.islands_mm == pytest.approx((3 + 0.6 * 16) * 30.0)
+    assert result.islands_mm == pytest.approx(19 * 30.0)
     assert result.bodies_mm == pytest.approx(19 * 30.0)
+    spaced_mm = np.sqrt(54.0 * 42.0 / 20.0)
+    assert result.island_paths_mm2 == pytest.approx(19 * 30.0 * spaced_mm, rel=0.03)
+
+
+def test_holes_of_a_layer_are_counted() -> None:
+    bores = [
+        trimesh.creation.cylinder(4.0, segment=[(x, y, -1), (x, y, 5)]) for x in (15, 45) for y in (15, 45)
+    ]
+    holes = Solid.union([Solid.from_arrays(bore.vertices, bore.faces) for bore in bores])
+    plate = Solid.box((0, 0, 0), (60, 60, 10)).subtract(holes)
+    result = measure(plate)
+    assert result.holes_mm == pytest.approx(4 * 5.0, abs=4 * 10.0 / 16)  # they end at half of the height
+    spaced_mm = np.sqrt((60.0**2 - 4 * np.pi * 4.0**2) / 5.0)
+    assert result.hole_paths_mm2 == pytest.approx(result.holes_mm * spaced_mm, rel=0.05)
+    assert measure(Solid.box((0, 0, 0), (60, 60, 10))).holes_mm == 0.0
+
+
+def test_brim_surrounds_each_foot_but_fills_no_hole() -> None:
+    legs = [Solid.box((x, 0, 0), (x + 20, 20, 10)) for x in (0, 80)]
+    around_mm2 = 4 * 20.0 * 5.0 + np.pi * 5.0**2
+    assert measure(legs[0]).brim_mm2(5.0) == pytest.approx(around_mm2, rel=0.03)
+    assert measure(Solid.union(legs)).brim_mm2(5.0) == pytest.approx(2 * around_mm2, rel=0.05)
+    ring = Solid.box((0, 0, 0), (20, 20, 10)).subtract(Solid.box((4, 4, -1), (16, 16, 11)))
+    assert measure(ring).brim_mm2(5.0) == pytest.approx(around_mm2, rel=0.03)
+    assert measure(ring).brim_mm2(0.0) == 0.0
 
 
 def test_slope_from_its_wall_needs_no_tower() -> None:

@@ -1,0 +1,129 @@
+"""Seconds of each kind of line in G-code, with acceleration and jerk as CuraEngine plans them.
+
+Each layer starts and ends at a stop. A retraction counts by itself, a move without filament as travel.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.jit import jit
+
+ACCELERATION_MM_S2 = 3000.0
+MAX_ACCELERATION_MM_S2 = np.array([9000.0, 9000.0, 100.0, 10000.0])
+MAX_FEED_MM_S = np.array([300.0, 300.0, 40.0, 45.0])
+JERK_MM_S = np.array([20.0, 20.0, 0.4, 5.0])
+STANDSTILL_MM_S = 0.05
+
+KINDS = (
+    "travel",
+    "retraction",
+    "SKIRT",
+    "WALL-OUTER",
+    "WALL-INNER",
+    "SKIN",
+    "FILL",
+    "SUPPORT",
+    "SUPPORT-INTERFACE",
+)
+_WORD = re.compile(r"([XYZEF])(-?[\d.]+)")
+
+
+def measure_features_s(gcode: str) -> dict[str, float]:
+    """Compute the seconds of the moves of each of `KINDS`, by their names."""
+    at, feed, kind = dict.fromkeys("XYZE", 0.0), 1.0, 0
+    moves, kinds, stops = [], [], []
+    for line in gcode.splitlines():
+        if line.startswith(("G0 ", "G1 ")):
+            words = {letter: float(value) for letter, value in _WORD.findall(line)}
+            feed = words.pop("F", 60.0 * feed) / 60.0
+            delta = [words.get(axis, at[axis]) - at[axis] for axis in "XYZE"]
+            at.update(words)
+            if any(delta):
+                moves.append((*delta, feed))
+                still = delta[0] == delta[1] == 0.0
+                kinds.append(1 if still and delta[3] else kind if delta[3] > 0.0 else 0)
+        elif line.startswith("G92 "):
+            at.update({letter: float(value) for letter, value in _WORD.findall(line)})
+        elif line.startswith(";TYPE:"):
+            kind = KINDS.index(line[6:])
+        elif line.startswith(";LAYER:"):
+            stops.append(len(moves))
+    stops.append(len(moves))
+    seconds = plan_moves_s(np.array(moves), np.array(stops))
+    first = stops[0]
+    sums = np.bincount(np.array(kinds)[first:], weights=seconds[first:], minlength=len(KINDS))
+    return dict(zip(KINDS, sums.tolist(), strict=True))
+
+
+@jit
+def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
+    """Plan moves (n, 5) of dx, dy, dz, de in mm and a feed in mm/s; return their seconds (n,).
+
+    Parameters
+    ----------
+    stops
+        Indices of moves that begin at a stop.
+    """
+    n = len(moves)
+    length, nominal, acceleration = np.zeros(n), np.zeros(n), np.zeros(n)
+    most, entry, seconds = np.zeros(n), np.zeros(n), np.zeros(n)
+    speed, before = np.zeros(4), np.zeros(4)
+    stop, last = 0, 0.0
+    for i in range(n):
+        d = moves[i, :4]
+        length[i] = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+        if length[i] == 0.0:
+            length[i] = abs(d[3])
+        factor, acc = 1.0, ACCELERATION_MM_S2
+        for axis in range(4):
+            speed[axis] = d[axis] * moves[i, 4] / length[i]
+            if abs(speed[axis]) > MAX_FEED_MM_S[axis]:
+                factor = min(factor, MAX_FEED_MM_S[axis] / abs(speed[axis]))
+        for axis in range(4):
+            speed[axis] *= factor
+            if acc * abs(d[axis]) / length[i] > MAX_ACCELERATION_MM_S2[axis]:
+                acc = MAX_ACCELERATION_MM_S2[axis] * length[i] / abs(d[axis])
+        nominal[i], acceleration[i] = moves[i, 4] * factor, acc
+        junction, share = JERK_MM_S[0] / 2.0, 1.0
+        if abs(speed[2]) > JERK_MM_S[2] / 2.0:
+            junction = min(junction, JERK_MM_S[2] / 2.0)
+        if abs(speed[3]) > JERK_MM_S[3] / 2.0:
+            junction = min(junction, JERK_MM_S[3] / 2.0)
+        junction = min(junction, nominal[i])
+        while stop < len(stops) and stops[stop] < i:
+            stop += 1
+        at_rest = i == 0 or (stop < len(stops) and stops[stop] == i)
+        if not at_rest and last > 0.0001:
+            jerk = np.sqrt((speed[0] - before[0]) ** 2 + (speed[1] - before[1]) ** 2)
+            if jerk > JERK_MM_S[0]:
+                share = JERK_MM_S[0] / jerk
+            for axis in (2, 3):
+                change = abs(speed[axis] - before[axis])
+                if change > JERK_MM_S[axis]:
+                    share = min(share, JERK_MM_S[axis] / change)
+            junction = min(last, nominal[i] * share)
+        most[i] = STANDSTILL_MM_S if at_rest else junction
+        last = nominal[i]
+        before[:] = speed
+    after = STANDSTILL_MM_S
+    for i in range(n - 1, -1, -1):
+        entry[i] = min(most[i], np.sqrt(after**2 + 2.0 * acceleration[i] * length[i]))
+        after = entry[i]
+    for i in range(n):
+        if i > 0:
+            reached = np.sqrt(entry[i - 1] ** 2 + 2.0 * acceleration[i - 1] * length[i - 1])
+            entry[i] = min(entry[i], reached)
+    for i in range(n):
+        leave = entry[i + 1] if i + 1 < n else STANDSTILL_MM_S
+        a, v = acceleration[i], nominal[i]
+        ramps = (2.0 * v * v - entry[i] ** 2 - leave**2) / (2.0 * a)
+        if ramps <= length[i]:
+            seconds[i] = (2.0 * v - entry[i] - leave) / a + (length[i] - ramps) / v
+        else:
+            top = np.sqrt(max(a * length[i] + (entry[i] ** 2 + leave**2) / 2.0, max(entry[i], leave) ** 2))
+            seconds[i] = (2.0 * top - entry[i] - leave) / a
+    return seconds

@@ -1,0 +1,241 @@
+"""Seconds of each feature of small parts, by price and by slice: where prices err.
+
+Usage: python -m bench.print_time_features [--seeds 1,2] [--qualities glue,paper] [--parts 2]
+       [--cache DIR] [--json]
+
+Parts of the models of `bench.unseen`, each cut for 4 printers, and the shapes of `bench.print_time_contours`.
+A slice's seconds are those of its moves with acceleration and jerk (`bench.move_times`), by the kind of their
+line. Parts and slices are kept in the cache, so that a change of prices is measured in seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.move_times import measure_features_s
+from bench.print_time_contours import SHAPES
+from bench.print_time_parts import PRINTER, make_recipe
+from bench.unseen import KINDS, draw_model
+from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry import write_stl
+from decompose.print_time import FACTORS, CostModel, Pose, Recipe, find_best_pose, measure_pose
+from drivers.printers import BEDS
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import build_slicing_printer
+from slicing.engine import EngineLimits, run_engine
+from slicing.errors import SlicingError
+from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
+
+SIDE_MM = 180.0
+AT = 0.45  # of each side
+GROUPS = {
+    "walls": ("walls",),
+    "infill": ("infill", "connections", "steep tops"),
+    "skins": ("skin", "skin rim", "rims", "thin walls", "thin sheets"),
+    "supports": ("support", "support sides"),
+    "brim": ("brim",),
+    "travel": (
+        "slope ends",
+        "infill ends",
+        "travel",
+        "islands",
+        "island paths",
+        "holes",
+        "rim ends",
+        "rings",
+    ),
+}
+LINES = {
+    "walls": ("WALL-OUTER", "WALL-INNER"),
+    "infill": ("FILL",),
+    "skins": ("SKIN",),
+    "supports": ("SUPPORT", "SUPPORT-INTERFACE"),
+    "brim": ("SKIRT",),
+    "travel": ("travel", "retraction"),
+}
+ON_PLANE_MM = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """Part on the bed: triangles (m, 3, 3) in mm, and which of them (m,) are cuts."""
+
+    name: str
+    corners: np.ndarray
+    cut: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Seconds of one part by price and by slice, each in all and by feature."""
+
+    part: str
+    quality: str
+    price_s: float
+    sliced_s: float
+    price_features_s: dict[str, float]
+    sliced_features_s: dict[str, float]
+
+    @property
+    def error(self) -> float:
+        return self.price_s / self.sliced_s - 1.0
+
+
+def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache: Path) -> Iterator[Posed]:
+    """Yield whole shapes, and pieces of each unseen model; poses are kept in the cache."""
+    for name, shape in SHAPES.items() if shapes else ():
+        vertices, faces = shape().arrays()
+        yield place(name, vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3))
+    cost = CostModel.from_recipe(make_recipe("glue"))
+    for seed in seeds:
+        for kind in KINDS:
+            for which in pieces:
+                kept = cache / f"{kind}-{seed}-{which}.npz"
+                if not kept.exists():
+                    posed = cut_piece(kind, seed, which, cost)
+                    np.savez(kept, corners=posed.corners, cut=posed.cut)
+                with np.load(kept) as stored:
+                    yield Posed(kept.stem, stored["corners"], stored["cut"])
+
+
+def cut_piece(kind: str, seed: int, which: str, cost: CostModel) -> Posed:
+    """Cut the low or the high corner off an unseen model, across its two longest axes; lay it down best."""
+    solid = draw_model(kind, seed, SIDE_MM).solid
+    lo, hi = solid.bounds_mm
+    planes: list[tuple[int, float]] = []
+    if which != "whole":
+        planes = [(int(axis), float(lo[axis] + AT * (hi - lo)[axis])) for axis in np.argsort(lo - hi)[:2]]
+    for axis, at_mm in planes:
+        solid = solid.split_by_plane(np.eye(3)[axis], at_mm)[which == "high"]
+    vertices, faces = solid.arrays()
+    on = [(np.abs(vertices[faces][:, :, axis] - at_mm) < ON_PLANE_MM).all(axis=1) for axis, at_mm in planes]
+    cut = np.any([*on, np.zeros(len(faces), np.bool_)], axis=0)
+    pose = find_best_pose(vertices, faces, cut, (), cost)
+    assert pose is not None
+    return place("", vertices, faces, cut, pose.to_model[:3, :3].T)
+
+
+def place(name: str, vertices: Floats, faces: Ints, cut: Bools, rotation: Floats) -> Posed:
+    """Place a mesh on the bed, centred, in single precision as in an STL."""
+    placed = vertices @ rotation.T
+    lo, hi = placed.min(axis=0), placed.max(axis=0)
+    centred = (placed - [*(lo + hi)[:2] / 2.0, lo[2]])[faces]
+    return Posed(name, centred.astype(np.float32).astype(np.float64), cut)
+
+
+def measure(posed: Posed, quality: str, cache: Path) -> Row | None:
+    """Price and slice a part; None if the slice is refused."""
+    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
+    recipe = build_recipe(resolve_settings(request, find_resources()), prelude_s=0.0)
+    pose = price_part(posed, CostModel.from_recipe(recipe), quality == "glue")
+    kept = cache / f"{posed.name}-{quality}.json"
+    if not kept.exists():
+        try:
+            kept.write_text(json.dumps(slice_features_s(posed, pose, request, cache)), encoding="utf-8")
+        except SlicingError as error:
+            print(f"{posed.name}: {error}", file=sys.stderr)
+            return None
+    sliced = json.loads(kept.read_text(encoding="utf-8"))
+    return Row(
+        posed.name,
+        quality,
+        pose.price_s,
+        sliced.pop("sliced"),
+        price_features_s(posed, pose, recipe),
+        sum_groups_s(sliced),
+    )
+
+
+def price_features_s(posed: Posed, pose: Pose, recipe: Recipe) -> dict[str, float]:
+    """Price each group of terms alone; ``slow`` is what the least time of a layer adds."""
+    fast = replace(
+        recipe, min_layer_s=0.0, brim_mm=recipe.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm
+    )
+    parts = {}
+    for group, names in GROUPS.items():
+        factors = {name: FACTORS[name] if name in names else 0.0 for name in FACTORS}
+        cost = CostModel.from_recipe(fast, factors)
+        parts[group] = price_part(posed, cost, fits=False).price_s
+    return parts | {"slow": pose.price_s - sum(parts.values())}
+
+
+def weld(corners: Floats) -> tuple[Floats, Ints]:
+    """Return the vertices and faces of triangles, equal corners as one vertex."""
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices, index.reshape(-1, 3).astype(np.int64)
+
+
+def price_part(posed: Posed, cost: CostModel, fits: bool) -> Pose:
+    vertices, faces = weld(posed.corners)
+    return measure_pose(vertices, faces, posed.cut, np.eye(3), cost, fits)
+
+
+def slice_features_s(posed: Posed, pose: Pose, request: SettingsRequest, cache: Path) -> dict[str, float]:
+    """Slice a part with its own settings; return CuraEngine's seconds, and those of each feature."""
+    chosen = PartSettings(
+        brim_width_mm=pose.brim_width_mm,
+        layer_0_expansion_mm=pose.layer_0_expansion_mm,
+        bed_face_hidden=pose.bed_face_hidden,
+        tops_hidden=pose.tops_hidden,
+    )
+    settings = resolve_settings(request, find_resources(), chosen)
+    stl = cache / f"{posed.name}-{request.quality}.stl"
+    write_stl(stl, posed.corners)
+    run = run_engine(find_engine(), stl, settings.global_, settings.extruder, EngineLimits(5000, 900.0))
+    stl.unlink()
+    text = run.gcode.decode()
+    sliced_s = float(text[text.rindex(";TIME_ELAPSED:") :].split(":")[1].split("\n")[0])
+    return {"sliced": sliced_s, **measure_features_s(text)}
+
+
+def format_row(row: Row) -> str:
+    """Format a row: the error of each feature as a share of the whole time."""
+    shares = (
+        f"{group} {(priced_s - row.sliced_features_s.get(group, 0.0)) / row.sliced_s:+6.1%}"
+        for group, priced_s in row.price_features_s.items()
+    )
+    return f"{row.part:14} {row.quality:6} {row.sliced_s:7.0f} s {row.error:+6.1%}: {', '.join(shares)}"
+
+
+def sum_groups_s(kinds_s: Mapping[str, float]) -> dict[str, float]:
+    return {group: sum(kinds_s[name] for name in names) for group, names in LINES.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", default="1,2")
+    parser.add_argument("--qualities", default="glue,paper")
+    parser.add_argument("--pieces", default="low,high", help="and whole")
+    parser.add_argument("--shapes", action="store_true")
+    parser.add_argument("--cache", type=Path, required=True)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    args.cache.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for posed in list_parts(
+        [int(seed) for seed in args.seeds.split(",") if seed], args.pieces.split(","), args.shapes, args.cache
+    ):
+        for quality in args.qualities.split(","):
+            row = measure(posed, quality, args.cache)
+            if row is not None:
+                rows.append(row)
+                if not args.json:
+                    print(format_row(row), flush=True)
+    errors = np.array([row.error for row in rows])
+    if args.json:
+        print(json.dumps([asdict(row) | {"error": row.error} for row in rows], indent=1))
+    else:
+        print(f"mean error {np.abs(errors).mean():.1%}, worst {np.abs(errors).max():.1%}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""Thin walls and sheets of a part, by rays through it: where infill, inner walls or skins find no room.
+
+Between the walls of a thin one, a slicer prints a single line at the speed of skin instead of infill. Where
+not even the inner walls fit, such a line takes their place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
+from decompose.jit import jit
+
+RAYS = 4_000  # approximate number along each of two axes
+MIN_STEP_MM = 0.05
+MIN_GAP_MM = 0.05  # a narrower gap between walls is not filled
+
+
+class WallWidths(NamedTuple):
+    """Widths in mm: of a line, of the outer wall on both sides, and of all walls on both sides."""
+
+    line_mm: float
+    outer_mm: float
+    all_mm: float
+
+
+class Sheets(NamedTuple):
+    """Heights in mm of the skins on both sides of a sheet and of a layer; least |n| of faces with skin."""
+
+    skins_mm: float = 0.0
+    layer_mm: float = 1.0
+    skin_cos: float = 1.0
+
+
+class ThinWalls(NamedTuple):
+    """Areas of upright faces in mm2, each side of a wall by itself, whose wall is thin; and of thin sheets.
+
+    Attributes
+    ----------
+    bare_mm2
+        Of walls too thin for inner walls.
+    gap_mm2
+        Of walls with a gap that a single line fills.
+    full_mm2
+        Of walls without infill.
+    overlap_mm3
+        Volume by which the skins on both sides of sheets exceed them.
+    """
+
+    bare_mm2: float
+    gap_mm2: float
+    full_mm2: float
+    overlap_mm3: float
+
+
+def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, count: int = RAYS) -> ThinWalls:
+    """Measure the thin walls and sheets of a closed mesh (m, 3, 3) in mm that stands on the bed."""
+    sums = np.zeros(3)
+    for upright, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):  # x, then y, is turned up; the index of z in it
+        crossings, normals, ray_mm2 = _send_rays(triangles[:, :, order], count)
+        sums += ray_mm2 * _sum_thin_walls(crossings, normals, upright, widths)
+    crossings, normals, ray_mm2 = _send_rays(triangles, count)
+    bare_mm2, gap_mm2, full_mm2 = sums.tolist()
+    overlap_mm3 = ray_mm2 * _sum_overlap_mm(crossings, normals, sheets)
+    return ThinWalls(bare_mm2, gap_mm2, full_mm2, overlap_mm3)
+
+
+def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]:
+    """Send rays along the last axis; return their crossings, the faces' normals, and the area of a ray."""
+    turned = np.ascontiguousarray(triangles)
+    lo, hi = find_bounds(turned)
+    width, depth = (hi - lo)[:2].tolist()
+    step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
+    origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
+    normals = compute_unit_normals(turned)
+    rays = Rays(origin, step, (math.ceil(width / step), math.ceil(depth / step)))
+    return find_crossings(turned, normals, rays), normals, step * step
+
+
+@jit
+def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths: WallWidths) -> Floats:
+    """Sum the areas of `ThinWalls` (3,) over the area of a ray, of faces that look along the rays.
+
+    Parameters
+    ----------
+    crossings
+        Of the rays.
+    normals
+        (m, 3) unit normals of the faces; the rays run along the last axis.
+    upright
+        Index of the axis that points up on the bed: 0 or 1.
+    widths
+        Of the walls.
+    """
+    sums = np.zeros(3)
+    line, outer, walls = widths
+    for ray in range(len(crossings.start) - 1):
+        depth, entry = 0, 0
+        for k in range(crossings.start[ray], crossings.start[ray + 1]):
+            if normals[crossings.face[k], 2] < 0.0:
+                depth += 1
+                if depth == 1:
+                    entry = k
+                continue
+            depth -= 1
+            if depth != 0:
+                continue
+            chord = crossings.z_mm[k] - crossings.z_mm[entry]
+            for crossing in (entry, k):
+                face = crossings.face[crossing]
+                along, across = abs(normals[face, 2]), abs(normals[face, 1 - upright])
+                if along < across:
+                    continue
+                level = np.sqrt(along * along + across * across)
+                thick, area = chord * along / level, level / along
+                if thick < outer + line:
+                    sums[0] += area
+                if outer + MIN_GAP_MM < thick < outer + line or walls + MIN_GAP_MM < thick < walls + line:
+                    sums[1] += area
+                if thick < walls + line:
+                    sums[2] += area
+    return sums
+
+
+@jit
+def _sum_overlap_mm(crossings: Crossings, normals: Floats, sheets: Sheets) -> float:
+    """Sum the height by which the skins on both sides of thin sheets exceed them, over all rays."""
+    skins, layer, skin_cos = sheets
+    total = 0.0
+    for ray in range(len(crossings.start) - 1):
+        depth, bottom, flat = 0, 0.0, False
+        for k in range(crossings.start[ray], crossings.start[ray + 1]):
+            z, up = crossings.z_mm[k], normals[crossings.face[k], 2]
+            if up < 0.0:
+                depth += 1
+                if depth == 1:
+                    bottom, flat = z, -up > skin_cos
+                continue
+            depth -= 1
+            if depth == 0 and flat and up > skin_cos:
+                total += max(0.0, skins - layer * np.floor((z - bottom) / layer + 0.5))
+    return total
