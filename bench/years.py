@@ -5,7 +5,7 @@
 
 Every night a job is planned, printed on eight printers and judged, and the database is backed up. Its files
 have the sizes of one real night and take no space (they are sparse). The state, its events, the backup and
-the prune are the daemon's own. The pictures of parts are not loft: a file of the usual size stands for each.
+the prune are the daemon's own. The pictures of parts are not drawn: a file of the usual size stands for each.
 """
 
 from __future__ import annotations

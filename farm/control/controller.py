@@ -24,14 +24,7 @@ from farm.control.startup import list_startup_events
 from farm.control.telemetry import Telemetry, list_unconfirmed_instructions, read_snapshot
 from farm.errors import FarmError
 from farm.log_format import PrinterLog
-from farm.model import (
-    AgentPrint,
-    AgentSnapshot,
-    Hold,
-    HoldCode,
-    PlanProgress,
-    PrintState,
-)
+from farm.model import AgentPrint, AgentSnapshot, Hold, HoldCode, PlanProgress, PrintState
 from farm.paths import StateFolder
 from farm.planning import Plan
 from farm.planning.replanning import ReplanCoordinator, ReplannedPlate

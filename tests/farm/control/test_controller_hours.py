@@ -140,7 +140,7 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
     farm.jobs.pause(1, True, "ann")
     report(farm, PrintState.PAUSED)
     farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
-    with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00$"):
+    with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00 \(UTC\)$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
     report(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
