@@ -143,13 +143,8 @@ class Link:
         Returns None if the only effect is that the next line of the program is to be written.
         """
         # Fast path: an ok to a line of a program while the next line is already encoded.
-        if (
-            data == b"ok\n"
-            and self._awaits_ok
-            and not self._partial
-            and now_s < self._poll_at_s
-            and self._is_undisturbed
-        ):
+        is_usual = self._awaits_ok and self._is_undisturbed and not self._partial
+        if data == b"ok\n" and is_usual and now_s < self._poll_at_s:
             line = self._outbox.take_encoded()
             if line is not None:
                 self._output = line

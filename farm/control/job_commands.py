@@ -16,7 +16,7 @@ from farm.scheduling import StartRules, parse_moment_s
 from farm.state import events as ev
 from farm.state.storage import compute_sha256
 from farm.text import format_count
-from farm.views.queue import list_queue
+from farm.views.jobs import list_queue
 
 
 class JobCommands:

@@ -22,8 +22,7 @@ from farm.model.job import (
 from farm.model.key import Key, KeyKind, Role
 from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
 from farm.model.print import Moment, Print, PrintState, Still, Verdict
-from farm.model.printer import Bed, FilamentState, HostLoss, Outage, Printer, Reel
-from farm.model.temperatures import Temperatures
+from farm.model.printer import Bed, FilamentState, HostLoss, Outage, Printer, Reel, Temperatures
 
 __all__ = [
     "DEFAULT_PRINT_OPTIONS",

@@ -1,7 +1,8 @@
-"""Recorded state of printers: bed, filament and reel; and outages of several printers."""
+"""Recorded state of printers: bed, filament and reel; their temperatures; outages of several printers."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 from farm.model.entity import Entity
@@ -64,3 +65,14 @@ class Outage(Entity):
     at_s: float
     printers: tuple[str, ...]
     confirmed_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Temperatures:
+    """Hottest readings of a minute, in whole degrees Celsius, and the last targets; None: no answer."""
+
+    at_s: float
+    nozzle_c: int | None
+    bed_c: int | None
+    nozzle_target_c: int | None
+    bed_target_c: int | None

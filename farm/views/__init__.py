@@ -9,12 +9,11 @@ from farm.views.accounting import compute_duration_s
 from farm.views.context import ViewContext
 from farm.views.events import describe_event
 from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
-from farm.views.jobs import describe_job, describe_jobs
+from farm.views.jobs import describe_job, describe_jobs, describe_timeline
 from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
 from farm.views.printers import describe_printer
 from farm.views.tasks import list_tasks
-from farm.views.timeline import describe_timeline
 
 __all__ = [
     "Notice",

@@ -11,7 +11,7 @@ from farm.control import DryRuns, JobCommands, PartCommands
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 from farm.views import describe_job, describe_timeline
-from farm.views.queue import describe_queue
+from farm.views.jobs import describe_queue
 
 
 def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:

@@ -11,7 +11,7 @@ from farm.views.charts import Mark, TimeAxis
 from farm.views.context import ViewContext
 from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, PlannedPrint, list_spans, plan_fleet
 from farm.views.dashboard.what_if import Change, JobShift, try_change
-from farm.views.queue import count_waiting
+from farm.views.jobs import count_waiting
 
 _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = 1200, 30, 110, 30, 44  # px
 _BAR = 22

@@ -9,7 +9,7 @@ from farm.model import Job, JobState, Print
 from farm.views.context import ViewContext
 from farm.views.dashboard.figures import Figures, group_figures, name_month, sum_figures
 from farm.views.history import describe_ended_print
-from farm.views.job_times import measure_times
+from farm.views.jobs import measure_times
 from farm.wording import describe_material
 
 _DAY_S = 86400.0

@@ -10,7 +10,7 @@ from farm.errors import FarmError, NoSuchThing, Refused
 from farm.model import HoldCode, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
-from farm.views.queue import describe_queue
+from farm.views.jobs import describe_queue
 from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 

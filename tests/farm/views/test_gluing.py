@@ -17,7 +17,7 @@ from farm.state.books import put, replace_fields
 from farm.views import describe_job, list_history, list_jobs, list_tasks
 from farm.views.context import ViewContext
 from farm.views.dashboard import HistoryFilter, describe_history, write_csv
-from farm.views.job_times import measure_assembly
+from farm.views.jobs import measure_assembly
 from farm.views.report import list_figures
 from make_books import PRINTERS, apply_events, make_end_event, make_job, make_printing_books
 

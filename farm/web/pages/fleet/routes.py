@@ -20,7 +20,7 @@ from farm.views.dashboard import (
     write_csv,
 )
 from farm.views.history import describe_ended_print
-from farm.views.queue import count_waiting, list_queue
+from farm.views.jobs import count_waiting, list_queue
 from farm.web.notes import Note, Reader
 from farm.web.pages.fleet.history import HistoryQuery, render_history
 from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline

@@ -20,7 +20,7 @@ from farm.model import (
 from farm.state import Books
 from farm.views.accounting import summarise_job
 from farm.views.context import ViewContext
-from farm.views.job_times import Run, measure_assembly, measure_times
+from farm.views.jobs.times import Run, measure_assembly, measure_times
 
 _TEMPORARY_HOLDS = {
     HoldCode.NOT_FIRST, HoldCode.PRINTER_BUSY, HoldCode.JOB_PRINTER_LIMIT, HoldCode.PRINTER_CONNECTING,

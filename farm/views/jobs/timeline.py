@@ -10,7 +10,7 @@ from farm.model import Plate
 from farm.scheduling import Situation, Slot, describe_plates, forecast_prints
 from farm.state import Books, PlateState
 from farm.views.context import ViewContext
-from farm.views.jobs import sum_prices
+from farm.views.jobs.description import sum_prices
 
 
 def describe_timeline(context: ViewContext, number: int, situation: Situation) -> api.Timeline:

@@ -6,7 +6,7 @@ from farm import api
 from farm.model import Job, JobState
 from farm.state import Books, PlateState
 from farm.views.context import ViewContext
-from farm.views.job_times import measure_times
+from farm.views.jobs.times import measure_times
 
 
 def list_queue(books: Books) -> list[Job]:

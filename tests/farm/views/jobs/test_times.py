@@ -12,7 +12,7 @@ from farm.model import Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.views import ViewContext
-from farm.views.job_times import list_runs, measure_times
+from farm.views.jobs.times import list_runs, measure_times
 from make_books import apply_events, make_end_event, make_printing_books
 
 FLEET = Fleet.model_validate(
