@@ -1,6 +1,7 @@
 """The dashboard in Chromium: accessibility, policy, live changes, lost connections, and no scripts."""
 
 import asyncio
+import base64
 import re
 
 import pytest
@@ -131,6 +132,28 @@ def test_page_catches_up_after_the_computer_has_slept(tmp_path):
         make_bed_unknown(farm, "its board was reset")
         browser.sleep(False)
         await browser.wait_for(f"{STALE}.hidden && {TASK}.innerText.includes('its board was reset')")
+
+    browse(tmp_path, act)
+
+
+PAPER_PX = 718  # A4 between margins of 10 mm, at 96 px an inch
+LIGHT = "getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)'"
+FIELDS = "[...document.querySelectorAll('nav, form, input, select')].filter((one) => one.checkVisibility()).length"
+
+
+@pytest.mark.parametrize("path", ["/", "/jobs/1", "/timeline", "/printers/a", "/history"])
+def test_pages_fit_on_paper_without_forms_and_on_white(tmp_path, path):
+    async def act(farm, browser, base):
+        await browser.open(base + path)
+        dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+        await browser.call("Emulation.setEmulatedMedia", media="print", features=dark)
+        size = {"width": PAPER_PX, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
+        await browser.call("Emulation.setDeviceMetricsOverride", **size)
+        assert await browser.evaluate(FIELDS) == 0
+        assert await browser.evaluate(LIGHT) is True
+        assert await browser.evaluate("document.documentElement.scrollWidth") <= PAPER_PX
+        pdf = base64.b64decode((await browser.call("Page.printToPDF"))["data"])
+        assert pdf.startswith(b"%PDF-")
 
     browse(tmp_path, act)
 

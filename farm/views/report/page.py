@@ -86,6 +86,7 @@ def render_page(
         title=f"Job {job.id}: {job.name}, {job.state}",
         job=job,
         facts=facts,
+        zone=now.tzname(),
         gantt=lay_out_gantt(list_bars(job, others, now)),
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),
