@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import json
 import os
+import pwd
 import shutil
 import signal
 import subprocess
@@ -138,6 +139,13 @@ class Sshd:
         self.cut()
 
 
+def _has_sshd_user() -> bool:
+    """Return whether sshd can separate privileges, for which it needs a user of its own as root."""
+    with suppress(KeyError):
+        return os.getuid() != 0 or bool(pwd.getpwnam("sshd"))
+    return False
+
+
 def _children(number: int) -> list[int]:
     """The processes of the server for its connections; what they have started is not among them."""
     results = []
@@ -165,8 +173,8 @@ class SilentNetwork(SilentRoute):
 def remote_host(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[Any]:
-    if request.param is Sshd and SSHD is None:
-        pytest.skip("needs openssh-server")
+    if request.param is Sshd and (SSHD is None or not _has_sshd_user()):
+        pytest.skip("needs openssh-server, and as root its user sshd")
     folder = tmp_path / "way"
     folder.mkdir()
     created = request.param(folder)
