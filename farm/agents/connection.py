@@ -178,7 +178,9 @@ class AgentConnection:
 
     async def _listen(self) -> None:
         wait_s = 0.0
-        while not self._stopping:
+        while not self._stopping or self._is_agent_alive(
+            self._process
+        ):  # one that has just started has to be ended
             try:
                 await asyncio.sleep(wait_s)
                 wait_s = min(2 * wait_s + (1.0 if self._remote else RETRY_S), _MAX_WAIT_S)
@@ -334,26 +336,46 @@ class AgentConnection:
         await self._end_agent()
 
     async def _end_agent(self) -> None:
-        try:
-            reply = await self._client.request(m.Shutdown(id=0, now=True))
-            if reply.error:
-                self._log.warning("%s", reply.error)
-        except DriverError as error:
-            self._log.info("%s", error)
+        process, pid = self._process, find_agent_pid(self._folder)
+        has_answered = await self._request_end()
         try:
             async with asyncio.timeout(_END_S):
-                while is_alive(self._folder):
+                while self._is_agent_alive(process, pid):
+                    if not has_answered and self._client.connected:  # it had just been started
+                        has_answered = await self._request_end()
                     await asyncio.sleep(0.05)
         except TimeoutError:
             self._log.warning("its agent does not end")
-        else:
-            if self._process is not None:
-                await asyncio.to_thread(self._process.wait)
         if emulator_is_running(self._folder / _EMULATOR):
             try:
                 await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
             except DriverError as error:
                 self._log.warning("%s", error)
+
+    async def _request_end(self) -> bool:
+        """Request the agent to end; return whether it has answered."""
+        try:
+            reply = await self._client.request(m.Shutdown(id=0, now=True))
+        except DriverError as error:
+            self._log.info("%s", error)
+            return False
+        if reply.error:
+            self._log.warning("%s", reply.error)
+        return True
+
+    def _is_agent_alive(self, process: subprocess.Popen[bytes] | None, pid: int | None = None) -> bool:
+        """Return whether an agent runs on this host, also one that has just been started.
+
+        Parameters
+        ----------
+        process
+            The agent as a child of this process, if it is one.
+        pid
+            Its process id, if it has reported one: another agent does not count then.
+        """
+        if process is not None and process.poll() is None:
+            return True
+        return is_alive(self._folder) and pid in (None, find_agent_pid(self._folder))
 
     async def close(self) -> None:
         self._stopping = True

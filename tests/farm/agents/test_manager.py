@@ -96,6 +96,30 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             control(state.agent("a") / "emulator", "power_off")
 
 
+@pytest.mark.system
+def test_agent_that_has_just_started_is_ended_too(tmp_path: Path):
+    state, fleet, listener = simulated_farm(tmp_path)
+
+    async def scenario() -> None:
+        links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
+        links.start(())
+        process = links._connections["a"]._process
+        assert process is not None
+        try:
+            async with asyncio.timeout(DEADLINE_S):
+                await links.shut_down_agents()
+            assert process.poll() == 0
+        finally:
+            await links.close()
+
+    try:
+        asyncio.run(scenario())
+    finally:
+        kill_agent(state.agent("a"))
+        if emulator_is_running(state.agent("a") / "emulator"):
+            control(state.agent("a") / "emulator", "power_off")
+
+
 @pytest.mark.parametrize(("apart_s", "shift_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)])
 def test_times_of_an_agent_with_another_clock_are_corrected(apart_s: float, shift_s: float):
     clock = Clock()
