@@ -68,7 +68,7 @@ class HostGroups:
 
     @property
     def has_network(self) -> bool:
-        """Whether packets can be lost and delayed."""
+        """Return whether packets can be lost and delayed."""
         return self._network is not None
 
     def lose(self, *groups: str) -> None:

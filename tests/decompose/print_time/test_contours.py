@@ -47,7 +47,7 @@ def test_ball_has_no_rims() -> None:
 
 
 def test_rings_lie_below_slopes_that_are_flat_enough() -> None:
-    """Of 2 mm of depth, a ring as wide as a line of 0.35 mm takes a slope of 10 degrees."""
+    """Check the least slope with a ring: 10 degrees for 2 mm of depth and lines of 0.35 mm."""
     ring_cos = Recipe(infill_steps=1, infill_step_mm=2.0).ring_cos
     assert np.degrees(np.arcsin(ring_cos)) == pytest.approx(9.93, abs=0.01)
     gentle, steep = frustum(60, 60 - 2 * 20 * np.tan(np.radians(15)), 20), frustum(60, 58, 20)

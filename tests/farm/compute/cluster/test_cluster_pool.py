@@ -108,7 +108,7 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
 
 
 def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
-    """Of time and of memory, with the message of a limit here; the worker goes on."""
+    """Check limits of time and memory, with their messages as on this computer; the worker goes on."""
     note, out = tmp_path / "pids", tmp_path / "out"
 
     async def use(pool, processes):
