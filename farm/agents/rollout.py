@@ -38,7 +38,7 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
     updates
         State of the update of each host, by its name; None: it is not connected.
     started_hosts
-        Hosts whose update has started_hosts, in order. The others wait until the first one is done.
+        Hosts whose update has begun, in order. The others wait until the first one is done.
 
     Returns
     -------
