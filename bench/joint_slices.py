@@ -45,7 +45,7 @@ class PrintedPart:
     def support_mm3(self) -> float:
         """Material of supports; the printer counts it in mm3."""
         is_support = self.path.is_feature("SUPPORT") | self.path.is_feature("SUPPORT-INTERFACE")
-        is_move = (self.path.before[:, :2] != self.path.after[:, :2]).any(axis=1)  # not after a retraction
+        is_move = (self.path.start[:, :2] != self.path.end[:, :2]).any(axis=1)  # not after a retraction
         return float(self.path.extruded_mm[is_support & is_move].clip(min=0.0).sum())
 
     def find_seams(self, longest_only: bool = False) -> Floats:
@@ -58,7 +58,7 @@ class PrintedPart:
         """
         walls = self.walls
         first = np.flatnonzero(np.diff(walls.run, prepend=-1))
-        first = first[walls.closed[first]]
+        first = first[walls.is_closed[first]]
         if longest_only:
             lengths = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[first]]
             order = first[np.lexsort((-lengths, walls.layer[first]))]
@@ -127,7 +127,7 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
     stl, out = folder / "part.stl", folder / "part.gcode"
     write_stl(stl, (placed + shift)[faces].astype(np.float32))
     result = slice_plate(
-        PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ENDLESS_BED)
+        PlateRequest(stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED)
     )
     path, layout = read_toolpath(out.read_bytes()), read_wall_layout(settings)
     if layout is None:

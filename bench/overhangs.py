@@ -46,7 +46,9 @@ def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path)
     """Check whether CuraEngine prints any support."""
     stl, out = folder / "block.stl", folder / "block.gcode"
     block.export(stl)
-    slice_plate(PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ENDLESS_BED))
+    slice_plate(
+        PlateRequest(stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED)
+    )
     return measure_kinds_s(out.read_text(encoding="utf-8"))["support_s"] > 0.0
 
 

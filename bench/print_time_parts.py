@@ -219,7 +219,7 @@ def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) ->
     stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
     write_stl(stl, posed.corners)
     request = PlateRequest(
-        stl=stl, settings=settings, out=out, engine=find_engine(), bed=ENDLESS_BED, cache=cache
+        stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED, cache=cache
     )
     try:
         sliced_s = slice_plate(request).sliced_s

@@ -58,7 +58,7 @@ from farm.planning.tasks import warm
 from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
 from slicing.cache import trim_cache
-from slicing.settings import OWN_MATERIALS
+from slicing.settings import OWN_MATERIALS_VARIABLE
 
 if TYPE_CHECKING:
     from farm.web import NetworkServer
@@ -306,7 +306,7 @@ def run(fleet: Fleet, places: Places) -> None:
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
     check_operators(fleet.fleet.operators)
     if fleet.fleet.materials is not None:
-        os.environ[OWN_MATERIALS] = str(fleet.fleet.materials)  # for the workers
+        os.environ[OWN_MATERIALS_VARIABLE] = str(fleet.fleet.materials)  # for the workers
     places.state.make()
     try:
         with _lock_state_folder(places.state):

@@ -30,9 +30,9 @@ LAYER_BYTES = 10 * 2**20
 OUTPUT_BYTES = 2 * 2**30
 """Maximum size of a file that CuraEngine may write; a part that fills a bed has 0.07 GB of G-code."""
 _LOG_BYTES = 2**20
-"""Size of each end of the log that is kept."""
+"""Size of the beginning, and of the end, of a long log that are kept."""
 _PR_SET_PDEATHSIG = 1
-_UNKNOWN = "Unknown exception"
+_UNKNOWN_ERROR = "Unknown exception"
 _PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
 _ADVICE = "scale the model down or simplify its mesh"
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -82,7 +82,7 @@ def run_engine(
 ) -> EngineOutput:
     """Slice an STL with resolved settings.
 
-    The settings go as flat JSON files whose values are strings: the engine cuts JSON numbers to six digits.
+    The settings are passed as flat JSON files with text values: the engine cuts JSON numbers to six digits.
     Settings of the extruder come after ``-e0``, and all of them before ``-l``: elsewhere the engine ignores
     them.
 
@@ -117,11 +117,13 @@ def run_engine(
         options = ["-v", *(["-p"] if progress else []), "-m1"]
         arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
         command = [str(engine), *arguments, "-o", "part.gcode", "-l", "part.stl"]
-        code, log = _run_process(command, folder, limits, progress)
-        if code > 0 and _UNKNOWN in log:  # seen on a machine under load, where a second run succeeded
-            code, log = _run_process(command, folder, limits, progress)
-        if code != 0:
-            raise _make_engine_error(code, log, limits.memory_bytes)
+        exit_code, log = _run_process(command, folder, limits, progress)
+        if (
+            exit_code > 0 and _UNKNOWN_ERROR in log
+        ):  # seen on a machine under load, where a second run succeeded
+            exit_code, log = _run_process(command, folder, limits, progress)
+        if exit_code != 0:
+            raise _build_engine_error(exit_code, log, limits.memory_bytes)
         gcode = folder / "part.gcode"
         return EngineOutput(gcode.read_bytes() if gcode.is_file() else b"", log)
 
@@ -129,7 +131,7 @@ def run_engine(
 def _run_process(
     command: list[str], folder: Path, limits: EngineLimits, progress: Progress | None
 ) -> tuple[int, str]:
-    """Run a command to its end; return its exit code and its log."""
+    """Run a command until it ends; return its exit code and its log."""
     try:
         process = subprocess.Popen(
             command,
@@ -157,7 +159,7 @@ def _run_process(
 
 
 def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
-    """Read the log of a process until it ends; of a very long log only the two ends are kept."""
+    """Read the log of a process until it ends; only the beginning and the end of a long log are kept."""
     assert process.stdout is not None
     pipe, exit_fd = process.stdout.fileno(), os.pidfd_open(process.pid)
     os.set_blocking(pipe, False)
@@ -167,11 +169,11 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
         selector.register(exit_fd, selectors.EVENT_READ)
         selector.register(pipe, selectors.EVENT_READ)
         try:
-            running = True
-            while running:
+            is_running = True
+            while is_running:
                 ready = [key.fd for key, _ in selector.select(max(0.0, deadline_s - time.monotonic()))]
-                running = exit_fd not in ready  # the rest of its log is in the pipe then
-                if running and time.monotonic() >= deadline_s:
+                is_running = exit_fd not in ready  # the rest of its log is in the pipe then
+                if is_running and time.monotonic() >= deadline_s:
                     raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_ADVICE}")
                 message = _read(pipe)
                 if message == b"" and pipe in ready:
@@ -187,56 +189,56 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
 
 
 def _read(pipe: int) -> bytes:
-    """Read a pipe, which holds 64 KiB; empty if there is nothing in it, or it is closed."""
+    """Read from a pipe, 64 KiB at most; empty if it holds nothing or is closed."""
     try:
         return os.read(pipe, 1 << 16)
     except BlockingIOError:
         return b""
 
 
-def _make_engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
+def _build_engine_error(exit_code: int, log: str, memory_bytes: int) -> EngineFailed:
     """Build the error for an exit code and a log; a signal is a negative code."""
     lines = log.splitlines()
     message = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)
     message = message or (lines[-1].strip() if lines else "its log is empty")
-    name = "" if code > 0 else signal.Signals(-code).name
+    name = "" if exit_code > 0 else signal.Signals(-exit_code).name
     if "bad_alloc" in log or "memory exhausted" in log:
         return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_ADVICE}")
-    if code == -signal.SIGKILL:
+    if exit_code == -signal.SIGKILL:
         return EngineOutOfMemory(
             f"CuraEngine was killed ({name}), which happens where a machine runs out of memory; "
             "slice with fewer workers at a time"
         )
-    if code == -signal.SIGXFSZ:
+    if exit_code == -signal.SIGXFSZ:
         return EngineCrashed(f"CuraEngine wrote more than {OUTPUT_BYTES / 2**30:.0f} GB; {_ADVICE}")
-    if code < 0:
+    if exit_code < 0:
         return EngineCrashed(f"CuraEngine crashed ({name}): {message}; repair the mesh, or {_ADVICE}")
-    if _UNKNOWN in message:
+    if _UNKNOWN_ERROR in message:
         return EngineOutOfMemory(
             f"CuraEngine gave up twice ({message}), as it does where {memory_bytes / 2**30:.1f} GB of memory "
             f"are not enough, or with a model many metres long; {_ADVICE}"
         )
     if "no value given" in message:
         message += "; it needs the settings files of its own version: set FARM_CURA_RESOURCES"
-    return EngineFailed(f"CuraEngine failed (exit code {code}): {message}")
+    return EngineFailed(f"CuraEngine failed (exit code {exit_code}): {message}")
 
 
-def _limit_child(memory_bytes: int, parent: int) -> None:
-    """Limit the child process: lowest priority, bounded memory and output, killed with its parent."""
+def _limit_child(memory_bytes: int, parent_pid: int) -> None:
+    """Limit the child process: lowest priority, limited memory and output, killed if its parent ends."""
     os.nice(19)
     # The parent may have a limit of its own, against which the stacks would count in full.
-    data = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    resource.setrlimit(resource.RLIMIT_DATA, (data, data))
+    data_limit = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    resource.setrlimit(resource.RLIMIT_DATA, (data_limit, data_limit))
     for limit, maximum in (
         (resource.RLIMIT_AS, memory_bytes),
         (resource.RLIMIT_FSIZE, OUTPUT_BYTES),
         (resource.RLIMIT_CORE, 0),
     ):
-        hard = resource.getrlimit(limit)[1]
-        maximum = maximum if hard == resource.RLIM_INFINITY else min(maximum, hard)
+        hard_limit = resource.getrlimit(limit)[1]
+        maximum = maximum if hard_limit == resource.RLIM_INFINITY else min(maximum, hard_limit)
         resource.setrlimit(limit, (maximum, maximum))
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # the parent ended before the signal was set up
+    if os.getppid() != parent_pid:  # the parent ended before the signal was set up
         os._exit(1)
 
 

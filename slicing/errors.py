@@ -1,4 +1,4 @@
-"""Errors of the slicing package, one root."""
+"""Errors of the slicing package, with a common base."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ _TEXT = re.compile(rb"\s*[Mm](11[78])\s")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _PARENTHESES = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))")
-_RUN_TOGETHER = re.compile(r"[\d.]E")
+_AMBIGUOUS_E = re.compile(r"[\d.]E")
 
 PLAIN_MOVE = rb"G[01](?: [FXYZE]-?\d+(?:\.\d*|))+\r?"
 """A straight move in the form that slicers nearly always write. An empty branch is faster than ``?``."""
@@ -108,7 +108,7 @@ def parse_words(rest: str, number: int) -> Words:
     """
     words: Words = {}
     offset = 0
-    if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
+    if _AMBIGUOUS_E.search(rest):  # the firmware reads X1E5 as a power of ten
         raise GcodeRefused(f"line {number}: write a space before each E: {quote_text(rest)} is not clear")
     while offset < len(rest) and (word := _WORD.match(rest, offset)) is not None:
         letter, digits = word.groups()
@@ -141,9 +141,9 @@ def _find_max_value(letter: str) -> float:
 
 def _strip_number(command: bytes, number: int) -> bytes:
     """Remove the line number and the checksum from a command that was written for a serial port."""
-    body, star, checksum = command.partition(b"*")
+    body, separator, checksum = command.partition(b"*")
     match = _NUMBERED.match(body)
-    if star:
+    if separator:
         xor = 0
         for byte in body:
             xor ^= byte

@@ -1,4 +1,4 @@
-"""Installation of CuraEngine and of Cura's settings, by the script that `make install` runs, too."""
+"""Installation of CuraEngine and of Cura's settings, by the script that `make install` also runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SCRIPT = Path(__file__).with_name("install-cura.sh")
 
 
 def install_cura(folder: Path = INSTALLED) -> None:
-    """Install CuraEngine by apt, and take Cura's settings of its version out of Debian's packages.
+    """Install CuraEngine by apt, and Cura's settings of the same version from Debian's packages.
 
     Does nothing if both are installed, or if the environment names them. The script says on stderr what it
     does and what is missing.
@@ -20,7 +20,7 @@ def install_cura(folder: Path = INSTALLED) -> None:
     Parameters
     ----------
     folder
-        Folder for the settings; it appears whole or not at all.
+        Folder for the settings; it is created complete or not at all.
 
     Raises
     ------

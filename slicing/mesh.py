@@ -18,7 +18,7 @@ from slicing.errors import Rule, SliceRejected
 
 Floats = npt.NDArray[np.float64]
 
-STEPS_MM = (29.0, 23.0)  # along x and y, from crest to trough: a corner's sides multiply to less then
+STEPS_MM = (29.0, 23.0)  # along x and y, from crest to trough: the product of two sides stays below 2**32 um2
 WAVE_MM = 0.03  # CuraEngine may flatten a smaller wave
 SAME_MM = 1e-6
 
@@ -26,7 +26,7 @@ SAME_MM = 1e-6
 def read_triangles(stl: bytes) -> Floats:
     """Read a binary STL.
 
-    `trimesh.load_mesh` gives an empty mesh for a file that is cut short, so its reader is called directly.
+    `trimesh.load_mesh` gives an empty mesh for a truncated file, so its reader is called directly.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def add_waves(corners: Floats) -> Floats:
     """
     for axis, step_mm in enumerate(STEPS_MM):
         first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
-        for turn in range(int(np.ceil(first)), int(np.floor(last)) + 1):
-            corners = _cut(corners, axis, turn * step_mm)
+        for multiple in range(int(np.ceil(first)), int(np.floor(last)) + 1):
+            corners = _cut(corners, axis, multiple * step_mm)
     result = corners.copy()
     for axis, other_axis in ((0, 1), (1, 0)):
         phase = corners[..., other_axis] / STEPS_MM[other_axis]
@@ -87,23 +87,27 @@ def add_waves(corners: Floats) -> Floats:
     return result
 
 
-def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
+def _cut(corners: Floats, axis: int, plane_mm: float) -> Floats:
     """Cut triangles (n, 3, 3) at a plane, so that none lies on both of its sides.
 
-    An edge is cut at the very same point for both of its triangles.
+    Both triangles of an edge are cut at exactly the same point.
     """
-    side = np.sign(np.where(np.abs(corners[..., axis] - at_mm) < SAME_MM, 0.0, corners[..., axis] - at_mm))
+    side = np.sign(
+        np.where(np.abs(corners[..., axis] - plane_mm) < SAME_MM, 0.0, corners[..., axis] - plane_mm)
+    )
     is_crossed = (side.max(axis=1) > 0.0) & (side.min(axis=1) < 0.0)
     has_corner_on_plane = is_crossed & (side == 0.0).any(axis=1)
     is_cut_twice = is_crossed & ~has_corner_on_plane
     on_plane, a, b = _roll_corners(corners[has_corner_on_plane], side[has_corner_on_plane] == 0.0)
-    middle = _interpolate(a, b, axis, at_mm)
+    middle = _interpolate(a, b, axis, plane_mm)
     tip, c, d = _roll_corners(
         corners[is_cut_twice], side[is_cut_twice] == -np.sign(side[is_cut_twice].sum(axis=1))[:, None]
     )
-    p, q = _interpolate(tip, c, axis, at_mm), _interpolate(tip, d, axis, at_mm)
-    new = [(on_plane, a, middle), (on_plane, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
-    return np.concatenate([corners[~is_crossed], *(np.stack(corner_set, axis=1) for corner_set in new)])
+    p, q = _interpolate(tip, c, axis, plane_mm), _interpolate(tip, d, axis, plane_mm)
+    new_triangles = [(on_plane, a, middle), (on_plane, middle, b), (tip, p, q), (p, c, d), (p, d, q)]
+    return np.concatenate(
+        [corners[~is_crossed], *(np.stack(corner_set, axis=1) for corner_set in new_triangles)]
+    )
 
 
 def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
@@ -112,11 +116,11 @@ def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 
 
-def _interpolate(a: Floats, b: Floats, axis: int, at_mm: float) -> Floats:
+def _interpolate(a: Floats, b: Floats, axis: int, plane_mm: float) -> Floats:
     """Find the points (n, 3) at which edges meet a plane; the ends may come in either order."""
     swap = (a[:, axis] > b[:, axis])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
-    share = (at_mm - low[:, axis]) / (high[:, axis] - low[:, axis])
+    share = (plane_mm - low[:, axis]) / (high[:, axis] - low[:, axis])
     points: Floats = low + share[:, None] * (high - low)
-    points[:, axis] = at_mm
+    points[:, axis] = plane_mm
     return points

@@ -21,12 +21,12 @@ from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
 from slicing.settings import EngineSettings
 from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
 
-_ON_BED_MM = 0.02
+_BED_TOLERANCE_MM = 0.02
 _RETRIES = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
 """Shares by which a part is scaled, and mm by which its outlines are grown, in the order of the attempts.
 
-CuraEngine 4.13 loses a corner of a sound ring where the corner's two sides, in um, multiply to 2**32 (from
-0.99995 to 1.000003 of it, measured), in a layer's section as in the walls that it makes of it."""
+CuraEngine 4.13 loses a corner of a valid ring where the product of the corner's two sides is 2**32 um2
+(measured: from 0.99995 to 1.000003 of it), both in a layer's section and in its walls."""
 _RETRIED_RULES = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
 
 
@@ -38,7 +38,7 @@ class PlateRequest:
     ----------
     stl
         Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
-    out
+    output_path
         File of the G-code; written atomically.
     bed
         Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all that
@@ -49,7 +49,7 @@ class PlateRequest:
 
     stl: Path
     settings: EngineSettings
-    out: Path
+    output_path: Path
     engine: Path
     bed: output.Bed
     timeout_s: float = 1800.0
@@ -58,7 +58,7 @@ class PlateRequest:
 
 @dataclass(frozen=True, slots=True)
 class PlateResult:
-    """A G-code file that may be printed. `sliced_s` is without heating, homing and priming."""
+    """G-code file that may be printed. `sliced_s` is its time without heating, homing and priming."""
 
     gcode: Path
     sha256: str
@@ -95,27 +95,28 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         model = request.stl.read_bytes()
         corners = read_triangles(model)
         lowest_mm = float(corners[..., 2].min())
-        if abs(lowest_mm) > _ON_BED_MM:
+        if abs(lowest_mm) > _BED_TOLERANCE_MM:
             raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
         stored = StoredSlice.locate(request.cache, request.engine, request.settings, model)
         cached = stored.read()
         sliced = cached or _slice(request, corners, progress)
         if cached is None:
             stored.write(sliced)
-        # After the cache, whose key has no bed: the same file may fit one printer and not another.
+        # The bed is not part of the cache's key: the same file may fit one printer and not another.
         _check_bed(request, sliced.facts)
-        write_atomically(request.out, sliced.gcode)
+        write_atomically(request.output_path, sliced.gcode)
     except OSError as error:
         raise SlicingError(
-            f"{error.filename or request.out}: {error.strerror}; make room there, or check its permissions"
+            f"{error.filename or request.output_path}: {error.strerror}; make room there, or check its "
+            "permissions"
         ) from error
     return _build_result(request, sliced, cached is not None)
 
 
 def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
-    """Slice the part as it is; if that is rejected, slightly wider or narrower, or with a wave."""
+    """Slice the part as it is; if that is rejected, slightly scaled, or with a wave in its sides."""
     check_versions(request.engine, request.settings.extruder)
-    first: SliceRejected | None = None
+    first_error: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
         variants = [
             partial(_widen, request, corners, share, offset_mm, Path(folder)) for share, offset_mm in _RETRIES
@@ -124,11 +125,11 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
             try:
                 return _slice_once(variant(), corners, progress)
             except SliceRejected as error:
-                first = first or error
+                first_error = first_error or error
                 if error.rule not in _RETRIED_RULES:
                     break
-    assert first is not None
-    raise first
+    assert first_error is not None
+    raise first_error
 
 
 def _widen(
@@ -163,16 +164,18 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
     height_mm = float(corners[..., 2].max())
     layers = math.ceil(height_mm / settings.layer_height_mm) + 1
     limits = EngineLimits(layers, request.timeout_s)
-    run = run_engine(request.engine, request.stl, settings.global_, settings.extruder, limits, progress)
-    output.check_log(run.log)
-    path = read_toolpath(run.gcode)
+    engine_output = run_engine(
+        request.engine, request.stl, settings.global_, settings.extruder, limits, progress
+    )
+    output.check_log(engine_output.log)
+    toolpath = read_toolpath(engine_output.gcode)
     min_extrusion_c = settings.printer.limits.min_extrusion_c
-    facts = output.gather_facts(path, min_extrusion_c)
-    removed_layers, layout = output.count_removed_layers(run.log), read_wall_layout(settings)
+    facts = output.gather_facts(toolpath, min_extrusion_c)
+    removed_layers, layout = output.count_removed_layers(engine_output.log), read_wall_layout(settings)
     output.check_facts(
         facts,
         height_mm=height_mm,
-        cut_mm=removed_layers * settings.layer_height_mm,
+        removed_mm=removed_layers * settings.layer_height_mm,
         is_top_checked=layout is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
         min_extrusion_c=min_extrusion_c,
@@ -181,14 +184,16 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
     unprinted: tuple[UnprintedWall, ...] = ()
     if layout is not None:
         unprinted = check_outline(
-            path,
+            toolpath,
             corners,
             layout,
             removed_layers=removed_layers,
             centre_mm=_find_bed_centre(settings),
             filament_mm2=settings.filament_mm2,
         )
-    return CheckedSlice(output.replace_header(add_times(run.gcode, path), run.log), facts, unprinted)
+    return CheckedSlice(
+        output.replace_header(add_times(engine_output.gcode, toolpath), engine_output.log), facts, unprinted
+    )
 
 
 def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:
@@ -197,23 +202,23 @@ def _find_bed_centre(settings: EngineSettings) -> tuple[float, float]:
 
 def _check_bed(request: PlateRequest, facts: output.GcodeFacts) -> None:
     settings = request.settings
-    highest_mm = max(settings.layer_height_mm, settings.layer_height_0_mm)
-    output.check_bed(facts, _find_bed_centre(settings), request.bed, max_excess_mm=highest_mm / 2)
+    max_layer_mm = max(settings.layer_height_mm, settings.layer_height_0_mm)
+    output.check_bed(facts, _find_bed_centre(settings), request.bed, max_excess_mm=max_layer_mm / 2)
 
 
 def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> PlateResult:
     settings, facts = request.settings, sliced.facts
     centre = (*_find_bed_centre(settings), 0.0)
-    mm3 = facts.filament_mm * settings.filament_mm2
+    filament_mm3 = facts.filament_mm * settings.filament_mm2
     low = tuple(facts.min_mm[i] - centre[i] for i in range(3))
     high = tuple(facts.max_mm[i] - centre[i] for i in range(3))
     return PlateResult(
-        gcode=request.out,
+        gcode=request.output_path,
         sha256=hashlib.sha256(sliced.gcode).hexdigest(),
         sliced_s=facts.sliced_s,
         filament_mm=facts.filament_mm,
-        filament_mm3=mm3,
-        grams=mm3 / 1000 * settings.density_g_cm3,
+        filament_mm3=filament_mm3,
+        grams=filament_mm3 / 1000 * settings.density_g_cm3,
         layers=facts.layers,
         height_mm=facts.max_mm[2],
         min_mm=(low[0], low[1], low[2]),

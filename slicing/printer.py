@@ -24,7 +24,7 @@ class MachineLimits:
     max_nozzle_c, max_bed_c
         Highest targets that may be set.
     min_extrusion_c
-        Below it the firmware drops a move's filament and still moves the head.
+        Below it the firmware ignores the filament of a move, but moves the head.
     """
 
     max_nozzle_c: float
@@ -59,7 +59,7 @@ class PrintCode:
     parked_mm: float
     ready_mm: Point
 
-    def start_code(self, nozzle_c: float, bed_c: float, filament_mm2: float) -> str:
+    def build_start_code(self, nozzle_c: float, bed_c: float, filament_mm2: float) -> str:
         """Fill in the start code.
 
         Parameters
@@ -74,7 +74,7 @@ class PrintCode:
         fields = {"nozzle_c": nozzle_c, "bed_c": bed_c, "prime_mm": self.prime_mm3 / filament_mm2}
         return "\n".join(line.format(**fields) for line in lines)
 
-    def end_code(self, retracted_mm: float) -> str:
+    def build_end_code(self, retracted_mm: float) -> str:
         """Fill in the end code for filament that the slicer has already drawn back by `retracted_mm`."""
         return "\n".join(line.format(park_mm=retracted_mm - self.parked_mm) for line in self.end)
 
@@ -87,15 +87,15 @@ class HeadShape:
     ----------
     left, right, front, back
         Edges seen from above; those on the left and at the front are negative.
-    above_nozzle
-        Height of the underside above the tip.
+    underside_mm
+        Height of its underside above the tip.
     """
 
-    left: float
-    right: float
-    front: float
-    back: float
-    above_nozzle: float
+    left_mm: float
+    right_mm: float
+    front_mm: float
+    back_mm: float
+    underside_mm: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ class StoredSlice:
 
     @classmethod
     def locate(cls, cache: Path | None, engine: Path, settings: EngineSettings, model: bytes) -> StoredSlice:
-        """Name the entry of a model (an STL's bytes) for these settings; it is empty without a folder."""
+        """Find the entry of a model (an STL's bytes) for these settings; without a cache it stays empty."""
         if cache is None:
             return cls(None, "")
         texts = json.dumps([settings.global_, settings.extruder], sort_keys=True)
@@ -62,7 +62,7 @@ class StoredSlice:
             sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted)
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        with contextlib.suppress(OSError):  # marks it as used (slicing.cache)
+        with contextlib.suppress(OSError):  # `slicing.cache` takes the file's time as that of its last use
             os.utime(self.folder / f"{self.key}.json")
         return sliced
 
@@ -82,7 +82,7 @@ class StoredSlice:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees all of it or none."""
+    """Write a file so that a reader sees either all of it or no file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:

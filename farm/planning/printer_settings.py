@@ -54,7 +54,7 @@ def build_settings_request(section: PrinterSection, quality: str) -> SettingsReq
         quality,
         section.material,
         nozzle_mm=section.nozzle_mm,
-        supported=True,
+        has_support=True,
     )
 
 
@@ -94,7 +94,7 @@ def build_slicing_printer(profile: Profile) -> PrinterModel:
             parked_mm=profile.parked_mm,
             ready_mm=profile.ready_mm,
         ),
-        head=HeadShape(*profile.head_mm, above_nozzle=profile.head_above_nozzle_mm),
+        head=HeadShape(*profile.head_mm, underside_mm=profile.head_above_nozzle_mm),
         retraction_mm=profile.retraction_mm,
         retraction_mm_s=profile.retraction_mm_s,
     )

@@ -1,8 +1,9 @@
-"""Comparison of each layer's printed outline with the mesh's section: missing parts, and extra ones.
+"""Comparison of each layer's printed outline with the mesh's section, for missing and for extra areas.
 
-First the areas and first moments of all sections and of all printed outlines are compared at once, by Green's
-theorem over segments. Only the layers that differ are compared as polygons, which show the place, and whether
-the missing part is thinner than two lines: that is reported, anything else is refused.
+First the areas and first moments of all sections and of all printed outlines are compared, computed from
+their segments by Green's theorem. Only the layers that differ are compared as polygons, which show the place,
+and whether the missing area is thinner than two lines. A thin area is reported; for any other the slice is
+rejected.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ SLACK_MM2, SLACK_MM = 0.5, 0.005
 of outline. Nearly all layers of sound models stay below it."""
 MIN_WALL_MM2 = 5.0
 """Smallest wall that is reported."""
-MIN_REFUSED_MM2 = 1.0
-"""Smallest missing or extra piece for which a slice is refused."""
+MIN_REJECTED_MM2 = 1.0
+"""Smallest missing or extra piece for which a slice is rejected."""
 LOST_MM2, LOST_SHARE = 50.0, 0.02
 """Area by which the inner walls may enclose less than expected: a constant, and a share of the layer. A
 corner that the engine loses is 2000 mm2."""
 TIP_MM = 1.0
-"""Height by which a sharp edge or a tip may end early."""
+"""Height that may be missing at a sharp edge or a tip."""
 EXACT_LAYERS = 24
-"""Number of differing layers that are compared as polygons; each of the others is judged like its
-neighbour."""
+"""Maximum number of differing layers that are compared as polygons; the others count like their
+neighbours."""
 _PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts nearly flat faces
-_SPECK_MM2 = 0.2
+_NEGLIGIBLE_MM2 = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,19 +103,21 @@ def check_outline(
         `OUTLINE` if something thick enough is missing, something is printed outside of the model, or most
         of the model is too thin.
     """
-    if removed_layers:  # the first printed layer has not the expansion of the first layer
+    if removed_layers:  # the expansion of the first layer was lost with the removed layers
         layout = replace(layout, offset_0_mm=layout.offset_mm)
     if np.linalg.det(corners).sum() < 0:  # an inverted mesh, which the engine accepts
         corners = corners[:, ::-1]
     walls = Walls.from_toolpath(path, layout, centre_mm, filament_mm2)
     z_mm = _find_cut_heights_mm(corners, walls, layout, removed_layers)
-    differing, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
+    differing, difference_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
     if not len(differing):
         return ()
-    sampled = _sample_layers(differing, off_mm2)
+    sampled = _sample_layers(differing, difference_mm2)
     sections = _Sections(corners, layout)
-    thin = [piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, layout)]
-    return _join_pieces(thin, layout, len(differing) / len(sampled))
+    thin_pieces = [
+        piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, layout)
+    ]
+    return _join_pieces(thin_pieces, layout, len(differing) / len(sampled))
 
 
 def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed_layers: int) -> Floats:
@@ -122,30 +125,30 @@ def _find_cut_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, remo
     height_mm = float(corners[..., 2].max())
     planned_count = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
     count = max(1, planned_count - removed_layers, int(walls.layer.max(initial=-1)) + 1)
-    return layout.section_mm(count + removed_layers)[removed_layers:]
+    return layout.compute_section_heights_mm(count + removed_layers)[removed_layers:]
 
 
 def _find_differing_layers(
     corners: Floats, z_mm: Floats, walls: Walls, layout: WallLayout
 ) -> tuple[npt.NDArray[np.intp], Floats]:
-    """Find the layers (k,) whose area or centroid is off, and the area in mm2 by which each is off."""
+    """Find the layers (k,) whose area or centroid differs, and the difference of each area in mm2."""
     count = len(z_mm)
     model = _expand_sections(measure_rings(cut_sections(corners, z_mm), count), layout)
     printed = walls.sum_rings(count)
     _check_areas(model, printed, walls, layout)
-    off_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
+    difference_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
     slack_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
     offset_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
     differing = np.flatnonzero(
-        (off_mm2 > slack_mm2) | (offset_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
+        (difference_mm2 > slack_mm2) | (offset_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
     )
-    return differing, off_mm2[differing]
+    return differing, difference_mm2[differing]
 
 
 def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
-    """Refuse a slice that lacks most of the model, or a layer whose inner walls lost a corner."""
-    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _SPECK_MM2)
+    """Reject a slice that lacks most of the model, or in which inner walls have lost a corner."""
+    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _NEGLIGIBLE_MM2)
     if share < 0.5:
         raise SliceRejected(
             Rule.OUTLINE,
@@ -158,8 +161,8 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout)
         layer = int(incomplete[0])
         raise SliceRejected(
             Rule.OUTLINE,
-            f"layer {layer} (Z {layout.top_mm(layer):.2f} mm) lacks {missing_mm2[layer]:.0f} mm2 within its "
-            "inner walls; repair the mesh, or scale it by a thousandth",
+            f"layer {layer} (Z {layout.compute_top_mm(layer):.2f} mm) lacks {missing_mm2[layer]:.0f} mm2 "
+            "within its inner walls; repair the mesh, or scale it by a thousandth",
         )
 
 
@@ -170,11 +173,11 @@ def _expand_sections(model: Rings, layout: WallLayout) -> Rings:
     return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
 
 
-def _sample_layers(layers: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
+def _sample_layers(layers: npt.NDArray[np.intp], difference_mm2: Floats) -> npt.NDArray[np.intp]:
     """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
     if len(layers) <= EXACT_LAYERS:
         return layers
-    candidates = layers[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
+    candidates = layers[np.argsort(difference_mm2)[-EXACT_LAYERS // 4 :]]
     evenly_spaced = layers[np.linspace(0, len(layers) - 1, EXACT_LAYERS - len(candidates)).astype(int)]
     return np.unique(np.concatenate((candidates, evenly_spaced)))
 
@@ -195,8 +198,8 @@ class _Sections:
         end = np.concatenate([piece[2] for piece in pieces])
         has_length = (start != end).any(axis=1)
         start, end = start[has_length], end[has_length]
-        net = shapely.union_all(shapely.linestrings(np.stack((start, end), axis=1)))
-        faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
+        noded_lines = shapely.union_all(shapely.linestrings(np.stack((start, end), axis=1)))
+        faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded_lines)))
         points = shapely.get_coordinates(shapely.point_on_surface(faces))
         solid = [
             face for face, (x, y) in zip(faces, points, strict=True) if _compute_winding(start, end, x, y) > 0
@@ -217,43 +220,47 @@ def _compute_winding(start: Floats, end: Floats, x: float, y: float) -> int:
 def _compare(
     layer: int, z_mm: Floats, walls: Walls, sections: _Sections, layout: WallLayout
 ) -> list[tuple[int, Geometry]]:
-    """Find thin pieces that are missing in a layer, each with the layer; refuse anything else."""
-    sections_beside = [sections.cut_at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
-    printed = walls.build_printed_area(layer, shapely.union_all(sections_beside))
+    """Find thin pieces that are missing in a layer, each with the layer; reject any other difference."""
+    adjacent_sections = [
+        sections.cut_at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)
+    ]
+    printed = walls.build_printed_area(layer, shapely.union_all(adjacent_sections))
     tolerance_mm = TOLERANCE_MM + layout.slack_mm
-    extra = _find_worst(printed.difference(shapely.union_all(sections_beside).buffer(tolerance_mm)))
-    layer_text = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
-    if extra is not None:
+    extra_area = _find_worst(printed.difference(shapely.union_all(adjacent_sections).buffer(tolerance_mm)))
+    layer_text = f"layer {layer} (Z {layout.compute_top_mm(layer):.2f} mm)"
+    if extra_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
-            f"{layer_text} prints {extra.area:.1f} mm2 outside of the model at {_format_place(extra)}; "
-            "repair the mesh",
+            f"{layer_text} prints {extra_area.area:.1f} mm2 outside of the model at "
+            f"{_format_place(extra_area)}; repair the mesh",
         )
-    certain = sections_beside[0].intersection(sections_beside[1])
-    missing = certain.difference(printed.buffer(tolerance_mm))
-    if missing.area > _SPECK_MM2:
-        missing = missing.difference(walls.build_filling(layer, missing.bounds).buffer(tolerance_mm))
-    two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
-    thick = certain.buffer(-two_lines_mm).buffer(two_lines_mm)
-    lost_area = _find_worst(missing.intersection(thick))
+    certain_area = adjacent_sections[0].intersection(adjacent_sections[1])
+    missing_area = certain_area.difference(printed.buffer(tolerance_mm))
+    if missing_area.area > _NEGLIGIBLE_MM2:
+        missing_area = missing_area.difference(
+            walls.build_filling(layer, missing_area.bounds).buffer(tolerance_mm)
+        )
+    two_lines_mm = float(layout.compute_reach_mm(np.array([layer], np.int32))[0]) + 0.03
+    thick_area = certain_area.buffer(-two_lines_mm).buffer(two_lines_mm)
+    lost_area = _find_worst(missing_area.intersection(thick_area))
     if lost_area is not None:
         raise SliceRejected(
             Rule.OUTLINE,
             f"{layer_text} leaves out {lost_area.area:.1f} mm2 of the model at {_format_place(lost_area)}; "
             "repair the mesh there",
         )
-    tolerance_area = printed.buffer(TIP_MM)
+    printed_surroundings = printed.buffer(TIP_MM)
     return [
         (layer, piece)
-        for piece in shapely.get_parts(missing.difference(thick))
-        if piece.area > _SPECK_MM2 and not tolerance_area.covers(piece)
+        for piece in shapely.get_parts(missing_area.difference(thick_area))
+        if piece.area > _NEGLIGIBLE_MM2 and not printed_surroundings.covers(piece)
     ]
 
 
 def _find_worst(shape: Geometry) -> Geometry | None:
     """Find the largest piece that is more than a sliver; None if there is none."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
-    pieces = [piece for piece in shapely.get_parts(core) if piece.area > MIN_REFUSED_MM2]
+    pieces = [piece for piece in shapely.get_parts(core) if piece.area > MIN_REJECTED_MM2]
     return max(pieces, key=lambda piece: float(piece.area), default=None)
 
 
@@ -264,20 +271,23 @@ def _format_place(shape: Geometry) -> str:
 
 
 def _join_pieces(
-    pieces: list[tuple[int, Geometry]], layout: WallLayout, share: float
+    pieces: list[tuple[int, Geometry]], layout: WallLayout, sampled_share: float
 ) -> tuple[UnprintedWall, ...]:
     """Join pieces above one another to walls, the largest first."""
     if not pieces:
         return ()
     shapes = np.array([piece for _, piece in pieces])
-    ground = shapely.get_parts(shapely.union_all(shapely.buffer(shapes, TIP_MM)))
+    footprints = shapely.get_parts(shapely.union_all(shapely.buffer(shapes, TIP_MM)))
     walls = []
-    for shadow in ground:
-        wall_pieces = [(layer, piece) for layer, piece in pieces if shadow.intersects(piece)]
+    for footprint in footprints:
+        wall_pieces = [(layer, piece) for layer, piece in pieces if footprint.intersects(piece)]
         layers = [layer for layer, _ in wall_pieces]
-        box = shadow.bounds
-        low_mm, high_mm = layout.top_mm(min(layers) - 1) if min(layers) else 0.0, layout.top_mm(max(layers))
-        side_mm2 = sum(piece.length / 2 for _, piece in wall_pieces) * layout.layer_height_mm * share
+        box = footprint.bounds
+        low_mm, high_mm = (
+            layout.compute_top_mm(min(layers) - 1) if min(layers) else 0.0,
+            layout.compute_top_mm(max(layers)),
+        )
+        side_mm2 = sum(piece.length / 2 for _, piece in wall_pieces) * layout.layer_height_mm * sampled_share
         if high_mm - low_mm < TIP_MM or side_mm2 < MIN_WALL_MM2:
             continue
         middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)

@@ -44,7 +44,7 @@ class GcodeFacts:
 
 
 def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
-    """Gather the facts of a G-code file of the Marlin flavour.
+    """Collect the facts of a G-code file of the Marlin flavour.
 
     Distances and the bounding box are of the moves' centre lines.
 
@@ -59,9 +59,9 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     is_printing = (extruded_mm > 0) & has_moved & (path.layer != NO_LAYER)
     layers = path.layer[is_printing]
     last = int(np.flatnonzero(is_printing)[-1]) if is_printing.any() else -1
-    ends = np.concatenate((path.before[is_printing, :3], path.after[is_printing, :3]))
-    low = ends.min(axis=0, initial=math.inf)
-    high = ends.max(axis=0, initial=-math.inf)
+    end_points = np.concatenate((path.start[is_printing, :3], path.end[is_printing, :3]))
+    low = end_points.min(axis=0, initial=math.inf)
+    high = end_points.max(axis=0, initial=-math.inf)
     first_homed_move = next(
         (command.move for command in path.commands if command.code == "G28"), len(has_moved)
     )
@@ -84,7 +84,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
 
 
 def _read_last_comment(path: Toolpath, name: str) -> str:
-    """Read the last comment of a name; empty if there is none."""
+    """Read the text after the last comment that begins with a name; empty if there is none."""
     return next(
         (comment.text[len(name) :] for comment in reversed(path.comments) if comment.text.startswith(name)),
         "",
@@ -102,10 +102,10 @@ def _check_heat(path: Toolpath, extrudes: npt.NDArray[np.bool_], min_extrusion_c
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
             is_cold |= bool(extrudes[first_move : command.move].any())
         first_move = command.move
-        set_c = command.words.get("S", 0.0)
-        target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
+        new_target_c = command.words.get("S", 0.0)
+        target_c["M104" if command.code in ("M104", "M109") else "M140"] = new_target_c
         if command.code == "M109":
-            reached_c = set_c
+            reached_c = new_target_c
     if min(reached_c, target_c["M104"]) < min_extrusion_c:
         is_cold |= bool(extrudes[first_move:].any())
     return is_cold, not any(target_c.values())
@@ -116,7 +116,7 @@ Bed = tuple[tuple[float, float, float, float, float], ...]
 
 
 def check_log(log: str) -> None:
-    """Raise SliceRejected if the engine warns of a mesh that it sliced only in part."""
+    """Raise SliceRejected if the engine warns that it sliced only a part of the mesh."""
     warning = next((line for line in log.splitlines() if any(w in line for w in _WARNINGS)), None)
     if warning is not None:
         raise SliceRejected(Rule.BROKEN_MESH, f"CuraEngine says {warning.strip()!r}; repair the mesh")
@@ -126,7 +126,7 @@ def check_facts(
     facts: GcodeFacts,
     *,
     height_mm: float,
-    cut_mm: float,
+    removed_mm: float,
     is_top_checked: bool,
     layer_height_mm: float,
     min_extrusion_c: float,
@@ -137,7 +137,7 @@ def check_facts(
     ----------
     height_mm
         Height of the model that was sliced.
-    cut_mm
+    removed_mm
         Height of the empty layers that the engine removed at the bottom.
     is_top_checked
         Whether the outline is compared up to the top; else `TOP_MM` of the height may be missing.
@@ -160,8 +160,8 @@ def check_facts(
             f"header says {facts.layer_count}; repair the mesh, or turn a part with a tip on the bed",
         )
     tolerance_mm = layer_height_mm / 2 + 0.005
-    missing_mm = height_mm - cut_mm - facts.max_mm[2]
-    if missing_mm < -tolerance_mm or cut_mm > TOP_MM or (missing_mm > TOP_MM and not is_top_checked):
+    missing_mm = height_mm - removed_mm - facts.max_mm[2]
+    if missing_mm < -tolerance_mm or removed_mm > TOP_MM or (missing_mm > TOP_MM and not is_top_checked):
         raise SliceRejected(
             Rule.HEIGHT,
             f"the print is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or "
@@ -195,8 +195,8 @@ def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
             "a heater is left on at the end, or the end is missing; slice again, or make room on the disk",
         ),
     )
-    for rule, is_kept, detail in rules:
-        if not is_kept:
+    for rule, is_met, detail in rules:
+        if not is_met:
             raise SliceRejected(rule, detail)
 
 
@@ -230,10 +230,10 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
     """
     low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]
     high = [facts.max_mm[i] - centre_mm[i] for i in range(2)]
-    slack = BED_TOLERANCE_MM
+    tolerance_mm = BED_TOLERANCE_MM
     for min_x, min_y, max_x, max_y, height in bed:
-        inside = low[0] >= min_x - slack and low[1] >= min_y - slack
-        inside &= high[0] <= max_x + slack and high[1] <= max_y + slack
+        inside = low[0] >= min_x - tolerance_mm and low[1] >= min_y - tolerance_mm
+        inside &= high[0] <= max_x + tolerance_mm and high[1] <= max_y + tolerance_mm
         if inside and facts.max_mm[2] <= height + max_excess_mm:
             return
     raise SliceRejected(
@@ -259,10 +259,10 @@ def replace_header(gcode: bytes, log: str) -> bytes:
     """
     _, separator, rest = log.rpartition("Gcode header after slicing:")
     header, header_end, _ = rest.partition(_HEADER_END)
-    placeholder, mark, body = gcode.partition(b";Generated with")
-    if not (separator and header_end and mark) or not placeholder.startswith(b";FLAVOR:"):
+    placeholder, generator_mark, body = gcode.partition(b";Generated with")
+    if not (separator and header_end and generator_mark) or not placeholder.startswith(b";FLAVOR:"):
         return gcode
-    return header.strip().encode() + b"\n\n" + mark + body
+    return header.strip().encode() + b"\n\n" + generator_mark + body
 
 
 _REMOVED = re.compile(r"Removing (\d+) layers because they are empty")

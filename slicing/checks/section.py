@@ -19,7 +19,7 @@ _CHUNK = 400_000
 
 @dataclass(frozen=True, slots=True)
 class Rings:
-    """Sums over the closed rings at each of k heights; the solid is on the left of each.
+    """Sums over the closed rings at each of k heights; the solid is on the left of each one.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ def measure_rings(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]
     Parameters
     ----------
     segments
-        Chunks as `cut_sections` yields them: (m,) index of the height, (m, 2) start and end in mm.
+        Chunks as `cut_sections` yields them: (m,) index of the height, (m, 2) start and (m, 2) end in mm.
     count
         Number of heights, k.
     """
@@ -64,7 +64,7 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
     corners
         (n, 3 corners, xyz) in mm, counter-clockwise seen from outside.
     z_mm
-        (k,) Rising heights.
+        (k,) Heights in ascending order.
 
     Yields
     ------
@@ -73,37 +73,37 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
         common edge give bit-equal points on it, so a closed mesh gives closed rings.
     """
     heights = corners[..., 2]
-    first = np.searchsorted(z_mm, heights.min(axis=1), "left")
-    count = np.searchsorted(z_mm, heights.max(axis=1), "left") - first
-    crossed = np.flatnonzero(count)
-    ends = np.cumsum(count[crossed])
-    begin = 0
-    while begin < len(crossed):
-        rows_before = ends[begin - 1] if begin else 0
-        stop = max(begin + 1, int(np.searchsorted(ends, rows_before + _CHUNK)))
-        triangles = crossed[begin:stop]
+    first_plane = np.searchsorted(z_mm, heights.min(axis=1), "left")
+    count = np.searchsorted(z_mm, heights.max(axis=1), "left") - first_plane
+    crossed_triangles = np.flatnonzero(count)
+    ends = np.cumsum(count[crossed_triangles])
+    first_row = 0
+    while first_row < len(crossed_triangles):
+        rows_before = ends[first_row - 1] if first_row else 0
+        last_row = max(first_row + 1, int(np.searchsorted(ends, rows_before + _CHUNK)))
+        triangles = crossed_triangles[first_row:last_row]
         plane_counts = count[triangles]
         triangle = np.repeat(triangles, plane_counts)
         offset = np.arange(len(triangle)) - np.repeat(np.cumsum(plane_counts) - plane_counts, plane_counts)
-        plane = first[triangle] + offset
+        plane = first_plane[triangle] + offset
         yield plane, *_cut_triangles(corners[triangle], z_mm[plane])
-        begin = stop
+        first_row = last_row
 
 
 def _cut_triangles(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
-    """Cut each triangle (m, 3, 3) at its plane, with corners on both sides: start and end (m, 2) in mm."""
+    """Cut triangles (m, 3, 3) at a plane each, which crosses them: start and end (m, 2) in mm."""
     is_above = corners[..., 2] > z_mm[:, None]
     is_lone_above = is_above.sum(axis=1) == 1
     lone_corner = np.where(is_lone_above, is_above.argmax(axis=1), is_above.argmin(axis=1))
     rows = np.arange(len(corners))
-    tip, following, previous = (corners[rows, (lone_corner + turn) % 3] for turn in range(3))
-    left, right = _find_crossings(tip, following, z_mm), _find_crossings(tip, previous, z_mm)
+    tip, next_corner, previous_corner = (corners[rows, (lone_corner + step) % 3] for step in range(3))
+    left, right = _find_crossings(tip, next_corner, z_mm), _find_crossings(tip, previous_corner, z_mm)
     is_upward = is_lone_above[:, None]
     return np.where(is_upward, left, right), np.where(is_upward, right, left)
 
 
 def _find_crossings(a: Floats, b: Floats, z_mm: Floats) -> Floats:
-    """Find the points (m, 2) at which edges cross their planes, bit-equal whichever end comes first."""
+    """Find the points (m, 2) at which edges cross their planes, bit-equal for either order of the ends."""
     swap = (a[:, 2] > b[:, 2])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
     share = (z_mm - low[:, 2]) / (high[:, 2] - low[:, 2])

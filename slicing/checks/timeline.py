@@ -11,7 +11,7 @@ _TIME = "TIME_ELAPSED:"
 
 
 def add_times(gcode: bytes, path: Toolpath) -> bytes:
-    """Write a ``;TIME_ELAPSED:`` also before each ``;TYPE:`` of a layer.
+    """Add a ``;TIME_ELAPSED:`` before each ``;TYPE:`` of a layer.
 
     The time between the ends of two layers is divided in proportion to the moves' times at their feedrates.
 
@@ -20,19 +20,19 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
     gcode
         CuraEngine's output.
     path
-        The same file, read.
+        Moves and comments of the same file.
     """
-    ends = [
+    layer_ends = [
         (comment.move, float(comment.text[len(_TIME) :]))
         for comment in path.comments
         if comment.text.startswith(_TIME)
     ]
-    first = next((comment.move for comment in path.comments if comment.text.startswith("LAYER:")), None)
-    if first is None or not ends:
+    first_move = next((comment.move for comment in path.comments if comment.text.startswith("LAYER:")), None)
+    if first_move is None or not layer_ends:
         return gcode
-    moves = np.array([first, *(move for move, _ in ends)])
+    moves = np.array([first_move, *(move for move, _ in layer_ends)])
     move_times_s = np.concatenate(([0.0], np.cumsum(_compute_seconds(path))))
-    elapsed_s = np.array([0.0, *(seconds for _, seconds in ends)])
+    elapsed_s = np.array([0.0, *(seconds for _, seconds in layer_ends)])
     types = [
         comment
         for comment in path.comments
@@ -50,6 +50,6 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
 
 def _compute_seconds(path: Toolpath) -> Floats:
     """Compute the seconds (n,) of each move at its feedrate, without acceleration."""
-    distance_mm = np.linalg.norm(path.after[:, :3] - path.before[:, :3], axis=1)
+    distance_mm = np.linalg.norm(path.end[:, :3] - path.start[:, :3], axis=1)
     distance_mm = np.where(distance_mm > 0, distance_mm, np.abs(path.extruded_mm))
     return distance_mm * 60.0 / np.maximum(path.feed_mm_min, 1.0)

@@ -60,8 +60,8 @@ class Toolpath:
         (n,) Index in `features` of the ``;TYPE:`` above a move.
     """
 
-    before: Floats
-    after: Floats
+    start: Floats
+    end: Floats
     feed_mm_min: Floats
     layer: npt.NDArray[np.int32]
     feature: npt.NDArray[np.uint8]
@@ -72,12 +72,12 @@ class Toolpath:
     @property
     def extruded_mm(self) -> Floats:
         """Filament (n,) in mm that each move extrudes; negative if it retracts."""
-        return self.after[:, 3] - self.before[:, 3]
+        return self.end[:, 3] - self.start[:, 3]
 
     @property
     def is_move(self) -> npt.NDArray[np.bool_]:
         """Mask (n,) of the moves that move the head."""
-        return np.asarray((self.after[:, :3] != self.before[:, :3]).any(axis=1))
+        return np.asarray((self.end[:, :3] != self.start[:, :3]).any(axis=1))
 
     def is_feature(self, name: str) -> npt.NDArray[np.bool_]:
         """Mark the moves (n,) of a feature, by Cura's name for it."""
@@ -91,7 +91,7 @@ NO_LAYER = -(2**31)
 def read_toolpath(gcode: bytes) -> Toolpath:
     """Read a G-code file.
 
-    ``G90 G91 M82 M83 G92`` are followed; homing does not change the coordinates.
+    ``G90 G91 M82 M83 G92`` are interpreted; homing does not change the coordinates.
 
     Parameters
     ----------
@@ -105,14 +105,14 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     """
     text, moves, comments, commands = _split_file(gcode)
     columns = _read_columns(text, moves)
-    before, after = _find_positions(columns, commands)
+    start, end = _find_positions(columns, commands)
     features = (
         "",
         *dict.fromkeys(comment.text[5:] for comment in comments if comment.text.startswith("TYPE:")),
     )
     return Toolpath(
-        before=before,
-        after=after,
+        start=start,
+        end=end,
         feed_mm_min=_fill_gaps(columns[ord("F")], 0.0),
         layer=_expand_steps(_find_layers(comments), NO_LAYER, moves).astype(np.int32),
         feature=_expand_steps(_find_features(comments, features), 0, moves).astype(np.uint8),
@@ -123,7 +123,7 @@ def read_toolpath(gcode: bytes) -> Toolpath:
 
 
 def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]:
-    """Split a file into its moves, each in the form of `PLAIN_MOVE`, their number, comments and commands."""
+    """Split a file into moves in the form of `PLAIN_MOVE`, their number, the comments and the commands."""
     blocks: list[bytes] = []
     comments: list[Comment] = []
     commands: list[Command] = []
@@ -153,7 +153,7 @@ def _split_file(gcode: bytes) -> tuple[bytes, int, list[Comment], list[Command]]
 
 
 def _read_columns(text: bytes, moves: int) -> dict[int, Floats]:
-    """Read the number (n,) that each move gives, for each letter; NaN if it gives none."""
+    """Read the number (n,) of each move for each letter; NaN if the move lacks the letter."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _parse_numbers(text)
@@ -178,43 +178,43 @@ def _parse_numbers(text: bytes) -> Floats:
 
 
 def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:
-    """Find the points (n, 4) where each move begins and ends, by the modes that commands set."""
+    """Compute the points (n, 4) where each move starts and ends, in the modes that the commands set."""
     moves = len(columns[ord("X")])
-    before, after = np.empty((moves, 4)), np.empty((moves, 4))
+    start, end = np.empty((moves, 4)), np.empty((moves, 4))
     position = [0.0] * 4
-    relative = relative_e = False
+    is_relative = is_relative_e = False
     row = 0
 
-    def go_to(stop: int) -> None:
+    def fill_rows(stop: int) -> None:
         nonlocal row
         if stop == row:
             return
         for axis, letter in enumerate(_AXES):
             values = columns[letter][row:stop]
-            if relative or (relative_e and axis == 3):
-                after[row:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(values))
+            if is_relative or (is_relative_e and axis == 3):
+                end[row:stop, axis] = position[axis] + np.cumsum(np.nan_to_num(values))
             else:
-                after[row:stop, axis] = _fill_gaps(values, position[axis])
-            before[row, axis] = position[axis]
-            before[row + 1 : stop, axis] = after[row : stop - 1, axis]
-            position[axis] = float(after[stop - 1, axis])
+                end[row:stop, axis] = _fill_gaps(values, position[axis])
+            start[row, axis] = position[axis]
+            start[row + 1 : stop, axis] = end[row : stop - 1, axis]
+            position[axis] = float(end[stop - 1, axis])
         row = stop
 
     for command in commands:
         if command.code not in ("G90", "G91", "G92", "M82", "M83"):
             continue
-        go_to(command.move)
+        fill_rows(command.move)
         match command.code:
             case "G90" | "G91":
-                relative = command.code == "G91"
+                is_relative = command.code == "G91"
             case "M82" | "M83":
-                relative_e = command.code == "M83"
+                is_relative_e = command.code == "M83"
             case "G92":
                 for axis, letter in enumerate("XYZE"):
                     number = command.words.get(letter)
                     position[axis] = position[axis] if number is None else number
-    go_to(moves)
-    return before, after
+    fill_rows(moves)
+    return start, end
 
 
 def _fill_gaps(column: Floats, first: float) -> Floats:
@@ -225,7 +225,7 @@ def _fill_gaps(column: Floats, first: float) -> Floats:
 
 
 def _expand_steps(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArray[np.int64]:
-    """Spread values (n,) that hold from a move on until the next step."""
+    """Expand steps (move, value) to the value (n,) at each move; a value holds until the next step."""
     starts = [0, *(move for move, _ in steps), moves]
     return np.repeat(np.array([first, *(value for _, value in steps)], np.int64), np.diff(starts))
 

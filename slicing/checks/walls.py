@@ -1,4 +1,4 @@
-"""Outer wall as it is printed: rings, lines that are walls by themselves, and the area within."""
+"""Printed outer wall: closed rings, walls of a single line, and the area that they enclose."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ _EXACT_OUTLINE_SETTINGS = {
     "magic_spiralize": "False",
     "mold_enabled": "False",
     "slicing_tolerance": "middle",
-}  # with anything else the outer wall leaves the model's outline, or has gaps
+}
+"""Values with which the outer wall follows the model's outline without gaps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,16 +46,16 @@ class WallLayout:
     step_mm: float = 0.0  # from one wall's middle to the next one's, at most
     inner_walls: int = 0  # number of whole rings within the outer one; 0 if it is not known
 
-    def reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
+    def compute_reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
         """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
         return np.where(layer == 0, self.factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
 
-    def section_mm(self, count: int) -> Floats:
+    def compute_section_heights_mm(self, count: int) -> Floats:
         """Compute the heights (count,) at which the engine cuts the model: the middle of each layer."""
         above = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, count) - 0.5)
         return np.concatenate(([self.layer_height_0_mm / 2], above))[:count]
 
-    def top_mm(self, layer: int) -> float:
+    def compute_top_mm(self, layer: int) -> float:
         """Compute the height of a layer's top."""
         return self.layer_height_0_mm + layer * self.layer_height_mm
 
@@ -83,7 +84,7 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         slack_mm=abs(number("hole_xy_offset")),
         step_mm=max(settings.line_width_0_mm, number("wall_line_width_x"))
         * max(1.0, number("initial_layer_line_width_factor") / 100),
-        # Cura 5 draws as many as there is room for, of any width.
+        # Cura 5 draws as many walls as there is room for, of any width.
         inner_walls=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
     )
 
@@ -96,61 +97,65 @@ class Walls:
     end: Floats  # (n, 2)
     layer: npt.NDArray[np.int32]
     run: npt.NDArray[np.intp]  # index of the unbroken line of a move
-    closed: npt.NDArray[np.bool_]  # whether that line is a ring
+    is_closed: npt.NDArray[np.bool_]  # whether that line is a ring
     width_mm: Floats  # by the extruded filament
-    half_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
-    others: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
-    inner: Floats  # (k, 5) those of the inner walls: start, end, layer
+    half_width_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
+    other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
+    inner_lines: Floats  # (k, 5) those of the inner walls: start, end, layer
 
     @classmethod
     def from_toolpath(
-        cls, path: Toolpath, layout: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
+        cls, toolpath: Toolpath, layout: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
     ) -> Walls:
         """Select the walls of a toolpath, with the parameters of `check_outline`."""
-        extruded_mm = path.extruded_mm
-        length_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
-        is_printing = (extruded_mm > 0) & (length_mm > 0) & (path.layer >= 0)
-        height_mm = np.where(path.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
-        half_mm = np.zeros(len(length_mm))
-        half_mm[is_printing] = (
+        extruded_mm = toolpath.extruded_mm
+        length_mm = np.hypot(*(toolpath.end[:, :2] - toolpath.start[:, :2]).T)
+        is_printing = (extruded_mm > 0) & (length_mm > 0) & (toolpath.layer >= 0)
+        height_mm = np.where(toolpath.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
+        half_widths_mm = np.zeros(len(length_mm))
+        half_widths_mm[is_printing] = (
             (extruded_mm * filament_mm2)[is_printing] / (length_mm * height_mm)[is_printing] / 2
         )
-        half_mm = np.minimum(half_mm, layout.width_mm)  # a wider line is a blob, which covers no more area
-        wall_moves = np.flatnonzero(is_printing & path.is_feature("WALL-OUTER"))
-        start, end = path.before[wall_moves, :2] - centre_mm, path.after[wall_moves, :2] - centre_mm
-        layer = path.layer[wall_moves]
-        bridges, run, closed = _join_runs(start, end, layer)
+        half_widths_mm = np.minimum(
+            half_widths_mm, layout.width_mm
+        )  # a wider line is a blob, which covers no more area
+        wall_moves = np.flatnonzero(is_printing & toolpath.is_feature("WALL-OUTER"))
+        start, end = toolpath.start[wall_moves, :2] - centre_mm, toolpath.end[wall_moves, :2] - centre_mm
+        layer = toolpath.layer[wall_moves]
+        bridges, run, is_closed = _join_runs(start, end, layer)
         order = np.argsort(np.concatenate((np.arange(len(wall_moves)), bridges)), kind="stable")
 
-        def splice(is_inner: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return np.asarray(np.concatenate((is_inner, between))[order])
+        def splice(values: npt.NDArray[Any], bridge_values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            return np.asarray(np.concatenate((values, bridge_values))[order])
 
         start, end = splice(start, end[bridges]), splice(end, np.roll(start, -1, axis=0)[bridges])
-        half = splice(half_mm[wall_moves], half_mm[wall_moves][bridges])
+        half_width_mm = splice(half_widths_mm[wall_moves], half_widths_mm[wall_moves][bridges])
         layer, run = splice(layer, layer[bridges]), splice(run, run[bridges])
-        closed = closed[run]
+        is_closed = is_closed[run]
         is_inner = np.zeros(len(length_mm), bool)
         for name in ("WALL-INNER", "SKIN", "FILL"):
-            is_inner |= path.is_feature(name)
+            is_inner |= toolpath.is_feature(name)
         is_inner &= is_printing
-        ends = (path.before[is_inner, :2] - centre_mm, path.after[is_inner, :2] - centre_mm)
-        others = np.column_stack((*ends, path.layer[is_inner], half_mm[is_inner])).astype(np.float64)
-        reach_mm = np.where(closed, layout.reach_mm(layer), half)
-        inner = others[path.is_feature("WALL-INNER")[is_inner]][:, :5]
-        return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
+        ends = (toolpath.start[is_inner, :2] - centre_mm, toolpath.end[is_inner, :2] - centre_mm)
+        other_lines = np.column_stack((*ends, toolpath.layer[is_inner], half_widths_mm[is_inner])).astype(
+            np.float64
+        )
+        reach_mm = np.where(is_closed, layout.compute_reach_mm(layer), half_width_mm)
+        inner_lines = other_lines[toolpath.is_feature("WALL-INNER")[is_inner]][:, :5]
+        return cls(start, end, layer, run, is_closed, 2 * half_width_mm, reach_mm, other_lines, inner_lines)
 
     def sum_rings(self, count: int) -> Rings:
         """Sum up the area within the outer edge of the outer wall, to first order, for `count` layers."""
-        is_ring = self.closed
+        is_ring = self.is_closed
         inside = measure_rings(
             iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
         )
         # An engine may draw rings in the opposite direction, but then all rings of a layer.
-        turn = np.where(inside.area_mm2 < 0, -1.0, 1.0)
-        band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(is_ring, 1.0, 2.0)
+        sign = np.where(inside.area_mm2 < 0, -1.0, 1.0)
+        band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_width_mm * np.where(is_ring, 1.0, 2.0)
         corners_mm2 = np.bincount(self.layer, self._compute_corners_mm2(), count)
-        area = turn * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
-        moment = turn[:, None] * inside.moment_mm3
+        area = sign * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
+        moment = sign[:, None] * inside.moment_mm3
         for axis in range(2):
             middle = (self.start[:, axis] + self.end[:, axis]) / 2
             moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
@@ -162,13 +167,17 @@ class Walls:
         A ring that is offset inwards by d loses at most d times its length in area. The result is 0 where an
         inner wall is not a whole ring.
         """
-        start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
-        bridges, run, closed = _join_runs(start, end, layer)
-        open_lines = (
-            np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
+        start, end, layer = (
+            self.inner_lines[:, :2],
+            self.inner_lines[:, 2:4],
+            self.inner_lines[:, 4].astype(np.int32),
+        )
+        bridges, run, is_closed = _join_runs(start, end, layer)
+        has_open_lines = (
+            np.bincount(layer, ~is_closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
         )
         inner = measure_rings(iter([(layer.astype(np.intp), start, end)]), count)
-        is_ring = self.closed
+        is_ring = self.is_closed
         outer = measure_rings(
             iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count
         )
@@ -176,15 +185,15 @@ class Walls:
         for number in range(1, layout.inner_walls + 1):
             distance_mm = number * layout.step_mm
             expected_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - distance_mm * outer.length_mm)
-        return np.where(open_lines, 0.0, expected_mm2 - np.abs(inner.area_mm2))
+        return np.where(has_open_lines, 0.0, expected_mm2 - np.abs(inner.area_mm2))
 
     def _compute_corners_mm2(self) -> Floats:
         """Compute the area (n,) of the band outside of a ring at the corner after each move."""
         if not len(self.run):
             return np.empty(0)
         next_index = np.arange(1, len(self.run) + 1)
-        heads = np.flatnonzero(np.diff(self.run, prepend=-1))
-        next_index[np.append(heads[1:], len(self.run)) - 1] = heads
+        first_moves = np.flatnonzero(np.diff(self.run, prepend=-1))
+        next_index[np.append(first_moves[1:], len(self.run)) - 1] = first_moves
         direction = self.end - self.start
         next_direction = direction[next_index]
         cross = direction[:, 0] * next_direction[:, 1] - direction[:, 1] * next_direction[:, 0]
@@ -192,32 +201,32 @@ class Walls:
             axis=1
         )
         half_turn = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)  # tangent of half the angle
-        return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
+        return np.where(self.is_closed, self.half_width_mm**2 * half_turn, 0.0)
 
     def build_printed_area(self, layer: int, model: Geometry) -> Geometry:
         """Build the area within the outer edge of the outer wall in one layer.
 
-        A ring is the edge of an area, or by itself a wall of one line: that has the model on neither side.
+        A ring is the edge of an area, or a wall of a single line, which has the model on neither side.
         """
         indices = np.flatnonzero(self.layer == layer)
-        line = ~self.closed[indices]
+        is_line = ~self.is_closed[indices]
         inside: Geometry = shapely.Polygon()
-        for run in np.unique(self.run[indices][~line]):
-            of_run = self.run[indices] == run
-            points = np.vstack((self.start[indices[of_run][:1]], self.end[indices[of_run]]))
-            if self._is_single(indices[of_run], model):
-                line |= of_run
+        for run in np.unique(self.run[indices][~is_line]):
+            in_run = self.run[indices] == run
+            points = np.vstack((self.start[indices[in_run][:1]], self.end[indices[in_run]]))
+            if self._is_single_line(indices[in_run], model):
+                is_line |= in_run
             elif len(points) > 3:
                 # Rings do not cross each other: one within another is a hole.
                 inside = inside.symmetric_difference(shapely.make_valid(shapely.Polygon(points)))
-        reach_mm = float(self.half_mm[indices][~line].max(initial=0.0))
+        reach_mm = float(self.half_width_mm[indices][~is_line].max(initial=0.0))
         strokes = _build_strokes(
-            self.start[indices[line]], self.end[indices[line]], self.width_mm[indices[line]] / 2
+            self.start[indices[is_line]], self.end[indices[is_line]], self.width_mm[indices[is_line]] / 2
         )
         return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
 
-    def _is_single(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
-        """Check whether no part of the model lies beside a line."""
+    def _is_single_line(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
+        """Check whether a line is a wall by itself: the model lies on neither of its sides."""
         direction = self.end[ring] - self.start[ring]
         normal = np.column_stack((-direction[:, 1], direction[:, 0])) / np.hypot(*direction.T)[:, None]
         normal *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]
@@ -227,7 +236,7 @@ class Walls:
 
     def build_filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
         """Build the area of the other lines in a layer that come near a rectangle (x0, y0, x1, y1)."""
-        rows = self.others[self.others[:, 4] == layer]
+        rows = self.other_lines[self.other_lines[:, 4] == layer]
         low, high = (
             np.minimum(rows[:, :2], rows[:, 2:4]) - _NEAR_MM,
             np.maximum(rows[:, :2], rows[:, 2:4]) + _NEAR_MM,
@@ -240,10 +249,10 @@ class Walls:
 def _join_runs(
     start: Floats, end: Floats, layer: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Join moves to unbroken lines, and find which of them are rings.
+    """Join moves into unbroken lines, and find out which of them are rings.
 
-    If two walls overlap, an engine leaves out the flow of a move or two: a line that is not closed is
-    joined across such gaps to the following ones if that closes it.
+    Where two walls overlap, an engine leaves a move or two without flow: a line that is not closed is
+    joined across such gaps to the following lines if this closes it.
 
     Returns
     -------
@@ -273,13 +282,13 @@ def _join_runs(
     run_starts = first.copy()
     run_starts[np.array(bridges, np.intp) + 1] = False
     run = np.cumsum(run_starts) - 1
-    heads = np.flatnonzero(run_starts)
-    tails = np.append(heads[1:], len(start)) - 1
-    closed = np.hypot(*(start[heads] - end[tails]).T) < TOLERANCE_MM
-    return np.array(bridges, np.intp), run, closed
+    first_moves = np.flatnonzero(run_starts)
+    last_moves = np.append(first_moves[1:], len(start)) - 1
+    is_closed = np.hypot(*(start[first_moves] - end[last_moves]).T) < TOLERANCE_MM
+    return np.array(bridges, np.intp), run, is_closed
 
 
-def _build_strokes(start: Floats, end: Floats, half_mm: Floats) -> Geometry:
+def _build_strokes(start: Floats, end: Floats, half_width_mm: Floats) -> Geometry:
     """Build the area of lines (n, 2) of a half width (n,)."""
     lines = shapely.linestrings(np.stack((start, end), axis=1))
-    return shapely.union_all(shapely.buffer(lines, half_mm))
+    return shapely.union_all(shapely.buffer(lines, half_width_mm))

@@ -11,7 +11,7 @@ from slicing.own_gcode.completeness import StatedFigures
 from slicing.own_gcode.extent import Extent
 from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
-from slicing.own_gcode.survey import INCOMPLETE, survey_lines
+from slicing.own_gcode.survey import EXPORT_ADVICE, survey_lines
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
 
@@ -19,15 +19,15 @@ PLAUSIBLE_RATIO = (0.2, 2.5)
 """Bounds of the mean section of the lines, as a multiple of a line a nozzle wide and a layer high. Slicers
 reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
 1.75 mm instead of 2.85 mm about 2.7."""
-HIGHEST_LAYER = 0.8
+MAX_LAYER_SHARE = 0.8
 """Maximum layer height as a share of the nozzle's diameter: higher lines do not stick."""
 SLACK_LAYERS = 1.25
-"""Depth below the top, in highest layers, that slicers reach within a layer, as in a sloping seam."""
+"""Depth, in layers of maximum height, that slicers may reach below a layer's top, as in a sloping seam."""
 
 
 @dataclass(frozen=True, slots=True)
 class AcceptedGcode:
-    """Accepted G-code, and the facts known of it.
+    """Accepted G-code and its facts.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     target
         Printer and material for which it is read.
     stopwatch
-        Measures the time of the print, for the program's timeline; not used before.
+        Measures the time of the print, for the program's timeline; it must be a new one.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     survey = survey_lines(lines, target.filament_mm)
     line_mm = _find_line_width_mm(survey.nozzle_mm or target.nozzle_mm)
     writer = Writer(stopwatch)
-    clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm, target.printer.head)
+    clearance = Clearance(SLACK_LAYERS * MAX_LAYER_SHARE * line_mm, target.printer.head)
     interpreter = Interpreter(survey, writer, clearance, target, line_mm)
     for number, raw in enumerate(lines, 1):
         interpreter.run_line(raw, number)
@@ -100,8 +100,8 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     extent = interpreter.head.extent
     _check_missing_lines(survey.figures, interpreter, target)
     ratio = _compute_section_ratio(extent, writer.layers, target, line_mm)
-    missing = (survey.warning,) if survey.warning is not None else ()
-    warnings = missing + check_machine(survey.machine, survey.nozzle_mm, ratio, target)
+    completeness_warnings = (survey.warning,) if survey.warning is not None else ()
+    warnings = completeness_warnings + check_machine(survey.machine, survey.nozzle_mm, ratio, target)
     print_time_s = writer.finish()
     return AcceptedGcode(
         gcode=_add_start_and_end(writer.text, interpreter, target),
@@ -116,7 +116,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         reach_min_mm=_to_point(extent.reach_low),
         reach_max_mm=_to_point(extent.reach_high),
         filament_type=survey.machine.filament_type,
-        notices=_build_notices(survey.ulticode, interpreter.omitted) + warnings,
+        notices=_build_notices(survey.is_ulticode, interpreter.omitted) + warnings,
     )
 
 
@@ -130,7 +130,7 @@ def _check_missing_lines(figures: StatedFigures, interpreter: Interpreter, targe
         printed_mm = extent.filament_mm - extent.stray_mm
         problem = figures.filament.describe_missing(printed_mm, target.filament_mm2, extent.lines)
     if problem is not None:
-        raise GcodeRefused(f"{problem}: lines are missing; {INCOMPLETE}")
+        raise GcodeRefused(f"{problem}: lines are missing; {EXPORT_ADVICE}")
 
 
 def _find_line_width_mm(nozzle_mm: float | None) -> float:
@@ -146,8 +146,8 @@ def _find_line_width_mm(nozzle_mm: float | None) -> float:
 def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: PrintTarget) -> bytes:
     """Put the farm's start and end code around the lines that are printed."""
     code = target.printer.code
-    start = code.start_code(interpreter.nozzle_c, interpreter.bed_c, target.filament_mm2)
-    return f";FLAVOR:Marlin\n{start}\n".encode() + printed + code.end_code(0.0).encode() + b"\n"
+    start = code.build_start_code(interpreter.nozzle_c, interpreter.bed_c, target.filament_mm2)
+    return f";FLAVOR:Marlin\n{start}\n".encode() + printed + code.build_end_code(0.0).encode() + b"\n"
 
 
 def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
@@ -159,8 +159,8 @@ def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, noz
         If E does not count mm of this filament.
     """
     section_mm2 = extent.filament_mm * target.filament_mm2 / extent.path_mm
-    # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
-    mean_mm = min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
+    # A spiral vase has no flat layers: its turns are marked, or taken to be as high as the nozzle allows.
+    mean_mm = min(extent.high[2] / max(1, layers), MAX_LAYER_SHARE * nozzle_mm)
     layer_mm = max(extent.layer_mm, mean_mm)
     nominal_mm2 = nozzle_mm * layer_mm
     ratio = section_mm2 / nominal_mm2

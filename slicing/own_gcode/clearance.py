@@ -11,10 +11,10 @@ from scipy import ndimage
 from slicing.printer import HeadShape
 
 _CELL_MM = 1.0
-_LOWEST_MM = -20.0  # where the grid begins, on X and Y
-_CELLS = 270
+_GRID_START_MM = -20.0  # where the grid begins, on X and Y
+_CELL_COUNT = 270
 _STEP_MM = 0.5  # between samples of a line
-_BUFFERED = 512 * 6
+_BUFFER_SIZE = 512 * 6
 
 Point = list[float]
 
@@ -36,32 +36,32 @@ class Clearance:
         self._head = head
         self._slack_mm = slack_mm
         self._lines = array("d")  # x, y, z of both ends
-        self._height_mm = np.zeros((_CELLS, _CELLS))  # [y, x]
-        self._above_nozzle: NDArray[np.float64] | None = None  # highest within a cell of each place
-        self._above_head: NDArray[np.float64] | None = None  # highest below a head at each place
-        self._printed_since_mm = 0.0  # highest line since the two were computed
+        self._height_mm = np.zeros((_CELL_COUNT, _CELL_COUNT))  # [y, x]
+        self._nozzle_heights_mm: NDArray[np.float64] | None = None  # maximum over the neighbouring cells
+        self._head_heights_mm: NDArray[np.float64] | None = None  # maximum below the head
+        self._highest_new_mm = 0.0  # highest line since both were computed
 
-    def add(self, start: Point, target: Point) -> None:
+    def add_line(self, start: Point, target: Point) -> None:
         """Record a printed line."""
         self._lines.extend(start)
         self._lines.extend(target)
-        self._printed_since_mm = max(self._printed_since_mm, start[2], target[2])
-        if len(self._lines) >= _BUFFERED:
+        self._highest_new_mm = max(self._highest_new_mm, start[2], target[2])
+        if len(self._lines) >= _BUFFER_SIZE:
             self._flush()
 
     def find_obstacle_mm(self, start: Point, target: Point) -> float | None:
         """Find the height of the lines that the nozzle or the head would hit in a straight move, or None."""
         lowest_mm = min(start[2], target[2])
-        if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
+        if self._nozzle_heights_mm is None or self._highest_new_mm > lowest_mm + self._slack_mm:
             self._flush()
-            self._above_nozzle = ndimage.maximum_filter(self._height_mm, 3)
-            self._above_head = _find_highest_below_head(self._height_mm, self._head)
-            self._printed_since_mm = 0.0
-        assert self._above_head is not None
+            self._nozzle_heights_mm = ndimage.maximum_filter(self._height_mm, 3)
+            self._head_heights_mm = _find_highest_below_head(self._height_mm, self._head)
+            self._highest_new_mm = 0.0
+        assert self._head_heights_mm is not None
         xy, z = _sample_lines(np.array([[*start, *target]]))
         y, x = _find_cells(xy)
-        nozzle_mm, head_mm = self._above_nozzle[y, x], self._above_head[y, x]
-        is_hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.above_nozzle + self._slack_mm)
+        nozzle_mm, head_mm = self._nozzle_heights_mm[y, x], self._head_heights_mm[y, x]
+        is_hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.underside_mm + self._slack_mm)
         return float(np.maximum(nozzle_mm, head_mm)[is_hit].max()) if is_hit.any() else None
 
     def _flush(self) -> None:
@@ -85,14 +85,14 @@ def _sample_lines(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 def _find_cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find row and column of each point; a point outside the grid, which no printer reaches, is clipped."""
-    cells = np.clip((xy - _LOWEST_MM) / _CELL_MM, 0, _CELLS - 1).astype(np.intp)
+    cells = np.clip((xy - _GRID_START_MM) / _CELL_MM, 0, _CELL_COUNT - 1).astype(np.intp)
     return cells[:, 1], cells[:, 0]
 
 
 def _find_highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
     """Find the highest cell within the head's outline for each place of the nozzle."""
     left, right, front, back = (
-        round(edge / _CELL_MM) for edge in (head.left, head.right, head.front, head.back)
+        round(edge / _CELL_MM) for edge in (head.left_mm, head.right_mm, head.front_mm, head.back_mm)
     )
     size = (back - front + 1, right - left + 1)
     # the filter's window starts at -(size // 2) - origin: shifted to start at the head's front and left

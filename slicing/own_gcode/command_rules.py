@@ -18,7 +18,7 @@ PRINTED = frozenset(
 )
 """Commands that are executed; the lines for the printer are written by `slicing.own_gcode.writer`."""
 
-_IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, which is the default
+_VOLUMETRIC_OFF = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, which is the default
 
 NO_EFFECT = frozenset(
     (
@@ -28,7 +28,7 @@ NO_EFFECT = frozenset(
 )
 """Commands that change nothing in a print: texts, beeps, queries."""
 
-NOT_TAKEN_OVER = {
+OMITTED_PROPERTIES = {
     "M204": "acceleration",
     "M205": "jerk",
     "M566": "jerk",
@@ -36,7 +36,7 @@ NOT_TAKEN_OVER = {
     "M900": "linear advance",
     "M413": "power-loss recovery",
 }
-"""Commands left out with a notice: the printer's own values are used, also for the print time."""
+"""Commands left out with a notice, and the property of each: the printer's own values are used."""
 
 _WAITS = f"waits for somebody to press the knob: {_SCRIPT}"
 _CARD = f"belongs to the SD card: {_SCRIPT}"
@@ -89,7 +89,7 @@ END_COMMANDS = frozenset(("G28", "M84", "M18", "M81", "M2"))
 
 def has_no_effect(code: str, rest: str) -> bool:
     """Check whether a command changes nothing in a print; `rest` is the text after its code."""
-    return code in NO_EFFECT or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
+    return code in NO_EFFECT or (code == "M200" and _VOLUMETRIC_OFF.fullmatch(rest) is not None)
 
 
 def find_refusal(code: str) -> str | None:

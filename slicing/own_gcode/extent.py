@@ -8,7 +8,7 @@ from collections import defaultdict
 CLIP_HEIGHT_MM = 10.0
 """[assumed] Height below which the head must keep off the bed's clips also on travels."""
 MAX_PRIMED_MM = 1.0
-"""Maximum filament that slicers extrude at one place, without what was retracted before."""
+"""Maximum filament that slicers extrude at standstill, beyond what was retracted before."""
 _NEGLIGIBLE_MM = 0.001
 
 Corner = list[float]
@@ -35,9 +35,8 @@ class Extent:
         self.filament_mm = 0.0
         self.path_mm = 0.0
         self.lines = 0
-        self._returns = self._primes = (
-            0  # all returns of retracted filament, and those that extrude more than was retracted
-        )
+        # Number of returns of retracted filament, and of those that extrude more than was retracted.
+        self._return_count = self._prime_count = 0
         self._primed_mm = self._jumped_mm = 0.0
         self._moves: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
@@ -51,20 +50,20 @@ class Extent:
 
     def record_prime(self, fed_mm: float) -> None:
         """Record that retracted filament, and `fed_mm` more, is extruded at standstill."""
-        self._returns += 1
+        self._return_count += 1
         if fed_mm > MAX_PRIMED_MM:
             self._jumped_mm += fed_mm
         elif fed_mm > _NEGLIGIBLE_MM:
-            self._primes += 1
+            self._prime_count += 1
             self._primed_mm += fed_mm
 
     @property
     def stray_mm(self) -> float:
         """Filament extruded at standstill that belongs to missing lines.
 
-        A slicer that primes after retractions does so at all or most of them, which is not counted.
+        A slicer that primes after retractions does so after most of them; such primes do not count.
         """
-        return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._returns else 0.0)
+        return self._jumped_mm + (self._primed_mm if 2 * self._prime_count < self._return_count else 0.0)
 
     def is_higher(self, start: Corner, target: Corner) -> bool:
         """Check whether a printed line lies higher than all before it, but is not the first."""
@@ -92,10 +91,10 @@ class Extent:
     @property
     def layer_mm(self) -> float:
         """Median height of a layer in mm, by the length of path; 0 without layers."""
-        passed_mm = 0.0
+        sum_mm = 0.0
         for step_mm, path_mm in sorted(self._path_on_step_mm.items()):
-            passed_mm += path_mm
-            if passed_mm >= self.path_mm / 2:
+            sum_mm += path_mm
+            if sum_mm >= self.path_mm / 2:
                 return step_mm
         return 0.0
 

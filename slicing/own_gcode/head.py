@@ -17,14 +17,14 @@ MAX_EXTRUDED_MM = 200.0
 """Maximum filament in one move: more than any slicer extrudes, less than what the firmware refuses."""
 MIN_MM_S = 0.1
 MAX_START_RETRACTION_MM = 0.3
-"""Maximum retraction at which a line may begin: slicers return the filament before."""
+"""Maximum retraction at which a line may begin: slicers return the filament before a line."""
 MAX_SECTION = 4.0
 """Maximum section of a line, over the nozzle's diameter squared: more than any slicer's."""
 MAX_JUMP_MM = MAX_PRIMED_MM
-"""Filament that a move may extrude beyond what was retracted and what its line takes:
-where lines are missing from a file whose E continues, all of their filament comes in one move."""
+"""Filament that a move may extrude beyond what was retracted and what its line takes. Where lines are missing
+from a file with absolute E, one move extrudes the filament of all of them."""
 MAX_DROP_MM = 10.0
-"""Height by which the head is raised before it parks in a pause, or homes when cancelled."""
+"""Height by which the head is raised before it parks in a pause, or homes after a cancellation."""
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
 
 Point = list[float]
@@ -65,7 +65,7 @@ class Head:
         self._marks_layers = marks_layers
         self._has_approached = False
         self._retracted_mm = 0.0
-        self._retraction_line = 0  # line
+        self._retraction_line = 0
 
     def forget_position(self) -> None:
         """Set the position to unknown, as after homing."""
@@ -101,7 +101,7 @@ class Head:
         start, self.position = self.position, target
         retracted_mm = self._retracted_mm
         self._retracted_mm = max(0.0, retracted_mm - extruded_mm)
-        if not self._objections.printing:
+        if not self._objections.is_printing:
             return False
         self._check_feed(extruded_mm, speed_mm_s * factor)
         if not self._approach_start(start, target, extruded_mm, speed_mm_s):
@@ -118,7 +118,7 @@ class Head:
         fed_mm = extruded_mm - retracted_mm
         self._check_jump(start, target, fed_mm)
         if extruded_mm > 0:
-            self._gaps.feed(math.dist(start, target), fed_mm, self._objections.line)
+            self._gaps.record_feed(math.dist(start, target), fed_mm, self._objections.line)
         if extruded_mm > 0 and start == target:
             self.extent.record_prime(fed_mm)
         self.extent.record_move(target, fed_mm)
@@ -137,7 +137,7 @@ class Head:
         if extruded_mm < 0:
             self._retraction_line = self._objections.line
         if self._retracted_mm > self._max_retracted_mm:  # an end script may unload it
-            self._objections.add_end(
+            self._objections.add_except_at_end(
                 f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
             )
         if speed_mm_s < MIN_MM_S:
@@ -202,6 +202,6 @@ class Head:
         if not self._marks_layers and self.extent.is_higher(start, target):
             self._writer.begin_layer(target[2])
         self.extent.record_line(start, target)
-        self._clearance.add(start, target)
+        self._clearance.add_line(start, target)
         self._objections.record_printed_line()
         self._writer.commit()

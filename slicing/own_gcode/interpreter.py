@@ -59,8 +59,8 @@ class Interpreter:
     def __init__(
         self, survey: Survey, writer: Writer, clearance: Clearance, target: PrintTarget, nozzle_mm: float
     ) -> None:
-        self.nozzle_c = target.nozzle_c if survey.ulticode else 0.0
-        self.bed_c = target.bed_c if survey.ulticode else 0.0
+        self.nozzle_c = target.nozzle_c if survey.is_ulticode else 0.0
+        self.bed_c = target.bed_c if survey.is_ulticode else 0.0
         self.omitted: dict[str, str] = {}
         self._objections = Objections()
         self.gaps = LayerGaps(MAX_SECTION * nozzle_mm**2 / target.filament_mm2)
@@ -75,13 +75,13 @@ class Interpreter:
         self._survey = survey
         self._writer = writer
         self._printer = target.printer
-        self._mm_per_e = 1 / target.filament_mm2 if survey.ulticode else 1.0
+        self._mm_per_e = 1 / target.filament_mm2 if survey.is_ulticode else 1.0
         self._e = 0.0  # in the file's own unit
-        self._relative = self._relative_e = False
+        self._is_relative = self._is_relative_e = False
         self._speed_mm_s = _FIRST_MM_S
         self._speed_factor = self._flow_factor = 1.0
         self._is_retracted = False  # by G10
-        self._total_dwell_s = self._waiting_s = 0.0  # in total, and since the last printed line
+        self._total_dwell_s = self._dwell_s = 0.0  # of all pauses, and of those since the last printed line
         self._fan: bytes = _FAN_OFF
 
     def run_line(self, raw: bytes, number: int) -> None:
@@ -106,25 +106,25 @@ class Interpreter:
         code, rest, comment = split_line(raw, number)
         if number == self._survey.first_line:
             self._begin()
-        if self._printing and is_layer(comment):
+        if self._is_printing and is_layer(comment):
             self._writer.begin_layer()
             if (layer := read_layer_number(comment)) is not None:
                 self.gaps.begin_layer(layer)
-        elif self._printing and _FEATURE.match(comment):
+        elif self._is_printing and _FEATURE.match(comment):
             self._writer.add_line(b";" + comment)
         if not code or command_rules.has_no_effect(code, rest):
             return
         if (reason := command_rules.find_refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {reason}")
-        if code in command_rules.NOT_TAKEN_OVER:
-            self.omitted[code] = command_rules.NOT_TAKEN_OVER[code]
+        if code in command_rules.OMITTED_PROPERTIES:
+            self.omitted[code] = command_rules.OMITTED_PROPERTIES[code]
         elif code in command_rules.PRINTED:
             self._run_command(code, parse_words(rest, number))
-        elif code == "G28" and not self._printing:
+        elif code == "G28" and not self._is_printing:
             self.head.forget_position()
-        elif self._printing:
+        elif self._is_printing:
             reason = f"{code} {command_rules.find_refusal_in_print(code)}"
-            self._objections.add_end(reason, ends_print=code in command_rules.END_COMMANDS)
+            self._objections.add_except_at_end(reason, ends_print=code in command_rules.END_COMMANDS)
 
     def finish(self) -> None:
         """Check the file's end.
@@ -136,16 +136,16 @@ class Interpreter:
         """
         if not self.head.extent.path_mm:
             raise GcodeRefused(
-                self._objections.first or "it prints nothing: no move after its start extrudes"
+                self._objections.first_reason or "it prints nothing: no move after its start extrudes"
             )
         self._objections.check_end(self._survey.is_closed)
 
     @property
-    def _printing(self) -> bool:
-        return self._objections.printing
+    def _is_printing(self) -> bool:
+        return self._objections.is_printing
 
     def _begin(self) -> None:
-        self._objections.printing = True
+        self._objections.is_printing = True
         if self.nozzle_c < self._printer.limits.min_extrusion_c:
             self._objections.refuse(
                 "the print begins here, and no M104 or M109 before it has set the nozzle's temperature: "
@@ -168,11 +168,11 @@ class Interpreter:
             case "G10" | "G11":
                 self._retract(code, words)
             case "G90" | "G91":
-                self._relative = code == "G91"
+                self._is_relative = code == "G91"
             case "G92":
                 self._reset_e(words)
             case "M82" | "M83":
-                self._relative_e = code == "M83"
+                self._is_relative_e = code == "M83"
             case "M104" | "M109" | "M140" | "M190":
                 self._heat(code, words)
             case "M106" | "M107":
@@ -188,24 +188,24 @@ class Interpreter:
 
     def _move_to(self, target: list[float], extruded_mm: float, speed_mm_s: float | None = None) -> None:
         if self.head.move(target, extruded_mm, speed_mm_s or self._speed_mm_s, self._speed_factor):
-            self._waiting_s = 0.0
+            self._dwell_s = 0.0
 
     def _find_target(self, words: Words) -> list[float]:
         return [
-            current if (value := words.get(axis)) is None else value + (current if self._relative else 0.0)
+            current if (value := words.get(axis)) is None else value + (current if self._is_relative else 0.0)
             for axis, current in zip("XYZ", self.head.position, strict=True)
         ]
 
     def _find_extruded_mm(self, words: Words) -> float:
-        """Compute the filament that a move extrudes, in mm; in G91 E is relative too, in this firmware."""
+        """Compute the filament that a move extrudes, in mm; the firmware takes E as relative after G91."""
         e = words.get("E")
         if e is None:
             return 0.0
-        difference = e if self._relative or self._relative_e else e - self._e
+        difference = e if self._is_relative or self._is_relative_e else e - self._e
         self._e += difference
         return difference * self._mm_per_e * self._flow_factor
 
-    def _move_on_arc(self, clockwise: bool, words: Words) -> None:
+    def _move_on_arc(self, is_clockwise: bool, words: Words) -> None:
         self._set_speed(words)
         x, y, z = self.head.position
         i, j = words.get("I", 0.0), words.get("J", 0.0)
@@ -217,20 +217,20 @@ class Interpreter:
             self.head.position = end
             self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
             return
-        arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), clockwise)
+        arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), is_clockwise)
         if arc.length_mm > MAX_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
             self._objections.refuse("no printer can make this arc: is the file damaged?")
-        for (to_x, to_y), share in arc.points():
+        for (to_x, to_y), share in arc.sample_points():
             self._move_to([to_x, to_y, z + (end[2] - z) * share], extruded_mm * (share - previous_share))
             previous_share = share
 
     def _wait(self, words: Words) -> None:
         seconds = words.get("S", words.get("P", 0.0) / 1000)
-        if self._printing and seconds > 0:
+        if self._is_printing and seconds > 0:
             self._total_dwell_s += seconds
-            self._waiting_s += seconds
-            if self._waiting_s > MAX_DWELL_S:
-                self._objections.add(f"G4 waits {self._waiting_s:g} s in one place: at most {MAX_DWELL_S:g}")
+            self._dwell_s += seconds
+            if self._dwell_s > MAX_DWELL_S:
+                self._objections.add(f"G4 waits {self._dwell_s:g} s in one place: at most {MAX_DWELL_S:g}")
             elif self._total_dwell_s > MAX_PAUSES_S:
                 self._objections.add(
                     f"G4 waits {self._total_dwell_s:g} s in all so far: at most {MAX_PAUSES_S:g}"
@@ -260,8 +260,8 @@ class Interpreter:
         is_nozzle = code in ("M104", "M109")
         limits = self._printer.limits
         max_c = limits.max_nozzle_c if is_nozzle else limits.max_bed_c
-        if words.get("T") and target_c == 0 and self._printing:
-            self._objections.add_end(f"{code} is for another extruder, and there is one")
+        if words.get("T") and target_c == 0 and self._is_printing:
+            self._objections.add_except_at_end(f"{code} is for another extruder, and there is one")
         elif words.get("T"):
             self._objections.reject(
                 f"{code} is for another extruder, and there is one: slice for a single extruder"
@@ -271,25 +271,27 @@ class Interpreter:
             self._objections.refuse(
                 f"{code} sets {target_c:g} C, and the {heater} may have at most {max_c:g}"
             )
-        elif not self._printing:
+        elif not self._is_printing:
             self.nozzle_c, self.bed_c = (target_c, self.bed_c) if is_nozzle else (self.nozzle_c, target_c)
         elif is_nozzle and target_c < limits.min_extrusion_c:
-            self._objections.add_end(
+            self._objections.add_except_at_end(
                 f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on",
                 ends_print=target_c == 0,
             )
         elif not is_nozzle and target_c == 0 and self.bed_c:
-            self._objections.add_end(f"{code} switches the bed off and the print goes on", ends_print=True)
+            self._objections.add_except_at_end(
+                f"{code} switches the bed off and the print goes on", ends_print=True
+            )
         else:
             self._writer.add_line(b"%b S%d" % (code.encode(), target_c))
 
     def _set_fan(self, code: str, words: Words) -> None:
         if words.get("P"):
-            return  # a fan that this printer does not have
+            return  # the printer has no such fan
         power = words.get("S", 255.0)
         power = 0.0 if code == "M107" else min(255.0, max(0.0, power))
         self._fan = b"M106 S%d" % round(power) if power else _FAN_OFF
-        if self._printing:
+        if self._is_printing:
             self._writer.add_line(self._fan)
 
     def _parse_factor(self, code: str, words: Words, minimum: float, maximum: float) -> float:
@@ -299,9 +301,9 @@ class Interpreter:
         return factor
 
     def _set_speed(self, words: Words) -> None:
-        per_minute = words.get("F", 0.0)
-        if per_minute > 0:  # the firmware, too, keeps its feedrate at F0
-            self._speed_mm_s = per_minute / 60
+        feed_mm_min = words.get("F", 0.0)
+        if feed_mm_min > 0:  # at F0 the firmware keeps its feedrate, too
+            self._speed_mm_s = feed_mm_min / 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,7 +313,7 @@ class Arc:
     start: Point
     end: Point
     centre: Point
-    clockwise: bool
+    is_clockwise: bool
 
     @property
     def radius_mm(self) -> float:
@@ -322,31 +324,31 @@ class Arc:
         return math.dist(self.end, self.centre)
 
     @property
-    def turn(self) -> float:
+    def sweep_rad(self) -> float:
         """Angle swept, in radians; negative clockwise."""
-        turn = (self._compute_angle(self.end) - self._compute_angle(self.start)) % math.tau
-        if self.clockwise:
-            return turn - math.tau
-        return turn or math.tau
+        sweep_rad = (self._compute_angle(self.end) - self._compute_angle(self.start)) % math.tau
+        if self.is_clockwise:
+            return sweep_rad - math.tau
+        return sweep_rad or math.tau
 
     @property
     def length_mm(self) -> float:
-        return abs(self.turn) * self.radius_mm
+        return abs(self.sweep_rad) * self.radius_mm
 
-    def points(self) -> Iterator[tuple[Point, float]]:
-        """Yield the end of each straight move, and the share of the arc done there; `end` is the last."""
-        radius_mm, turn, first = self.radius_mm, self.turn, self._compute_angle(self.start)
+    def sample_points(self) -> Iterator[tuple[Point, float]]:
+        """Yield the end of each straight move, and the share of the arc up to it; the last one is `end`."""
+        radius_mm, sweep_rad, first = self.radius_mm, self.sweep_rad, self._compute_angle(self.start)
         step_mm = max(0.05, min(MAX_CHORD_MM, math.sqrt(8 * radius_mm * CHORD_DEVIATION_MM)))
         count = max(1, math.ceil(self.length_mm / step_mm))
         for i in range(1, count):
-            angle = first + turn * i / count
-            yield self._at(angle, radius_mm), i / count
+            angle = first + sweep_rad * i / count
+            yield self._compute_point(angle, radius_mm), i / count
         yield self.end, 1.0
 
     def _compute_angle(self, point: Point) -> float:
         return math.atan2(point[1] - self.centre[1], point[0] - self.centre[0])
 
-    def _at(self, angle: float, radius_mm: float) -> Point:
+    def _compute_point(self, angle: float, radius_mm: float) -> Point:
         return (
             self.centre[0] + radius_mm * math.cos(angle),
             self.centre[1] + radius_mm * math.sin(angle),

@@ -13,12 +13,12 @@ from slicing.own_gcode.target import PrintTarget
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
 """Facts that name the machine: of Cura, of PrusaSlicer and its forks, of KISSlicer; the last one, used if
 no model is named, is the name of a person's settings."""
-_NO_NAME = ("", '""', "unknown", "default", "- default fff printer -")
+_EMPTY_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL_RATIO = (0.5, 1.7)
 """Ratio of the lines' section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
 4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
 
-FOREIGN_START = {
+FOREIGN_START_COMMANDS = {
     "G29": "probes the bed",
     "G34": "levels its two Z screws",
     "G80": "probes the bed",
@@ -46,7 +46,7 @@ class Machine:
         Material, like PLA; None if the file does not say.
     bed_corner
         First corner of its bed, as written; None if the file does not say.
-    foreign_start
+    foreign_command
         Line number and code of a command in its start that the farm's printers do not have; None if there is
         none.
     """
@@ -55,21 +55,21 @@ class Machine:
     filament_mm: float | None
     filament_type: str | None
     bed_corner: str | None
-    foreign_start: tuple[int, str] | None
+    foreign_command: tuple[int, str] | None
 
 
 def find_machine(
-    facts: Mapping[str, bytes], filament_mm: float | None, foreign_start: tuple[int, str] | None
+    facts: Mapping[str, bytes], filament_mm: float | None, foreign_command: tuple[int, str] | None
 ) -> Machine:
     """Read the machine from a file's facts: key in lower case -> value as written."""
     names = (_read_text(facts, key) for key in _NAMES)
-    name = next((name for name in names if name is not None and name.lower() not in _NO_NAME), None)
+    name = next((name for name in names if name is not None and name.lower() not in _EMPTY_NAMES), None)
     return Machine(
         name=name,
         filament_mm=filament_mm,
         filament_type=_read_text(facts, "filament_type") or _read_text(facts, "filament type #1"),
         bed_corner=_read_text(facts, "bed_shape") or _read_text(facts, "printable_area"),
-        foreign_start=foreign_start,
+        foreign_command=foreign_command,
     )
 
 
@@ -103,9 +103,9 @@ def check_machine(
             f"Warning: its lines have {section_ratio:.1f} times the section of a line as wide as the nozzle: "
             "was it sliced for another nozzle?",
         )
-    if machine.foreign_start is not None:
-        number, code = machine.foreign_start
-        reason = f"line {number}: {code} {FOREIGN_START[code]}"
+    if machine.foreign_command is not None:
+        number, code = machine.foreign_command
+        reason = f"line {number}: {code} {FOREIGN_START_COMMANDS[code]}"
     elif machine.bed_corner not in (None, "0x0"):
         reason = f"its bed begins at {quote_text(machine.bed_corner or '')}"
     elif machine.filament_mm is None and not is_usual:

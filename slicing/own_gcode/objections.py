@@ -17,27 +17,27 @@ class Objections:
     ----------
     line
         Number of the line that is run.
-    printing
+    is_printing
         Whether the print has begun.
-    first
+    first_reason
         The first reason why nothing more may be printed; None if there is none.
     """
 
     def __init__(self) -> None:
         self.line = 0
-        self.printing = False
-        self.first: str | None = None
-        self._unconditional: str | None = None  # a reason before any end script
-        self._has_ended = False  # by an end script: nothing is printed after it
+        self.is_printing = False
+        self.first_reason: str | None = None
+        self._unconditional_reason: str | None = None  # the first reason before any end script
+        self._has_ended = False  # an end script has begun, and nothing was printed since
 
     def add(self, reason: str) -> None:
         """Refuse the file as soon as something is printed after this line; a start script is not printed."""
-        if self.printing:
-            self.first = self.first or self._add_line(reason)
+        if self.is_printing:
+            self.first_reason = self.first_reason or self._add_line(reason)
             if not self._has_ended:
-                self._unconditional = self._unconditional or self._add_line(reason)
+                self._unconditional_reason = self._unconditional_reason or self._add_line(reason)
 
-    def add_end(self, reason: str, *, ends_print: bool = False) -> None:
+    def add_except_at_end(self, reason: str, *, ends_print: bool = False) -> None:
         """Refuse the file if something is printed after this line; an end script may contain it.
 
         Parameters
@@ -47,13 +47,13 @@ class Objections:
         ends_print
             Whether the line shows that the end script has begun.
         """
-        if self.printing:
-            self.first = self.first or self._add_line(reason)
+        if self.is_printing:
+            self.first_reason = self.first_reason or self._add_line(reason)
             self._has_ended = self._has_ended or ends_print
 
     def reject(self, reason: str) -> None:
-        """Refuse a command that changes all after it: also in a start script, but not in an end script."""
-        if not self.printing:
+        """Refuse a command that changes all lines after it, unless it stands in an end script."""
+        if not self.is_printing:
             self.refuse(reason)
         self.add(reason)
 
@@ -62,9 +62,9 @@ class Objections:
         raise GcodeRefused(self._add_line(reason))
 
     def check_printed_line(self) -> None:
-        """Raise GcodeRefused if a line is printed after a reason against it."""
-        if self.first is not None:
-            raise GcodeRefused(self.first)
+        """Raise GcodeRefused if there is a reason why nothing more may be printed."""
+        if self.first_reason is not None:
+            raise GcodeRefused(self.first_reason)
 
     def record_printed_line(self) -> None:
         """Record a printed line: the lines before it were not an end script."""
@@ -83,8 +83,8 @@ class Objections:
         GcodeRefused
             If the last lines are neither a print nor an end script.
         """
-        if self._unconditional is not None:
-            raise GcodeRefused(self._unconditional)
+        if self._unconditional_reason is not None:
+            raise GcodeRefused(self._unconditional_reason)
         if not (self._has_ended or is_closed):
             self.refuse(
                 "the file ends here, but not its print: nothing switches the nozzle off (M104 S0) after the "

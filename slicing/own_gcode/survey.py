@@ -10,16 +10,16 @@ from slicing.errors import GcodeRefused
 from slicing.gcode_lines import parse_plain_move, split_line
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.completeness import Completeness, StatedFigures
-from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
+from slicing.own_gcode.machine import FOREIGN_START_COMMANDS, Machine, find_machine
 
 FILAMENT_SLACK_MM = (-0.1, 0.2)
 """Filament of 2.85 mm is also sold as 3 mm."""
-INCOMPLETE = "export it once more, or copy it again"
+EXPORT_ADVICE = "export it once more, or copy it again"
 _LAYER = re.compile(
     rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
 )
 """Marks of a layer's start by Cura, PrusaSlicer and its forks, Simplify3D and KISSlicer."""
-_MARLIN = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
+_MARLIN_FLAVOURS = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
 _FACT = re.compile(
     rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
     rb"|use_volumetric_e|gcode_flavor|Nozzle Diameter #1|Filament Diameter #1|fiber_dia_mm|filament_type"
@@ -35,7 +35,7 @@ class Survey:
 
     Attributes
     ----------
-    ulticode
+    is_ulticode
         Whether the file is UltiGCode: E in mm3, and no start of its own.
     nozzle_mm
         Nozzle that the file was sliced for; None if it does not say.
@@ -53,7 +53,7 @@ class Survey:
         Figures that the slicer states for the layers.
     """
 
-    ulticode: bool
+    is_ulticode: bool
     nozzle_mm: float | None
     first_line: int
     marks_layers: bool
@@ -87,26 +87,26 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     scan = _Scan()
     for number, raw in enumerate(lines, 1):
         scan.read(raw, number)
-    ulticode = _is_ulticode(scan.facts, filament_mm)
-    if not scan.layer_line and (ulticode or not (scan.wait_line and scan.home_line)):
+    is_ulticode = _is_ulticode(scan.facts, filament_mm)
+    if not scan.layer_line and (is_ulticode or not (scan.wait_line and scan.home_line)):
         raise GcodeRefused(
             "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
-    missing = scan.completeness.find_reason(scan.last, scan.number, scan.print_line)
-    if missing is not None:
+    incompleteness = scan.completeness.find_reason(scan.last_line, scan.number, scan.print_line)
+    if incompleteness is not None:
         raise GcodeRefused(
-            f"line {scan.number}: the file ends here, but not its print: {missing}; {INCOMPLETE}"
+            f"line {scan.number}: the file ends here, but not its print: {incompleteness}; {EXPORT_ADVICE}"
         )
     return Survey(
-        ulticode=ulticode,
+        is_ulticode=is_ulticode,
         nozzle_mm=_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         first_line=scan.layer_line or scan.ready_line + 1,
         marks_layers=bool(scan.layer_line),
         is_closed=bool(scan.completeness.is_closed(scan.print_line)),
-        warning=scan.completeness.warning(),
+        warning=scan.completeness.build_warning(),
         figures=scan.completeness.figures,
-        machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.foreign_start),
+        machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.foreign_command),
     )
 
 
@@ -126,7 +126,7 @@ class _Scan:
         Last line that extrudes while the head moves.
     number, last
         Number of the last line, and the line itself.
-    foreign_start
+    foreign_command
         First line and command that only another machine has; None if there is none.
     """
 
@@ -134,13 +134,13 @@ class _Scan:
         self.facts: dict[str, bytes] = {}
         self.layer_line = self.wait_line = self.home_line = self.ready_line = 0
         self.print_line = self.number = 0
-        self.last = b"\n"
+        self.last_line = b"\n"
         self.completeness = Completeness()
-        self.foreign_start: tuple[int, str] | None = None
+        self.foreign_command: tuple[int, str] | None = None
 
     def read(self, raw: bytes, number: int) -> None:
         """Read one line."""
-        self.number, self.last = number, raw
+        self.number, self.last_line = number, raw
         if (move := parse_plain_move(raw)) is not None:
             if "E" in move and ("X" in move or "Y" in move):
                 self.print_line = number
@@ -170,8 +170,8 @@ class _Scan:
 
     def _read_start(self, code: str) -> None:
         """Read a command before the first line that prints."""
-        if self.foreign_start is None and code in FOREIGN_START:
-            self.foreign_start = (self.number, code)
+        if self.foreign_command is None and code in FOREIGN_START_COMMANDS:
+            self.foreign_command = (self.number, code)
         if code == "M109":
             self.wait_line = self.number
         if code == "G28":
@@ -184,7 +184,7 @@ def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:
     flavour = (facts.get("flavor") or facts.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
     if flavour == "UltiGCode":
         return True
-    if flavour.lower() not in _MARLIN:
+    if flavour.lower() not in _MARLIN_FLAVOURS:
         raise GcodeRefused(
             f"its flavour is {flavour!r}: set the G-code flavour to Marlin in your slicer "
             "(Cura: Preferences > Printers > Machine Settings), or to UltiGCode"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 RESET_E_MM = 1000.0
-"""Largest E: the firmware counts in single precision, so E is reset before its steps get coarse."""
+"""Maximum E: the firmware computes in single precision, so E is reset before its resolution gets coarse."""
 MARK_S = 60.0
 """Longest time between two marks of the timeline."""
 
@@ -14,7 +14,7 @@ Step = tuple[float, float, float, float, float]
 
 
 class Stopwatch(Protocol):
-    """Follows the moves as the printer would make them, and measures their time."""
+    """Clock that simulates the printer's moves and measures their time."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
         """Go to x, y, z at a speed; `e` counts all filament fed so far. All in mm."""
@@ -27,37 +27,37 @@ class Stopwatch(Protocol):
 
 
 class Writer:
-    """Writer of lines and time marks. Records after the last `commit` are never written."""
+    """Writer of lines and time marks; what is added after the last `commit` is never written."""
 
     def __init__(self, stopwatch: Stopwatch) -> None:
         self.text = bytearray()
         self.layers = 0
         self._stopwatch = stopwatch
-        self._tail: list[Step | bytes | float | None] = []
+        self._pending: list[Step | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
         self._last_words = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
         self._last_mark_s = 0.0
 
     def add_move(self, step: Step) -> None:
         """Record a move."""
-        self._tail.append(step)
+        self._pending.append(step)
 
     def add_line(self, line: bytes) -> None:
         """Record a line that is written as it is, without its newline."""
-        self._tail.append(line)
+        self._pending.append(line)
 
     def add_dwell(self, seconds: float) -> None:
         """Record a pause."""
-        self._tail.append(seconds)
+        self._pending.append(seconds)
 
     def begin_layer(self, z_mm: float | None = None) -> None:
         """Begin a layer: now, or with the first move to this height since the last `commit`."""
-        indices = (i for i, item in enumerate(self._tail) if isinstance(item, tuple) and item[2] == z_mm)
-        self._tail.insert(next(indices, len(self._tail)), None)
+        indices = (i for i, item in enumerate(self._pending) if isinstance(item, tuple) and item[2] == z_mm)
+        self._pending.insert(next(indices, len(self._pending)), None)
 
     def commit(self) -> None:
         """Write all that was recorded since the last `commit`."""
-        for item in self._tail:
+        for item in self._pending:
             if isinstance(item, tuple):
                 self._write(item)
             elif item is None:
@@ -67,22 +67,22 @@ class Writer:
             else:
                 self.text += b"G4 P%d\n" % round(1000 * item)
                 self._stopwatch.wait(item)
-        self._tail.clear()
+        self._pending.clear()
 
     def finish(self) -> float:
         """Close the timeline, and return the seconds that the print takes."""
-        self._tail.clear()
+        self._pending.clear()
         seconds = self._stopwatch.seconds(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         return seconds
 
     def _write_layer(self) -> None:
         if self.layers:
-            self._mark(self._stopwatch.seconds())
+            self._write_mark(self._stopwatch.seconds())
         self.text += b";LAYER:%d\n" % self.layers
         self.layers += 1
 
-    def _mark(self, seconds: float) -> None:
+    def _write_mark(self, seconds: float) -> None:
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         self._last_mark_s = seconds
 
@@ -112,4 +112,4 @@ class Writer:
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
         self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
         if self._stopwatch.seconds() - self._last_mark_s > MARK_S:
-            self._mark(self._stopwatch.seconds())
+            self._write_mark(self._stopwatch.seconds())

@@ -3,14 +3,20 @@
 from slicing.settings.engine_settings import EngineSettings
 from slicing.settings.plate_settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES
-from slicing.settings.resources import INSTALLED, OWN_MATERIALS, Resources, find_engine, find_resources
+from slicing.settings.resources import (
+    INSTALLED,
+    OWN_MATERIALS_VARIABLE,
+    Resources,
+    find_engine,
+    find_resources,
+)
 
 __all__ = [
     "ANY_PART",
     "DEFAULT_QUALITY",
     "FARM_QUALITIES",
     "INSTALLED",
-    "OWN_MATERIALS",
+    "OWN_MATERIALS_VARIABLE",
     "EngineSettings",
     "PartSettings",
     "Resources",

@@ -31,8 +31,8 @@ class SettingType(StrEnum):
 _NUMBERS = (SettingType.INT, SettingType.FLOAT)
 _LISTS = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
 _EXTRUDERS = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
-_MAX_SHOWN = 60
-_EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
+_MAX_TEXT_LENGTH = 60
+_EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or none
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _read_setting(key: str, entry: Mapping[str, Any]) -> Setting:
         kind = SettingType(entry["type"])
     except ValueError:
         raise DefinitionError(
-            f"Cura's setting {key} has the unknown type {entry['type']!r}; take those of Cura 4.13 or 5"
+            f"Cura's setting {key} has the unknown type {entry['type']!r}; use the files of Cura 4.13 or 5"
         ) from None
     return Setting(
         key=key,
@@ -90,11 +90,11 @@ def _read_setting(key: str, entry: Mapping[str, Any]) -> Setting:
         value=_read_formula(entry.get("value")),
         resolve=_read_formula(entry.get("resolve")),
         limit_to_extruder=_read_formula(entry.get("limit_to_extruder")),
-        per_extruder=_limit(entry.get("settable_per_extruder", True)),
-        minimum=_limit(entry.get("minimum_value")),
-        maximum=_limit(entry.get("maximum_value")),
+        per_extruder=_read_limit(entry.get("settable_per_extruder", True)),
+        minimum=_read_limit(entry.get("minimum_value")),
+        maximum=_read_limit(entry.get("maximum_value")),
         options=tuple(entry.get("options", ())),
-        enabled=_limit(entry.get("enabled", True)),
+        enabled=_read_limit(entry.get("enabled", True)),
     )
 
 
@@ -102,7 +102,7 @@ def _read_formula(raw: Any) -> Formula | None:
     return None if raw is None else Formula(str(raw))
 
 
-def _limit(raw: Any) -> Any:
+def _read_limit(raw: Any) -> Any:
     return Formula(raw) if isinstance(raw, str) else raw
 
 
@@ -146,8 +146,9 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                     raise ValueError
                 return ast.literal_eval(text)
     except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
+        allowed = _ALLOWED_VALUES[setting.type]
         raise BadSetting(
-            f"{setting.key}={_shorten(text)}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
+            f"{setting.key}={_shorten(text)}: not a value of type {setting.type}; {allowed}"
         ) from None
     return str(raw)
 
@@ -155,18 +156,18 @@ def parse_value(setting: Setting, raw: Any) -> Any:
 def _shorten(text: str) -> str:
     """Shorten a person's text to one line."""
     line = "".join(letter if letter.isprintable() else " " for letter in text)
-    return line if len(line) <= _MAX_SHOWN else f"{line[:_MAX_SHOWN]}..."
+    return line if len(line) <= _MAX_TEXT_LENGTH else f"{line[:_MAX_TEXT_LENGTH]}..."
 
 
 def parse_literal(text: str) -> Any:
-    """Read a value whose type is not the setting's as Cura does: as a literal, else as text."""
+    """Read a value that is not of its setting's type, as Cura does: as a literal, else as text."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         return text
 
 
-_ALLOWED: Mapping[SettingType, str] = {
+_ALLOWED_VALUES: Mapping[SettingType, str] = {
     SettingType.BOOL: "true or false",
     SettingType.INT: "a whole number",
     SettingType.FLOAT: "a number like 0.2",

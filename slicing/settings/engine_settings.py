@@ -17,7 +17,7 @@ SHRINKAGE = (
     "material_shrinkage_percentage_xy",  # from Cura 5 on
     "material_shrinkage_percentage_z",
 )
-"""Cura's own keys that scale parts against shrinkage, in percent."""
+"""Cura's own settings that scale parts to compensate shrinkage, in percent."""
 # Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
 _DIRECTIONS = {
     "grid": 2,
@@ -30,7 +30,7 @@ _DIRECTIONS = {
 }
 
 
-# Numbers of `EngineSettings` that are Cura's values as they are.
+# Fields of `EngineSettings` that are unchanged values of Cura's settings.
 _KEYS = {
     "layer_height_mm": "layer_height",
     "layer_height_0_mm": "layer_height_0",
@@ -128,7 +128,7 @@ def build_engine_settings(
     BadSetting
         If a raft is requested.
     """
-    global_, extruder = _write_scopes(resolver)
+    global_, extruder = _format_scopes(resolver)
     if global_["adhesion_type"] == "raft":
         raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
     values = _ExtruderValues(resolver)
@@ -153,14 +153,14 @@ def build_engine_settings(
         **{name: values.number(key) for name, key in _KEYS.items()},
     )
     retracted_mm = values.number("retraction_amount") if values.flag("retraction_enable") else 0.0
-    global_["machine_start_gcode"] = _start_code(settings, values.number("machine_nozzle_size"))
-    global_["machine_end_gcode"] = printer.code.end_code(retracted_mm)
+    global_["machine_start_gcode"] = _build_start_code(settings, values.number("machine_nozzle_size"))
+    global_["machine_end_gcode"] = printer.code.build_end_code(retracted_mm)
     return settings
 
 
-def _start_code(settings: EngineSettings, nozzle_mm: float) -> str:
+def _build_start_code(settings: EngineSettings, nozzle_mm: float) -> str:
     """Write the start code, and the nozzle, which the engine's Marlin header does not name."""
-    code = settings.printer.code.start_code(settings.nozzle_c, settings.bed_c, settings.filament_mm2)
+    code = settings.printer.code.build_start_code(settings.nozzle_c, settings.bed_c, settings.filament_mm2)
     return f";NOZZLE_DIAMETER:{nozzle_mm:g}\n{code}"
 
 
@@ -177,7 +177,7 @@ class _ExtruderValues:
         return bool(self.resolver.value(Scope.EXTRUDER, key))
 
 
-def _write_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
+def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     """Write the settings of the global scope and of the extruder's as text."""
     global_ = {key: _format(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
     extruder = {key: _format(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}

@@ -41,7 +41,7 @@ _UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
     ast.UAdd: operator.pos,
     ast.Not: operator.not_,
 }
-_COMPARE: Mapping[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+_COMPARISONS: Mapping[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
     ast.Lt: operator.lt,
@@ -122,7 +122,7 @@ class _Evaluator:
             case ast.BoolOp(op=op, values=parts):
                 return self._evaluate_boolean(isinstance(op, ast.Or), parts)
             case ast.Compare(left=left, ops=ops, comparators=rights) if all(
-                type(op) in _COMPARE for op in ops
+                type(op) in _COMPARISONS for op in ops
             ):
                 return self._evaluate_comparison(left, ops, rights)
             case ast.IfExp(test=test, body=body, orelse=orelse):
@@ -160,7 +160,7 @@ class _Evaluator:
         low = self.value(left)
         for op, right in zip(ops, rights, strict=True):
             high = self.value(right)
-            if not _COMPARE[type(op)](low, high):
+            if not _COMPARISONS[type(op)](low, high):
                 return False
             low = high
         return True

@@ -19,7 +19,7 @@ FIRST_LAYER_CHANGES = (0.0, _MAX_CHANGE, 0.25)
 """Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
 one. The first layer levels out the bed anyway, and without such changes some heights cannot be reached in
 whole micrometres."""
-_WEIGHT_0 = 0.1  # weight of the first layer's change: it is one layer of many
+_FIRST_LAYER_WEIGHT = 0.1  # weight of the first layer's change: it is one layer of many
 _SLACK_UM = 1  # for rounding
 
 
@@ -80,7 +80,7 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
                 nearest = round(min(max(first, exact_um - tolerance), exact_um + tolerance))
                 first_um = min(max(nearest, low), high)
                 error_um = max(0.0, abs(first_um - exact_um) - tolerance - 0.5)
-                change = abs(layer - other) / other + _WEIGHT_0 * abs(first_um - first) / first
+                change = abs(layer - other) / other + _FIRST_LAYER_WEIGHT * abs(first_um - first) / first
                 yield error_um, change, first_um, layer
 
     for spread in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:

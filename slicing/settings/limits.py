@@ -73,7 +73,7 @@ _RESERVED: Mapping[str, str] = {
     "jerk_enabled": _MOTION,
     "jerk_travel_enabled": _MOTION,
 }
-_RESERVED_STARTS: Mapping[str, str] = {
+_RESERVED_PREFIXES: Mapping[str, str] = {
     "machine_": _PRINTER,
     "extruder_prime_pos_": _PRINTER,
     "nozzle_": _PRINTER,
@@ -87,7 +87,7 @@ def find_reserved_reason(key: str) -> str | None:
     """Return the reason why a person must not set a key; None if one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
-    starts = (reason for start, reason in _RESERVED_STARTS.items() if key.startswith(start))
+    starts = (reason for start, reason in _RESERVED_PREFIXES.items() if key.startswith(start))
     return _RESERVED.get(key) or next(starts, None)
 
 
@@ -140,8 +140,8 @@ def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: s
     for (minimum, maximum), is_farm_limit in ((farm_bounds, True), (cura_bounds, False)):
         low, high = (-inf if minimum is None else minimum), (inf if maximum is None else maximum)
         if not low <= value <= high:
-            ends = (("at least", low), ("at most", high))
-            allowed = ", ".join(f"{word} {_format_number(end)}" for word, end in ends if isfinite(end))
+            limits = (("at least", low), ("at most", high))
+            allowed = ", ".join(f"{word} {_format_number(end)}" for word, end in limits if isfinite(end))
             yield Violation(scope, key, value, allowed, is_farm_limit)
 
 

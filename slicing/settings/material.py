@@ -11,7 +11,7 @@ from slicing.errors import BadSetting
 SPACE = {"m": "http://www.ultimaker.com/material"}
 CURA_SETTING = "{http://www.ultimaker.com/cura}setting"
 
-# Cura 4.13, XmlMaterialProfile: the file's names that are settings by another name.
+# Names in material files, and the settings that they stand for (Cura 4.13, XmlMaterialProfile).
 _KEYS = {
     "print temperature": "default_material_print_temperature",
     "heated bed temperature": "default_material_bed_temperature",
@@ -38,13 +38,13 @@ _KEYS = {
     "no load move factor": "material_no_load_move_factor",
 }
 _GRAPH, _GRAPH_KEY = "processing temperature graph", "material_flow_temp_graph"
-_BOOLEANS = {"yes": "True", "no": "False"}  # where the setting is one of Cura's
+_BOOLEANS = {"yes": "True", "no": "False"}  # in elements with the keys of Cura's settings
 
 NO_SHRINKAGE = (1.0, 1.0)
 # Factors (XY, Z) by which parts are printed larger. Material files of Cura 4.13 and 5.0 give 100 % or none.
 # PLA, Tough PLA and PETG are Cura 5.0's own figures, from its profiles for the Ultimaker S3 and S5. The
 # others are [assumed]: typical shrinkage of printed parts, below what data sheets give for moulded ones;
-# across layers half of that along them, as Cura has it for PLA.
+# across layers half of that along them, as in Cura's figures for PLA.
 _SHRINKAGE: Mapping[str, tuple[float, float]] = {
     kind: (1 + xy_percent / 100, 1 + z_percent / 100)
     for kind, xy_percent, z_percent in (

@@ -91,7 +91,7 @@ def _parse(path: Path) -> ET.Element:
     except OSError as error:
         raise BadSetting(f"cannot be read ({error.strerror})") from error
     if len(data) > MAX_BYTES:
-        raise BadSetting(f"is larger than {MAX_BYTES // 1024} KiB: no material file")
+        raise BadSetting(f"is larger than {MAX_BYTES // 1024} KiB: not a material file")
     try:
         root = ET.fromstring(data, ET.XMLParser(target=_NoDocumentType()))
     except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding

@@ -38,7 +38,7 @@ _STREAMED_VALUES: Mapping[str, Any] = {
 class SettingsRequest:
     """Choice of printer model, quality, material, nozzle and overrides.
 
-    `supported`: print supports also with Cura's own qualities, which have none; `overrides` win over it.
+    `has_support`: print supports also with Cura's own qualities, which have none; `overrides` win over it.
     """
 
     printer: PrinterModel
@@ -46,7 +46,7 @@ class SettingsRequest:
     material: str = "generic_pla"
     nozzle_mm: float = 0.4
     overrides: Mapping[str, Any] = field(default_factory=dict)
-    supported: bool = False
+    has_support: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,8 @@ class PartSettings:
     layer_0_expansion_mm
         Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
     bed_face_hidden, tops_hidden
-        All that lies on the bed is hidden once the parts are glued; all tops are. They get `Quality.hidden`.
+        Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
+        the layers of `Quality.hidden`.
     """
 
     height_mm: float | None = None
@@ -127,7 +128,7 @@ class _RequestKey:
     material: str
     nozzle_mm: float
     overrides: tuple[tuple[str, str], ...]
-    supported: bool
+    has_support: bool
 
     @classmethod
     def from_request(cls, request: SettingsRequest) -> _RequestKey:
@@ -138,7 +139,7 @@ class _RequestKey:
             material=request.material,
             nozzle_mm=request.nozzle_mm,
             overrides=overrides,
-            supported=request.supported,
+            has_support=request.has_support,
         )
 
 
@@ -175,19 +176,19 @@ def _reduce_hidden_layers(
     """
     if hidden is None:
         return settings
-    least = HiddenLayers(
+    reduced = HiddenLayers(
         min(hidden.bed_layers, settings.bottom_layers), min(hidden.top_layers, settings.top_layers)
     )
     layers: dict[str, str] = {}
     if part.bed_face_hidden:
-        layers["initial_bottom_layers"] = str(least.bed_layers)
+        layers["initial_bottom_layers"] = str(reduced.bed_layers)
     if part.tops_hidden:
-        layers["top_layers"] = str(least.top_layers)
-    return replace(settings, hidden=least, extruder={**settings.extruder, **layers})
+        layers["top_layers"] = str(reduced.top_layers)
+    return replace(settings, hidden=reduced, extruder={**settings.extruder, **layers})
 
 
 def _is_cura_value(violation: Violation, resources: Resources, request_key: _RequestKey) -> bool:
-    """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura prints those anyway."""
+    """Check whether a value beyond Cura's limits is from Cura's own profiles: Cura accepts these."""
     default_key = replace(request_key, overrides=())
     stacks = find_stacks(
         resources, request_key.printer.name, request_key.nozzle_mm, request_key.material, request_key.quality
@@ -216,9 +217,8 @@ def _describe_refusal(violation: Violation, request_key: _RequestKey) -> str:
 def _build_resolver(
     stacks: Stacks, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
-    """Add a user's layer to the stacks: overrides, values for streaming, those of the part and the
-    quality."""
-    user: dict[str, Any] = dict(SUPPORTED) if request_key.supported else {}
+    """Add the user's layer to the stacks: values of quality, part and streaming, and overrides."""
+    user: dict[str, Any] = dict(SUPPORTED) if request_key.has_support else {}
     quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
         user |= quality.changes

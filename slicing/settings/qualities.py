@@ -1,4 +1,4 @@
-"""Qualities of this project, each one of Cura's as a base, with changes."""
+"""Qualities of this project: each is one of Cura's qualities with changes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from slicing.settings.formula import Formula
 
 SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
-_BRIMMED = {
+_BRIM_SETTINGS = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
     # Cura's own formula: its profiles for nylon, TPU and others name a count, which would win over the width.
@@ -39,10 +39,10 @@ class HiddenLayers:
 class Quality:
     """Quality of the farm: one of Cura's, and values on top of it (below the user's own settings)."""
 
-    bases: tuple[str, ...]  # the first that there is for the nozzle and the material
+    bases: tuple[str, ...]  # the first one that exists for the nozzle and the material
     changes: Mapping[str, Any]
     exact_height: bool = False  # layer heights are fitted to each part's height
-    compensates_shrinkage: bool = False  # parts are printed larger by what their material shrinks
+    compensates_shrinkage: bool = False  # parts are printed larger by the shrinkage of their material
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
     hidden: HiddenLayers | None = None  # None: as visible faces
 
@@ -52,7 +52,7 @@ _PAPER = Quality(
     ("fast", "standard"),
     {
         **SUPPORTED,
-        **_BRIMMED,
+        **_BRIM_SETTINGS,
         "layer_height": 0.25,
         "infill_sparse_density": 5.0,
         "infill_pattern": "zigzag",
@@ -70,7 +70,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
         ("fast", "draft", "normal", "high", "standard", "super"),
         {
             **SUPPORTED,
-            **_BRIMMED,
+            **_BRIM_SETTINGS,
             # Half the nozzle, where Cura's fast profile has 0.15 mm: a quarter faster, and the seams of a
             # glued model are more visible than its layers.
             "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),

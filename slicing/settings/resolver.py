@@ -64,7 +64,7 @@ class Resolver:
         self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
         self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
         self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
-        self._first_place = 0  # the first place of the look-up
+        self._first_place = 0  # place at which the look-up begins
         self._functions: dict[str, Callable[..., Any]] = {
             "extruderValue": lambda _, key: self._compute_own_value(Scope.EXTRUDER, key),
             "extruderValues": lambda key: [self._compute_own_value(Scope.EXTRUDER, key)],
@@ -80,7 +80,7 @@ class Resolver:
         }
 
     def setting(self, key: str) -> Setting:
-        """Find a key's definition. Raises BadSetting with the nearest keys if there is none."""
+        """Find the definition of a key; raises BadSetting with similar keys if there is none."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         setting = machine.get(key) or extruder.get(key)
         if setting is None:
@@ -158,8 +158,7 @@ class Resolver:
         return None if bound is None else float(bound)
 
     def _is_limited(self, setting: Setting) -> bool:
-        """Check whether the global stack takes the extruder's value: the text "-1" is none, a number the
-        first."""
+        """Check whether the global stack takes the extruder's value: the text "-1" means that it does not."""
         if setting.limit_to_extruder is None:
             return False
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
@@ -168,7 +167,7 @@ class Resolver:
         return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is Place.USER)
 
     def _find_raw_value(self, scope: Scope, key: str) -> Any:
-        """Find the first value or formula on the way down a stack."""
+        """Find the first value or formula of a key in a stack, from the top down."""
         for place, layer in self._layers[scope]:
             if key in layer and place >= self._first_place:
                 return layer[key]
@@ -188,7 +187,7 @@ class Resolver:
             self._first_place = outer
 
     def _compute_own_value(self, scope: Scope, key: str) -> Any:
-        """Compute a stack's own value, its formula in that stack."""
+        """Compute a stack's own value; the names in its formula are looked up in the same stack."""
         raw = self._find_raw_value(scope, key)
         if not isinstance(raw, Formula):
             return raw

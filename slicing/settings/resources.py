@@ -19,19 +19,19 @@ from slicing.settings.definitions import Setting, merge_definitions
 from slicing.settings.material import read_material_kind
 from slicing.settings.own_materials import SUFFIX, list_own_materials, read_own_material
 
-OWN_MATERIALS = "FARM_MATERIALS"
+OWN_MATERIALS_VARIABLE = "FARM_MATERIALS"
 """Environment variable with the folder of a person's own material files."""
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _ANY_MACHINE = "fdmprinter"
 """Definition whose qualities are for all machines that have none of their own, with any material."""
 _ADVICE = "run 'farm setup', or set {}"
-_PARENT = Path(__file__).resolve().parents[2]
+_PROJECT_ROOT = Path(__file__).resolve().parents[2]
 INSTALLED = (
-    _PARENT / ".cura" / "resources"
-    if (_PARENT / "pyproject.toml").is_file()
+    _PROJECT_ROOT / ".cura" / "resources"
+    if (_PROJECT_ROOT / "pyproject.toml").is_file()
     else Path(sys.prefix) / "share" / "farm" / "cura"
 )
-"""Folder of Cura's files that `farm setup` makes: in the checkout, or else in the environment."""
+"""Folder of Cura's files that `farm setup` creates: in the checkout, else in the environment."""
 
 
 def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
@@ -46,14 +46,14 @@ def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
     return Path(path)
 
 
-def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = None) -> Resources:
+def find_resources(environ: Mapping[str, str] = os.environ, own_materials: Path | None = None) -> Resources:
     """Find Cura's files: `FARM_CURA_RESOURCES`, else the folder of `farm setup`, else Debian's folder.
 
     Parameters
     ----------
     environ
         The environment.
-    own
+    own_materials
         Folder with own material files; None for that of `FARM_MATERIALS`, if it is set.
 
     Raises
@@ -65,8 +65,8 @@ def find_resources(environ: Mapping[str, str] = os.environ, own: Path | None = N
     places = [Path(configured)] if configured else [INSTALLED, Path("/usr/share/cura/resources")]
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
-            folder = environ.get(OWN_MATERIALS)
-            return Resources(place, own or (Path(folder) if folder else None))
+            folder = environ.get(OWN_MATERIALS_VARIABLE)
+            return Resources(place, own_materials or (Path(folder) if folder else None))
     problem = f"FARM_CURA_RESOURCES={configured} lacks" if configured else "Cura's files are missing:"
     raise ResourcesMissing(
         f"{problem} the folders {', '.join(FOLDERS)}: {_ADVICE.format('FARM_CURA_RESOURCES to their folder')}"
@@ -78,10 +78,10 @@ class Machine:
     """A printer model's merged definitions, and the facts that select its profiles."""
 
     model: str
-    name: str  # the product, as material files call it
+    name: str  # the product's name in material files
     quality_definition: str
     has_variants: bool  # a profile for each nozzle
-    has_materials: bool  # it has a quality of its own for each material
+    has_materials: bool  # each material has qualities of its own
     excluded_materials: frozenset[str]
     nozzle_mm: float  # without a variant
     diameter_mm: float  # of the filament

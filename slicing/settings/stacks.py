@@ -21,7 +21,7 @@ _MAX_DEVIATION_MM = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Stacks:
-    """A printer model's definitions with the profiles that apply, all but the user's."""
+    """A printer model's definitions with all profiles that apply to a request, except the user's."""
 
     machine: Machine
     material: Material
@@ -100,7 +100,7 @@ def _convert_value(machine: Machine, key: str, text: str) -> object:
 
 
 def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
-    """Find the nozzle's name and values; without profiles for nozzles, those of the definition."""
+    """Find the nozzle's name and values; those of the definition if there are no profiles for nozzles."""
     if machine.has_variants:
         profiles = resources.profiles("variants", machine.model)
         available = {
@@ -136,7 +136,7 @@ def _read_material(machine: Machine, hotend: str, name: str, resources: Resource
 def _find_qualities(
     machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
 ) -> tuple[Profile, Profile]:
-    """Find the global profile and the extruder's; a brand's material may use those of its kind."""
+    """Find the global profile and the extruder's; a brand's material may use the profiles of its kind."""
     profiles = resources.profiles("quality", machine.quality_definition)
     global_profiles = {
         p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"

@@ -50,7 +50,7 @@ def request_for(tmp_path, engine, settings_of):
         return PlateRequest(
             stl=stl,
             settings=settings or settings_of(),
-            out=tmp_path / out,
+            output_path=tmp_path / out,
             engine=engine,
             bed=bed,
             cache=cache,

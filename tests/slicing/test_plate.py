@@ -157,13 +157,13 @@ def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
         slice_plate(request)
     assert refused.value.rule is rule
     assert "\n" not in str(refused.value)
-    assert [path.name for path in request.out.parent.iterdir()] == ["part.stl"]
+    assert [path.name for path in request.output_path.parent.iterdir()] == ["part.stl"]
 
 
 def test_repeated_slice_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
     request = request_for(cube_20, cache=tmp_path / "cache")
     first = slice_plate(request)
-    repeated = slice_plate(replace(request, out=tmp_path / "again.gcode"))
+    repeated = slice_plate(replace(request, output_path=tmp_path / "again.gcode"))
     assert (first.cached, repeated.cached) == (False, True)
     assert repeated == replace(first, gcode=repeated.gcode, cached=True)
     assert repeated.gcode.read_bytes() == first.gcode.read_bytes()

@@ -10,23 +10,23 @@ FILAMENT_MM2 = 6.379
 
 
 def test_start_code_heats_both_heaters_and_primes_the_models_volume():
-    lines = UM2_PLUS.code.start_code(205.0, 60.0, FILAMENT_MM2).splitlines()
+    lines = UM2_PLUS.code.build_start_code(205.0, 60.0, FILAMENT_MM2).splitlines()
     assert {"M140 S60", "M190 S60", "M109 S205", "G1 F47 E7.8"} <= {*lines}
     assert lines.index("G28") < lines.index("M190 S60") < lines.index("M109 S205")
 
 
 def test_bed_at_0_c_is_left_out_of_the_start_code():
-    start = UM2_PLUS.code.start_code(205.0, 0.0, FILAMENT_MM2)
+    start = UM2_PLUS.code.build_start_code(205.0, 0.0, FILAMENT_MM2)
     assert "M140" not in start and "M190" not in start
 
 
 @pytest.mark.parametrize("retracted_mm", [0.0, 6.5])
 def test_end_code_parks_the_filament_that_was_not_retracted(retracted_mm):
     code = replace(UM2_PLUS.code, parked_mm=12.0)
-    assert f"G1 F1500 E{retracted_mm - 12:g}" in code.end_code(retracted_mm).splitlines()
+    assert f"G1 F1500 E{retracted_mm - 12:g}" in code.build_end_code(retracted_mm).splitlines()
 
 
 @pytest.mark.parametrize("model", sorted(PRINTERS))
 def test_each_end_code_switches_both_heaters_off(model):
-    lines = PRINTERS[model].code.end_code(0.0).splitlines()
+    lines = PRINTERS[model].code.build_end_code(0.0).splitlines()
     assert {"M104 S0", "M140 S0"} <= {*lines}

@@ -26,10 +26,10 @@ def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
 
 def body(accepted):
     """Return the lines between the farm's start and end code."""
-    start = UM2_PLUS.code.start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
+    start = UM2_PLUS.code.build_start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
     text = accepted.gcode.decode().removeprefix(f";FLAVOR:Marlin\n{start}\n")
-    assert text.endswith(f"{UM2_PLUS.code.end_code(0.0)}\n")
-    return text.removesuffix(f"{UM2_PLUS.code.end_code(0.0)}\n").splitlines()
+    assert text.endswith(f"{UM2_PLUS.code.build_end_code(0.0)}\n")
+    return text.removesuffix(f"{UM2_PLUS.code.build_end_code(0.0)}\n").splitlines()
 
 
 def followed(lines):

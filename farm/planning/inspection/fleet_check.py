@@ -32,7 +32,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
         With the key whose value Cura's files do not know, and the known values.
     """
     try:
-        resources = find_resources(own=fleet_section.materials)
+        resources = find_resources(own_materials=fleet_section.materials)
     except SlicingError:
         return section
     _check_own_materials(resources)

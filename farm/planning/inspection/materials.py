@@ -131,7 +131,9 @@ def name_filament(
     """
     if options.material is not None:
         with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
-            named_material = parse_material(options.material, list_kinds(find_resources(own=own_materials)))
+            named_material = parse_material(
+                options.material, list_kinds(find_resources(own_materials=own_materials))
+            )
             if named_material is not None:
                 filament = {
                     "material": named_material.name,

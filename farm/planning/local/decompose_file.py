@@ -127,7 +127,7 @@ def decompose_to_folder(
     empty_for_parts(out)
     with translate_errors(), ThreadPoolExecutor(os.cpu_count()) as executor:
         resources = find_resources()
-        settings_request = SettingsRequest(build_slicing_printer(profile), request.quality, supported=True)
+        settings_request = SettingsRequest(build_slicing_printer(profile), request.quality, has_support=True)
         settings = resolve_settings(settings_request, resources)
         model = load_model(
             path,

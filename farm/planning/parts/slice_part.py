@@ -49,7 +49,12 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     with translate_errors():
         settings = resolve_slice_settings(task, extents[2])
         request = PlateRequest(
-            stl=placed_stl, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
+            stl=placed_stl,
+            settings=settings,
+            output_path=task.out,
+            engine=task.engine,
+            bed=bed,
+            cache=task.cache,
         )
         return slice_plate(request, progress)
 

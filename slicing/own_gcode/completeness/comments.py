@@ -28,12 +28,12 @@ _CLOSING: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
         (rb"KISSlicer\b", rb"Estimated(?:-in-GUI)? Build Time"),
     )
 )
-"""A slicer's name, and the comment that it writes behind every print: the first match counts.
-PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0 were seen, the others are [assumed]."""
+"""A slicer's name, and the comment that it writes after every print: the first match counts.
+Verified in files of PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0; the others are [assumed]."""
 EMPTY_SHARE = 0.2
-"""CuraEngine counts layers in which nothing is printed, and leaves them out: 15 % at the tip of a spire of
-3 by 40 mm, the gap below and above a support, and one in files of adaptive layers. Damage to such a file
-shows in E (`head.MAX_JUMP_MM`)."""
+"""Maximum share of empty layers. CuraEngine counts them, and leaves them out: 15 % at the tip of a spire of 3
+by 40 mm, the gaps below and above supports, and one in files with adaptive layers. If lines are missing from
+such a file, E shows it (`head.MAX_JUMP_MM`)."""
 
 
 def read_layer_number(comment: bytes) -> int | None:
@@ -46,12 +46,13 @@ class Completeness:
     """Gathers the signs of completeness from all comments of a file."""
 
     def __init__(self) -> None:
-        self._closing: re.Pattern[bytes] | None = None
-        self._slicer_name = b""  # the slicer's name
-        self._closed_at = 0
-        self._count = self._count_at = 0  # layers that the file states, and the line of that comment
-        self._layers = 0  # marks
-        self._numbers: set[int] = set()
+        self._closing_mark: re.Pattern[bytes] | None = None
+        self._slicer_name = b""
+        self._closing_line = 0
+        # Number of layers that the file states, and the line of that comment.
+        self._stated_count = self._stated_count_line = 0
+        self._mark_count = 0  # comments that mark a layer
+        self._layer_numbers: set[int] = set()
         self._is_numbered = False
         self._missing_layers: str | None = None
         self._open_blocks: dict[bytes, int] = {}  # blocks that have begun -> line
@@ -60,15 +61,15 @@ class Completeness:
 
     def read(self, comment: bytes, number: int) -> None:
         """Read one comment, without its semicolon, of line `number`."""
-        if self._closing is None:
-            self._identify(comment)
-        if self._closing is not None and self._closing.match(comment):
-            self._closed_at = number
+        if self._closing_mark is None:
+            self._identify_slicer(comment)
+        if self._closing_mark is not None and self._closing_mark.match(comment):
+            self._closing_line = number
         if (count := _COUNT.match(comment)) is not None:
             self._begin_count(int(count[1]), number)
         elif (layer := read_layer_number(comment)) is not None:
             self._is_numbered = True
-            self._numbers.add(layer)
+            self._layer_numbers.add(layer)
         elif (block := _BLOCK.match(comment)) is not None:
             name = block[1] or block[3]
             if (block[2] or block[4]) in (b"START", b"begin"):
@@ -81,7 +82,7 @@ class Completeness:
             self._figures.read(comment, number)
 
     def change_flow(self) -> None:
-        """Record that the file changes the flow: it feeds more or less than its E says."""
+        """Record that the file changes the flow, so that more or less filament is fed than E says."""
         self._figures.change_flow()
 
     @property
@@ -90,12 +91,12 @@ class Completeness:
         return self._figures.figures
 
     def count_layer(self) -> None:
-        """Count the mark of a layer's beginning."""
-        self._layers += 1
+        """Count a comment that marks the beginning of a layer."""
+        self._mark_count += 1
 
     def is_closed(self, last_print: int) -> bool | None:
         """Check whether the closing mark comes after line `last_print`; None if the slicer has none."""
-        return None if self._closing is None else self._closed_at > last_print
+        return None if self._closing_mark is None else self._closing_line > last_print
 
     def find_reason(self, last: bytes, number: int, last_print: int) -> str | None:
         """Return the reason why a file cannot be complete; None if it looks complete.
@@ -128,44 +129,51 @@ class Completeness:
             return "Cura's settings at its end are cut"
         return None
 
-    def _identify(self, comment: bytes) -> None:
+    def _identify_slicer(self, comment: bytes) -> None:
         for generator, mark in _CLOSING:
             if (name := generator.match(comment)) is not None:
-                self._closing, self._slicer_name = mark, name[0].strip()
+                self._closing_mark, self._slicer_name = mark, name[0].strip()
                 return
 
     def _begin_count(self, count: int, number: int) -> None:
-        """Begin a count of layers: each object's, where they are printed one at a time."""
-        if self._count and self._is_numbered:
+        """Begin a new count of layers: each object has one where objects are printed one at a time."""
+        if self._stated_count and self._is_numbered:
             self._missing_layers = self._missing_layers or self._describe_missing_layers(
                 self._limit_empty_layers()
             )
-            self._numbers.clear()
-        self._count, self._count_at = count, number
+            self._layer_numbers.clear()
+        self._stated_count, self._stated_count_line = count, number
 
-    def warning(self) -> str | None:
-        """Warn of missing layers in a file whose only sign of completeness is its closing mark."""
+    def build_warning(self) -> str | None:
+        """Build a warning of missing layers in a file whose only sign of completeness is its closing mark."""
         missing = self._describe_missing_layers(0) if self.figures.filament is None else None
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 
     def _limit_empty_layers(self) -> int:
-        if not self._is_numbered or self._closing is None:
+        if not self._is_numbered or self._closing_mark is None:
             return 0
-        return self._count if self.figures.filament is not None else max(1, int(EMPTY_SHARE * self._count))
+        return (
+            self._stated_count
+            if self.figures.filament is not None
+            else max(1, int(EMPTY_SHARE * self._stated_count))
+        )
 
     def _describe_missing_layers(self, allowed: int) -> str | None:
-        if self._count_layers >= self._count - allowed:
+        if self._layer_count >= self._stated_count - allowed:
             return None
-        return f"line {self._count_at} names {self._count} layers, and {self._count_layers} of them are in it"
+        return (
+            f"line {self._stated_count_line} names {self._stated_count} layers, and {self._layer_count} of "
+            "them are in it"
+        )
 
     @property
-    def _count_layers(self) -> int:
+    def _layer_count(self) -> int:
         """Number of layers found: distinct layer numbers, without the negative ones of a raft."""
-        return sum(number >= 0 for number in self._numbers) if self._is_numbered else self._layers
+        return sum(number >= 0 for number in self._layer_numbers) if self._is_numbered else self._mark_count
 
 
 def _is_json(escaped: bytes) -> bool:
-    """Check whether Cura's settings can be read: JSON, with backslashes and newlines escaped once more."""
+    """Check whether Cura's settings are complete JSON; backslashes and newlines in it are escaped twice."""
     text = _ESCAPED.sub(
         lambda match: {"n": "\n", "r": "\r"}.get(match[1], match[1]), escaped.decode("utf-8", "replace")
     )

@@ -19,7 +19,7 @@ _PLACEHOLDER = b"TIME:6666"
 _DIGITS = 6
 """Significant digits of CuraEngine's figures."""
 E_UNIT_MM = 1e-5
-"""Last digit of E; each line is rounded by half of it, which adds up where E is relative."""
+"""Unit of E's last digit; each line may be rounded by half of it, which adds up where E is relative."""
 _HEIGHT_SLACK_MM = 0.005
 """The lowest and the highest Z of 300 slices of CuraEngine 4.13 are exact."""
 _TIME_SLACK_S = 1.0
@@ -36,7 +36,7 @@ class StatedFilament:
         In mm, or in mm3.
     unit
         Value of the figure's last digit.
-    in_mm3
+    is_volume
         Whether it is a volume.
     line
         Number of the line that states it.
@@ -44,7 +44,7 @@ class StatedFilament:
 
     amount: float
     unit: float
-    in_mm3: bool
+    is_volume: bool
     line: int
 
     def describe_missing(self, filament_mm: float, filament_mm2: float, lines: int) -> str | None:
@@ -59,7 +59,7 @@ class StatedFilament:
         lines
             Lines that feed it.
         """
-        unit, per_mm = ("mm3", filament_mm2) if self.in_mm3 else ("mm", 1.0)
+        unit, per_mm = ("mm3", filament_mm2) if self.is_volume else ("mm", 1.0)
         amount = filament_mm * per_mm
         if amount >= self.amount - self.unit - E_UNIT_MM / 2 * lines:
             return None
@@ -108,7 +108,7 @@ class FiguresReader:
     def __init__(self) -> None:
         self._filament: StatedFilament | None = None
         self._numbers: dict[bytes, float] = {}
-        self._is_exact = False  # the slicer is one whose figures are exact
+        self._is_exact = False  # whether the slicer's figures are exact
         self._has_placeholders = self._is_flow_changed = False
 
     def read(self, comment: bytes, number: int) -> None:
@@ -123,7 +123,7 @@ class FiguresReader:
             self._is_exact = True
 
     def change_flow(self) -> None:
-        """Record that the file changes the flow: it feeds more or less than its E says."""
+        """Record that the file changes the flow, so that more or less filament is fed than E says."""
         self._is_flow_changed = True
 
     @property
@@ -151,7 +151,7 @@ def _read_filament(match: re.Match[bytes], line: int) -> StatedFilament | None:
         amount = float(text)
     except ValueError:
         return None
-    if match["metres"] is not None:  # to this many digits, without trailing zeros
+    if match["metres"] is not None:  # written with `_DIGITS` significant digits, without trailing zeros
         return StatedFilament(1000 * amount, 1000 * amount * 10.0 ** (1 - _DIGITS), False, line)
     decimals = len(text.partition(b".")[2])
     return StatedFilament(amount, 10.0**-decimals, match["volume"] is not None, line)

@@ -15,8 +15,7 @@ _MIN_EXCESS_MM = 3e-4
 layer of CuraEngine 4.13: at most 1e-5 mm where nothing is missing. The smallest layer, a spire's tip, has
 4e-4."""
 _MIN_EXCESS_BEFORE_GAP_MM = 0.01
-"""The same for a layer before a gap, of which a part is missing. Measured in 1.4 million lines: at most
-2e-4."""
+"""The same for a layer before a gap, which may lack a part. Measured in 1.4 million lines: at most 2e-4."""
 _MIN_EXCESS_ELSEWHERE_MM = 0.2
 """The same if no layer number is missing. [assumed] No line of Cura 5, whose widths vary, takes so much more
 than all others in its layer and the two beside it."""
@@ -41,7 +40,7 @@ class _Feed:
 
 @dataclass(slots=True)
 class _Layer:
-    """Flows of a layer: the greatest, its line, and the second greatest; and its first line after a gap."""
+    """Greatest flow of a layer with its line, second greatest flow, and first line after a gap."""
 
     number: int
     flow: float = 0.0
@@ -73,9 +72,11 @@ class LayerGaps:
         self._earlier_flow = 0.0  # greatest of the layer before the last one
         self._previous_layer: _Layer | None = None
         self._layer: _Layer | None = None  # None before the first number: 0, or less in a raft
-        self._gap_text = ""  # where it is, until a line is printed after it
+        self._gap_text = ""  # place of the last gap, until a line is printed after it
         self._primed_mm = 0.0  # most filament fed at one place, except at gaps
-        self._primes: list[tuple[_Feed, str]] = []  # feeds at one place after a gap, with the text of the gap
+        self._gap_primes: list[
+            tuple[_Feed, str]
+        ] = []  # feeds at one place after a gap, with the text of the gap
         self._loss: str | None = None
 
     def begin_layer(self, number: int) -> None:
@@ -86,7 +87,7 @@ class LayerGaps:
             self._gap_text = f" after ;LAYER:{previous_number}, in ;LAYER:{number},"
         self._layer = _Layer(number)
 
-    def feed(self, length_mm: float, fed_mm: float, line: int) -> None:
+    def record_feed(self, length_mm: float, fed_mm: float, line: int) -> None:
         """Record a move that extrudes filament.
 
         Parameters
@@ -105,21 +106,21 @@ class LayerGaps:
             if length_mm:
                 self._layer.after_gap, self._gap_text = (feed, self._gap_text), ""
             else:  # G11 feeds before the line, and does not move E
-                self._primes.append((feed, self._gap_text))
+                self._gap_primes.append((feed, self._gap_text))
         elif length_mm > _SHORT_MM:
             self._layer.add(length_mm, fed_mm, line)
         elif not length_mm:
             self._primed_mm = max(self._primed_mm, fed_mm)
 
     def describe_loss(self) -> str | None:
-        """Return the reason why lines are missing; None if no move shows it."""
+        """Describe the move that shows that lines are missing; None if there is none."""
         if self._layer is not None:
             self._close_layer()
             self._layer = _Layer(self._layer.number + 1)
             self._close_layer()
             self._layer = None
-        for feed, gap in self._primes:
-            self._check(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap)
+        for feed, gap in self._gap_primes:
+            self._check_feed(feed, feed.fed_mm - self._primed_mm, _MIN_EXCESS_MM, gap)
         return self._loss
 
     def _close_layer(self) -> None:
@@ -131,14 +132,14 @@ class LayerGaps:
         if layer.after_gap is not None:
             feed, gap = layer.after_gap
             flow = max(layer.flow, last_flow) or self.max_flow
-            self._check(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
+            self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
         if last is not None and last.thickest is not None:
             flow = max(last.second_flow, self._earlier_flow, layer.flow) or self.max_flow
             min_mm = _MIN_EXCESS_BEFORE_GAP_MM if layer.number > last.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
-            self._check(last.thickest, last.thickest.compute_excess_mm(flow), min_mm, "")
+            self._check_feed(last.thickest, last.thickest.compute_excess_mm(flow), min_mm, "")
         self._earlier_flow, self._previous_layer = last_flow, layer
 
-    def _check(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:
+    def _check_feed(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:
         if excess_mm > min_mm and self._loss is None:
             move = f"the first move that feeds{gap}" if gap else "the move"
             self._loss = (

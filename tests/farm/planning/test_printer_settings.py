@@ -16,5 +16,5 @@ def test_parts_get_their_supports_in_every_quality(quality):
     settings = resolve_printer_settings(section, quality, find_resources())
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0
-    alone = replace(build_settings_request(section, quality), supported=False)
+    alone = replace(build_settings_request(section, quality), has_support=False)
     assert resolve_settings(alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)

@@ -45,7 +45,7 @@ def draw_gcode(layers, lines=LINES):
     text, fed = [";LAYER_COUNT:9"], 0.0
     for number, paths in enumerate(layers):
         text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
-        height = lines.top_mm(number)
+        height = lines.compute_top_mm(number)
         thick = lines.layer_height_mm if number else lines.layer_height_0_mm
         for points in paths:
             points = np.asarray(points)[:, :2] + 100.0
@@ -76,7 +76,7 @@ SHAPES = {
 
 def shapes_of(mesh, lines=LINES):
     """The sections of one of the models above."""
-    return [SHAPES[id(mesh)](z_mm) for z_mm in lines.section_mm(count_of(mesh, lines))]
+    return [SHAPES[id(mesh)](z_mm) for z_mm in lines.compute_section_heights_mm(count_of(mesh, lines))]
 
 
 def check(mesh, layers, lines=LINES, removed_layers=0):

@@ -53,7 +53,7 @@ def check(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
     check_facts(
         facts,
         height_mm=height_mm,
-        cut_mm=cut_mm,
+        removed_mm=cut_mm,
         is_top_checked=is_top_checked,
         layer_height_mm=0.27,
         min_extrusion_c=170.0,

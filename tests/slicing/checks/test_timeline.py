@@ -47,7 +47,7 @@ def queued_s(path):
     """(n,) When a planner that is fed as fast as it has room takes each move in."""
     planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
     place, now_s, times = np.zeros(4), 0.0, []
-    for move, feed in zip(path.after - path.before, path.feed_mm_min / 60, strict=True):
+    for move, feed in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
         place = place + move
         now_s = max(now_s, planner.free_s())
         planner.advance(now_s)

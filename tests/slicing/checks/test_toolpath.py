@@ -33,7 +33,7 @@ G1 X1 E.5
 
 def test_modes_resets_and_notations_are_read():
     path = read_toolpath(FILE)
-    assert path.after.tolist() == [
+    assert path.end.tolist() == [
         [5, 10, 0, 0],
         [6, 10, 0, 1.5],
         [6, -11.25, 0, 1.5],
@@ -58,7 +58,7 @@ def test_modes_resets_and_notations_are_read():
 @pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X1"])
 def test_empty_and_tiny_files_are_read(text):
     path = read_toolpath(text)
-    assert len(path.after) == len(path.layer) == len(path.feed_mm_min) == text.count(b"G1")
+    assert len(path.end) == len(path.layer) == len(path.feed_mm_min) == text.count(b"G1")
 
 
 @pytest.mark.parametrize("line", [b"g1 is no command here", b"G1X7Y8E2", b"G1 X", b"\xff", b"M104 S2e5 x"])
@@ -89,7 +89,7 @@ def test_columns_equal_those_of_a_line_reader(lines, spaced):
         )
         position |= {letter: number for letter, number in line.items() if letter != "F"}
         expected.append(list(position.values()))
-    after = read_toolpath("\n".join(text).encode()).after
+    after = read_toolpath("\n".join(text).encode()).end
     assert after == pytest.approx(np.array(expected).reshape(-1, 4))
 
 
@@ -102,5 +102,5 @@ def test_block_of_moves_without_an_end_takes_little_memory():
         most = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert len(path.after) == 40_000
+    assert len(path.end) == 40_000
     assert most < 20 * len(text)

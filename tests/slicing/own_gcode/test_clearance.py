@@ -43,7 +43,7 @@ def test_move_through_printed_lines_is_refused(moves, hit):
 
 def test_extent_of_the_head_matches_the_definition_of_cura():
     clearance = Clearance(slack_mm=0.4, head=UM2_PLUS.head)
-    clearance.add([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
+    clearance.add_line([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
     def hits(x, y, z=3.0):
         return clearance.find_obstacle_mm([x, y, z], [x, y, z]) is not None

@@ -48,8 +48,8 @@ def test_filament_that_is_primed_in_every_layer_is_not_missing(missing_mm, is_lo
     gaps = LayerGaps(0.1)
     for number in (0, 1, 3, 4):
         gaps.begin_layer(number)
-        gaps.feed(0.0, 0.03 + missing_mm * (number == 3), 1)
-        gaps.feed(10.0, 0.125, 2)
+        gaps.record_feed(0.0, 0.03 + missing_mm * (number == 3), 1)
+        gaps.record_feed(10.0, 0.125, 2)
     assert (gaps.describe_loss() is not None) == is_lost
 
 
@@ -114,7 +114,7 @@ def test_thick_line_among_thin_ones_is_accepted():
         for number in range(4):
             gaps.begin_layer(number)
             for at in range(5):
-                gaps.feed(20.0, fed_mm if (number, at) == (2, 3) else 0.2, at)
+                gaps.record_feed(20.0, fed_mm if (number, at) == (2, 3) else 0.2, at)
         assert (gaps.describe_loss() is not None) == is_lost
 
 
@@ -141,5 +141,5 @@ def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost):
             gaps.begin_layer(number)
             for at, length_mm in enumerate(lengths):
                 more_mm = carried_mm if number == lost + 1 and not at else 0.0
-                gaps.feed(length_mm, round(flow * length_mm + more_mm, 5), 1)
+                gaps.record_feed(length_mm, round(flow * length_mm + more_mm, 5), 1)
         assert (gaps.describe_loss() is not None) == bool(carried_mm)

@@ -5,7 +5,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from slicing.errors import BadSetting, SlicingError
-from slicing.settings import OWN_MATERIALS, SettingsRequest, find_resources, resolve_settings
+from slicing.settings import OWN_MATERIALS_VARIABLE, SettingsRequest, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS
 
 FILE = """<?xml version="1.0" encoding="UTF-8"?>
@@ -26,7 +26,7 @@ REQUEST = SettingsRequest(UM2_PLUS, material="my_petg")
 @pytest.fixture
 def write(tmp_path, monkeypatch):
     """Write an own material file, and return the resources with it."""
-    monkeypatch.setenv(OWN_MATERIALS, str(tmp_path))
+    monkeypatch.setenv(OWN_MATERIALS_VARIABLE, str(tmp_path))
 
     def write_file(text, name="my_petg"):
         data = text if isinstance(text, bytes) else text.encode()

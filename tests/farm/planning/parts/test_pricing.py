@@ -118,7 +118,7 @@ def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_pat
         stl = tmp_path / f"{make.__name__}.stl"
         write_stl(stl, round_triangles(vertices, faces))
         request = PlateRequest(
-            stl=stl, settings=settings, out=stl.with_suffix(".gcode"), engine=engine, bed=BED
+            stl=stl, settings=settings, output_path=stl.with_suffix(".gcode"), engine=engine, bed=BED
         )
         priced_s = price_poses_s(vertices, faces, UPRIGHT, cost)[0]
         errors.append(priced_s / slice_plate(request).sliced_s - 1.0)
