@@ -45,6 +45,7 @@ from farm.scheduling import (
     find_next_change_s,
     find_plate_holds,
     find_print_limits,
+    update_ends,
 )
 from farm.state import (
     apply_reels,
@@ -232,7 +233,7 @@ class Controller:
         """Find the current hold of each waiting plate."""
         revision_holds = self.planning.revisions.holds(self.books, self.clock.now())
         held_back = self._find_held_back() | self._replanning.holds()
-        situation = self._build_situation(held_back)
+        situation = self._build_shown_situation(held_back)
         return held_back | find_holds(situation, self._assign(situation)) | revision_holds
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
@@ -265,10 +266,12 @@ class Controller:
 
     def expected_situation(self) -> Situation:
         """Return the situation for the forecast, without plates that are paused."""
-        codes = (HoldCode.PAUSED, HoldCode.STOPPED)
-        return self._build_situation(
-            {n: hold for n, hold in self._find_held_back().items() if hold.code in codes}
-        )
+        codes, held_back = (HoldCode.PAUSED, HoldCode.STOPPED), self._find_held_back()
+        return self._build_shown_situation({n: h for n, h in held_back.items() if h.code in codes})
+
+    def _build_shown_situation(self, held_back: Mapping[str, Hold]) -> Situation:
+        """Return the current situation with the ends of running prints that people see."""
+        return update_ends(self._build_situation(held_back), self.books, self.telemetry.snapshots)
 
     def _list_unconfirmed(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
         """Yield the instructions on open prints, of one printer or all, that agents have not confirmed."""

@@ -60,3 +60,7 @@ class AgentSnapshot(PrinterReadings, Entity):
     reset_verified: bool = True  # a reset stops its board; otherwise it prints only while attended
     acknowledged_cancel: str | None = None  # id of a print whose cancel request its agent has received
     print: AgentPrint | None = None
+
+    def find_print(self, print_id: str) -> AgentPrint | None:
+        """Return the report on a print; None if it is about another print, or none."""
+        return self.print if self.print is not None and self.print.print_id == print_id else None

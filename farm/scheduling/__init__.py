@@ -36,9 +36,11 @@ from farm.scheduling.situation_builder import (
     derive_plate_requirements,
     describe_capabilities,
     describe_plates,
+    estimate_remaining_s,
     find_print_limits,
     may_start_now,
     summarise_availability,
+    update_ends,
 )
 from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
@@ -73,6 +75,7 @@ __all__ = [
     "derive_plate_requirements",
     "describe_capabilities",
     "describe_plates",
+    "estimate_remaining_s",
     "find_filament_shortage",
     "find_holds",
     "find_next_change_s",
@@ -89,4 +92,5 @@ __all__ = [
     "parse_moment_s",
     "summarise_availability",
     "takes_spare",
+    "update_ends",
 ]

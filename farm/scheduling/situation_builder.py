@@ -12,7 +12,18 @@ from itertools import chain
 
 from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
-from farm.model import AgentSnapshot, Job, JobOptions, JobState, Link, Plate, Print, Printer, PrintState
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Job,
+    JobOptions,
+    JobState,
+    Link,
+    Plate,
+    Print,
+    Printer,
+    PrintState,
+)
 from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.situation import Situation
@@ -95,6 +106,58 @@ def _compute_expected_end_s(books: Books, attempt: Print, factor: float) -> floa
         math.ceil((_find_start_s(attempt) + books.plates[attempt.plate].compute_expected_s(factor)) / 60)
         * 60.0
     )
+
+
+def estimate_remaining_s(
+    attempt: Print, plate: Plate, report: AgentPrint | None, time_factor: float, now_s: float
+) -> float:
+    """Estimate the remaining time of an open print, in seconds.
+
+    While it heats, from its expected time; once it prints, from its progress in the timeline.
+
+    Parameters
+    ----------
+    attempt
+        The print.
+    plate
+        Its plate.
+    report
+        Report of the printer's agent on this print; None without one.
+    time_factor
+        That of the printer.
+    now_s
+        Farm time, seconds since the epoch.
+    """
+    if report is not None and report.progress_s > 0:
+        return max(0.0, plate.sliced_s - report.progress_s) * time_factor
+    return max(0.0, plate.compute_expected_s(time_factor) - (now_s - (attempt.started_s or now_s)))
+
+
+def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
+    """Return the situation in which running prints end by their progress, as people see them.
+
+    Decisions keep the ends of the plan: they are made once for each event, not for each report.
+
+    Parameters
+    ----------
+    situation
+        The situation, with ends by the plan.
+    books
+        The open prints and their plates.
+    snapshots
+        Latest report of each agent, by printer.
+    """
+
+    def update(printer: FleetPrinter) -> FleetPrinter:
+        attempt, snapshot = books.open_print_on(printer.name), snapshots.get(printer.name)
+        if attempt is None:
+            return printer
+        report = None if snapshot is None else snapshot.find_print(attempt.id)
+        plate, factor = books.plates[attempt.plate], printer.time_factor
+        remaining_s = estimate_remaining_s(attempt, plate, report, factor, situation.now_s)
+        return replace(printer, free_s=situation.now_s + remaining_s)
+
+    return situation.with_printers(tuple([update(printer) for printer in situation.printers]))
 
 
 class SituationBuilder:

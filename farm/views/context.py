@@ -9,6 +9,7 @@ from datetime import datetime
 from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Hold, Job, Link, PlanProgress, Plate, Print
 from farm.paths import StateFolder
+from farm.scheduling import estimate_remaining_s
 from farm.state import Books
 
 
@@ -49,17 +50,9 @@ class ViewContext:
 
     def reported_print(self, attempt: Print) -> AgentPrint | None:
         """Return the report of the printer's agent on a print, if it has one."""
-        report = self.snapshot(attempt.printer).print
-        return report if report is not None and report.print_id == attempt.id else None
+        return self.snapshot(attempt.printer).find_print(attempt.id)
 
     def remaining_s(self, attempt: Print) -> float:
-        """Estimate the remaining time of an open print, in seconds.
-
-        While it heats, from its expected time; once it prints, from its progress in the timeline.
-        """
-        plate = self.books.plates[attempt.plate]
-        factor = self.books.printer(attempt.printer).time_factor
-        report = self.reported_print(attempt)
-        if report is not None and report.progress_s > 0:
-            return max(0.0, plate.sliced_s - report.progress_s) * factor
-        return max(0.0, plate.compute_expected_s(factor) - (self.now_s - (attempt.started_s or self.now_s)))
+        """Estimate the remaining time of an open print, in seconds, as `estimate_remaining_s` does."""
+        plate, factor = self.books.plates[attempt.plate], self.books.printer(attempt.printer).time_factor
+        return estimate_remaining_s(attempt, plate, self.reported_print(attempt), factor, self.now_s)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from farm.model import Print
-from farm.scheduling import FleetPrinter, Hours, Situation, forecast_prints
+from farm.scheduling import Hours, Situation, forecast_prints
 from farm.views.charts import name_outcome
 from farm.views.context import ViewContext
 
@@ -55,11 +55,11 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     context
         The farm.
     situation
-        Its situation for a forecast, with the waiting plates.
+        Its situation for a forecast, with the waiting plates and the ends of running prints by progress.
     since_s
         Prints that ended before are left out; seconds since the epoch.
     """
-    forecast = forecast_prints(situation.with_printers(_update_ends(context, situation)), has_bound=False)
+    forecast = forecast_prints(situation, has_bound=False)
     plates = context.books.plates
     planned_prints = (
         PlannedPrint(
@@ -75,15 +75,6 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     prints = [*_list_started(context, since_s), *planned_prints]
     prints.sort(key=lambda slot: (slot.starts_s, slot.printer))
     return FleetPlan(tuple(prints), forecast.unprintable_plates)
-
-
-def _update_ends(context: ViewContext, situation: Situation) -> tuple[FleetPrinter, ...]:
-    """Return the printers with the ends of their prints by progress, as the timeline draws them."""
-    return tuple(
-        printer if attempt is None else replace(printer, free_s=_find_end_s(context, attempt, context.now_s))
-        for printer in situation.printers
-        for attempt in [context.books.open_print_on(printer.name)]
-    )
 
 
 def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint]:

@@ -207,7 +207,7 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
 def list_tiles(status: api.Status) -> list[Tile]:
     """List the printers: the print that ends first in front, those without a print behind.
 
-    Ends are rounded to minutes, so that two printers do not change places all the time.
+    Ends are whole minutes, as elsewhere, so that two printers do not change places all the time.
     """
     models, now = {job.id: job.name for job in status.jobs}, status.fleet.now
     tiles = [
@@ -226,7 +226,7 @@ def _format_end(printer: api.PrinterView, now: str) -> str | None:
     if printer.print is None:
         return None
     end = datetime.fromisoformat(now) + timedelta(seconds=printer.print.remaining_s)
-    return (end + timedelta(seconds=30)).replace(second=0, microsecond=0).isoformat("T", "seconds")
+    return end.replace(second=0, microsecond=0).isoformat("T", "seconds")
 
 
 def describe_job_row(job: api.JobView) -> JobRow:

@@ -1,5 +1,6 @@
 """Controller with recorded effects."""
 
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,16 @@ from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))
+START_S = 1_700_000_000.0
+
+
+class FakeClock:
+    """Clock that stands still until it is set."""
+
+    scale, now_s = 1.0, START_S
+
+    def now(self):
+        return self.now_s
 
 
 @pytest.fixture
@@ -285,7 +296,9 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     assert len(runs) == 3
 
 
-def test_hold_is_derived_when_shown_without_a_commit(farm):
+def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
+    monkeypatch.setattr(FakeClock, "now_s", START_S)
+    farm.controller.clock = FakeClock()
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 3)
@@ -299,15 +312,19 @@ def test_hold_is_derived_when_shown_without_a_commit(farm):
     farm.controller.handle()
     first = shown()
     assert "a and b are printing until" in first.text
-    now_s = farm.controller.clock.now()
-    for name in "ab":
+    for name, progress_s in (("a", 1.0), ("b", 80.0)):
         attempt = farm.controller.books.open_print_on(name)
         message = AgentPrint(
-            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0,
-            print_time_s=90.0, extruded=True, started_s=now_s + 3600.0, ended_s=None,
+            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
+            print_time_s=90.0, extruded=True, started_s=FakeClock.now_s - 3600.0, ended_s=None,
         )  # fmt: skip
         farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=message))
-    assert shown().text != first.text
+    FakeClock.now_s += 3600.0
+    latest, context = shown(), farm.view_context(STATE)
+    assert latest.text != first.text
+    views = [describe_printer(context, section, None) for section in context.fleet.printers]
+    end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
+    assert datetime.fromisoformat(latest.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
     kinds = [kind for _, kind, _ in farm.store.events()]
     assert kinds[-5:] == ["JobPlanned", *["PlateAssigned"] * 2, *["PrintProgressed"] * 2]
 

@@ -76,9 +76,10 @@ class Night:
             self.controller.on_plan(number, FarmError("no better plan"))
 
     def say(self, name, print_id, state, started_s, ended_s=None):
+        extruded = state is not PrintState.HEATING
         message = AgentPrint(
-            print_id=print_id, state=state, fault=None, reason=None, progress_s=1.0, print_time_s=1.0,
-            extruded=state is not PrintState.HEATING, started_s=started_s, ended_s=ended_s,
+            print_id=print_id, state=state, fault=None, reason=None, progress_s=float(extruded),
+            print_time_s=1.0, extruded=extruded, started_s=started_s, ended_s=ended_s,
         )  # fmt: skip
         link = Link.READY if state.ended else Link.BUSY
         filament = FilamentState.PARKED

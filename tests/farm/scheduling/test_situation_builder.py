@@ -1,15 +1,22 @@
 """Cached descriptions of situations equal new ones."""
 
+from dataclasses import replace
+from pathlib import Path
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from farm.config import Fleet, PrinterSection
-from farm.model import AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
+from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.holds import find_plate_holds
-from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements, update_ends
+from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
+from farm.views import ViewContext
 from make_books import PRINTERS, apply_events, make_end_event, make_job, make_plan_event, make_printing_books
 from recording_controller import fleet
 
@@ -111,3 +118,23 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
         books, _ = apply_events(books, *events)
         assert [printer.capabilities.named for printer in builder.printers(FLEET, books, READY)] == names
     assert derive_job_requirements(asking).only == ("b",)
+
+
+@given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))
+def test_running_print_ends_where_its_printer_is_shown_to_end(progress_s, late_s, reported):
+    books = make_printing_books(plates=2)
+    books, _ = apply_events(books, ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="print"))
+    report = AgentPrint(
+        print_id=reported or "", state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
+        print_time_s=90.0, extruded=True, started_s=5.0, ended_s=None,
+    )  # fmt: skip
+    report = None if reported is None else report
+    snapshots = {**READY, "a": AgentSnapshot(printer="a", link=Link.BUSY, print=report)}
+    context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + late_s)
+    builder = SituationBuilder(list_bed_boxes)
+    printers = builder.printers(FLEET, books, snapshots)
+    situation = Situation((), printers, StartRules.from_config(FLEET.fleet), context.now_s)
+    busy, *others = update_ends(situation, books, snapshots).printers
+    assert busy.free_s == context.now_s + context.remaining_s(books.open_print_on("a"))
+    assert replace(busy, free_s=printers[0].free_s) == printers[0]
+    assert tuple(others) == printers[1:]
