@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from farm.views.charts.axis import Mark, TimeAxis
 from farm.views.charts.gantt import (
-    COLOURS,
+    KINDS,
     Bar,
     Gantt,
     lay_out_gantt,
     list_bars,
     list_expected_bars,
+    load_palette,
     name_outcome,
 )
 from farm.views.charts.temperature_chart import TemperatureChart, lay_out_temperatures
 
 __all__ = [
-    "COLOURS",
+    "KINDS",
     "Bar",
     "Gantt",
     "Mark",
@@ -25,5 +26,6 @@ __all__ = [
     "lay_out_temperatures",
     "list_bars",
     "list_expected_bars",
+    "load_palette",
     "name_outcome",
 ]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
 
 from farm import api
 from farm.model import PrintState, TextTime, Verdict
@@ -22,16 +24,14 @@ _TICKS = 8  # approximate number of time marks
 _OTHER_JOB = "another job"
 EXPECTED = "expected"
 
-COLOURS = {
-    "good": "#2e7d4f",
-    "printed": "#4a86c5",
-    "bad": "#d9822b",
-    "failed": "#b3261e",
-    "cancelled": "#8a8a8a",
-    "printing": "#b9d4ee",
-    EXPECTED: "#e6eef6",
-    _OTHER_JOB: "#dddddd",
-}
+KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED, _OTHER_JOB)
+"""Kinds of bars; `static/palette.css` has their colours."""
+
+
+@cache
+def load_palette() -> str:
+    """Load the style sheet with the colours of the kinds, for pages that load no file."""
+    return files("farm.views.charts").joinpath("static", "palette.css").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Bar:
     Attributes
     ----------
     kind
-        A key of `COLOURS`.
+        One of `KINDS`.
     text
         Tooltip.
     time
@@ -64,8 +64,6 @@ class Box:
     bar: Bar
     x: float
     width: float
-    fill: str
-    text_colour: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,20 +82,20 @@ class Gantt:
     Attributes
     ----------
     key
-        Kinds of bars in the chart, with their colours.
+        Kinds of bars in the chart.
     """
 
     height: int
     marks: tuple[Mark, ...]
     rows: tuple[Row, ...]
-    key: tuple[tuple[str, str], ...]
+    key: tuple[str, ...]
     width: int = _WIDTH
     top: int = _TOP
     bar_height: int = _ROW - 5
 
 
 def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
-    """Name the outcome of a print, as a key of `COLOURS`."""
+    """Name the outcome of a print, as one of `KINDS`."""
     if state is PrintState.DONE:
         return str(verdict) if verdict else "printed"
     return str(state) if state.ended else "printing"
@@ -152,9 +150,8 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
     axis = TimeAxis(first.timestamp(), last.timestamp(), _LEFT, _WIDTH - _LEFT - _RIGHT, zone)
 
     def lay_out_bar(bar: Bar) -> Box:
-        text_colour = "#333" if bar.kind in ("printing", EXPECTED, _OTHER_JOB) else "#fff"
         x = axis.x(bar.start.timestamp())
-        return Box(bar, x, max(1.5, axis.x(bar.end.timestamp()) - x), COLOURS[bar.kind], text_colour)
+        return Box(bar, x, max(1.5, axis.x(bar.end.timestamp()) - x))
 
     rows = tuple(
         Row(printer, _TOP + _ROW * number, tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer))
@@ -168,5 +165,5 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
             for moment in axis.list_times(_TICKS)
         ),
         rows=rows,
-        key=tuple((kind, colour) for kind, colour in COLOURS.items() if kind in kinds),
+        key=tuple(kind for kind in KINDS if kind in kinds),
     )

@@ -12,12 +12,13 @@ from datetime import datetime
 from functools import cache
 
 from jinja2 import Environment
+from markupsafe import Markup
 
 from farm import api
 from farm.model import PrintState
 from farm.templates import load_environment
 from farm.text import format_duration
-from farm.views.charts import lay_out_gantt, list_bars, name_outcome
+from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outcome
 from farm.views.report.decomposition import Report
 
 _SIGNS = str.maketrans({"^": "", ".": "●"})  # of codes, as they are read on parts
@@ -87,6 +88,7 @@ def render_page(
         job=job,
         facts=facts,
         zone=now.tzname(),
+        palette=Markup(load_palette()),
         gantt=lay_out_gantt(list_bars(job, others, now)),
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),

@@ -15,8 +15,8 @@ _TYPES = {
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
 }
-_FOLDERS = ("static", "built")
-"""Folders of our own files, and of those that `make install` builds, which may be missing."""
+_FOLDERS = (("farm.web.pages", "static"), ("farm.web.pages", "built"), ("farm.views.charts", "static"))
+"""Packages and folders of our own files, and of those that `make install` builds, which may be missing."""
 _VERSION_DIGITS = 12
 
 
@@ -34,8 +34,8 @@ class StaticFile:
 def load_static_files() -> Mapping[str, StaticFile]:
     """Load the files by name."""
     static_files: dict[str, StaticFile] = {}
-    for folder in _FOLDERS:
-        place = files("farm.web.pages").joinpath(folder)
+    for package, folder in _FOLDERS:
+        place = files(package).joinpath(folder)
         for entry in sorted(place.iterdir(), key=lambda path: path.name) if place.is_dir() else ():
             media_type = _TYPES.get(entry.name[entry.name.rfind(".") :])
             if media_type is None:

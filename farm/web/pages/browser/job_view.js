@@ -4,10 +4,7 @@ import { AnimationMixer, Box3, Color, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { Stage, readColour } from "./stage.js";
 
-const STATES = {
-  waiting: "--part-waiting", printing: "--part-printing", printed: "--part-printed", good: "--part-good",
-  bad: "--part-bad", failed: "--part-failed", cancelled: "--part-cancelled",
-};
+const STATES = ["waiting", "printing", "printed", "good", "bad", "failed", "cancelled"]; // colours in palette.css
 const GOLDEN = 0.618; // neighbouring numbers get distant hues
 const STEP_S = 1.5; // of each step in the animation (decompose/export/glb.py)
 
@@ -134,7 +131,7 @@ class JobView {
       const words = found.size > 1 ? `copies with several ${this.by}s` : first;
       const colour = this.by === "printer" && found.size === 1
         ? hueOf(printers.indexOf(first))
-        : readColour(STATES[words] ?? "--part-cancelled");
+        : readColour(`--fill-${STATES.includes(words) ? words : "other"}`);
       meanings.set(words, colour);
       mesh.material.color.copy(colour);
       mesh.material.emissive.set(name === this.picked ? 0x555522 : 0);

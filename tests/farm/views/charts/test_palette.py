@@ -1,0 +1,67 @@
+"""One palette for all charts: every kind has a colour, light and dark, on which its text can be read."""
+
+import re
+from importlib.resources import files
+
+import pytest
+
+from farm.views.charts import KINDS, load_palette
+
+OUTCOMES = ("waiting", "printing", "printed", "good", "bad", "failed", "cancelled", "other")
+STATIC = files("farm.web.pages").joinpath("static")
+
+
+def read_variables(text, is_dark):
+    """Return the variables of the first block, with those of the dark one over them."""
+    light, _, dark = text.partition("@media print")[0].partition(
+        "@media screen and (prefers-color-scheme: dark)"
+    )
+    variables = dict(re.findall(r"--([\w-]+): (#\w+)", light))
+    return variables | dict(re.findall(r"--([\w-]+): (#\w+)", dark)) if is_dark else variables
+
+
+def compute_luminance(colour):
+    """Compute the relative luminance of a colour, as WCAG 2 defines it."""
+    digits = colour.lstrip("#")
+    digits = digits if len(digits) == 6 else "".join(2 * digit for digit in digits)
+    shares = [int(digits[at : at + 2], 16) / 255 for at in (0, 2, 4)]
+    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
+    return sum(weight * value for weight, value in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def compute_contrast(first, second):
+    """Compute the contrast of two colours, as WCAG 2 defines it."""
+    low, high = sorted((compute_luminance(first), compute_luminance(second)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+def test_outcomes_differ_and_their_text_can_be_read(is_dark):
+    colours = read_variables(load_palette(), is_dark)
+    card = read_variables(STATIC.joinpath("farm.css").read_text(), is_dark)["card"]
+    fills = [colours[f"fill-{outcome}"] for outcome in OUTCOMES]
+    assert len(set(fills)) == len(OUTCOMES)
+    for outcome in OUTCOMES:
+        fill = colours[f"fill-{outcome}"]
+        assert compute_contrast(fill, colours[f"ink-{outcome}"]) >= 4.5, outcome
+        if outcome not in ("waiting", "other"):  # what has not happened, or is another job's, steps back
+            assert compute_contrast(fill, card) >= 3.0, outcome
+    assert compute_contrast(colours["fill-printing"], colours["fill-printed"]) >= 2.0
+
+
+def test_every_kind_of_bar_has_its_colour_here_alone():
+    palette = load_palette()
+    for kind in (*KINDS, "planned"):
+        assert f".bar-{kind.replace(' ', '-')}" in palette
+    for name in ("farm.css", "charts.css"):
+        text = STATIC.joinpath(name).read_text()
+        assert not re.search(r"\.bar[.-](good|printed|bad|failed|cancelled|printing|planned)", text), name
+        assert not re.search(r"--(fill|ink|part)-\w+:", text), name
+
+
+def test_3d_view_has_the_colours_of_the_charts():
+    view = files("farm.web.pages").joinpath("browser", "job_view.js").read_text()
+    names = re.search(r"const STATES = \[(.*?)\]", view).group(1)
+    assert set(re.findall(r'"(\w+)"', names)) == set(OUTCOMES) - {"other"}
+    assert "`--fill-$" in view
+    assert not re.search(r'"--', view)
