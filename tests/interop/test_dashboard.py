@@ -8,7 +8,7 @@ import pytest
 
 from accessibility import AXE, find_faults, read
 from chromium import CHROMIUM, Chromium
-from farm.model import Hold, HoldCode, Role, TextTime
+from farm.model import AgentSnapshot, Hold, HoldCode, Link, Role, TextTime
 from farm.state import events as ev
 from network_farm import HOST, NetworkFarm
 from planned_job import plan_job
@@ -132,6 +132,30 @@ def test_page_catches_up_after_the_computer_has_slept(tmp_path):
         make_bed_unknown(farm, "its board was reset")
         browser.sleep(False)
         await browser.wait_for(f"{STALE}.hidden && {TASK}.innerText.includes('its board was reset')")
+
+    browse(tmp_path, act)
+
+
+CHART = "document.querySelector('[data-now]')"
+DEGREES = "[...document.querySelectorAll('.degrees text')].map((one) => one.getBoundingClientRect())"
+
+
+@pytest.mark.parametrize("width_px", [390, 320])
+def test_degrees_stay_in_view_beside_a_chart_that_scrolls(tmp_path, width_px):
+    async def act(farm, browser, base):
+        for nozzle_c in (21.0, 180.0):
+            farm.controller.on_snapshot(
+                AgentSnapshot(printer="a", link=Link.READY, nozzle_c=nozzle_c, bed_c=20.0)
+            )
+        size = {"width": width_px, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+        await browser.call("Emulation.setDeviceMetricsOverride", **size)
+        await browser.open(f"{base}/printers/a")
+        for at in (0, 2000):
+            await browser.evaluate(f"{CHART}.scrollLeft = {at}")
+            places = await read(browser, f"{DEGREES}.map((one) => [one.left, one.right])")
+            assert len(places) == 5  # 0 to 200
+            assert all(0 <= left < right <= width_px for left, right in places)
+        assert await browser.evaluate(f"{CHART}.scrollLeft") > width_px  # to the present
 
     browse(tmp_path, act)
 

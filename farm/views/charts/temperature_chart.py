@@ -9,7 +9,7 @@ from datetime import tzinfo
 from farm.model import Temperatures
 from farm.views.charts.axis import Mark, TimeAxis
 
-_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 56.0, 10.0, 24.0  # px
+_WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM = 960.0, 220.0, 64.0, 10.0, 24.0  # px
 _MIN_TOP_C, _STEP_C = 100, 50
 _TABLE_ROWS = 24
 """Approximate number of readings in the table, for readers who do not see the chart."""
