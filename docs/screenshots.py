@@ -38,14 +38,19 @@ WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
 HIGHEST_PX = 4000
 COLOURS = 256
+LOGIN = "login"
 PAGES = {
+    LOGIN: "/login/",  # and a link's own text
     "home": "/",
     "submit": "/submit",
     "job": "/jobs/1",
+    "report": "/jobs/1/report",
     "timeline": "/timeline",
     "what-if": "/timeline?job=3&at=22:00",
     "printer": "/printers/um2-04",
+    "wire": "/printers/um2-04/wire",
     "history": "/history",
+    "api": "/api/v1/docs",
 }
 ZONES = (
     "Pacific/Auckland",
@@ -123,6 +128,10 @@ class Stage:
         command += ["--fleet", str(self._folder / "fleet.yaml")] if arguments[0] == "up" else []
         return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
+    def make_link(self) -> str:
+        """Return the address of a new link that logs in."""
+        return str(json.loads(self.farm("web", "--json"))["url"])
+
     def read_status(self) -> Any:
         """Return `farm status --json`."""
         return json.loads(self.farm("status", "--json"))
@@ -178,15 +187,13 @@ def is_done(printer: Any) -> bool:
     return bool(printer["last"]) and printer["last"]["state"] == "done"
 
 
-async def take_pictures(stage: Stage, address: str, zone: str, profile: Path, names: list[str]) -> None:
+async def take_pictures(stage: Stage, zone: str, profile: Path, names: list[str]) -> None:
     """Take a picture of each page in each width and theme, except those that were taken.
 
     Parameters
     ----------
     stage
         Knows the pictures that were taken.
-    address
-        A link that logs in.
     zone
         Time zone of the browser.
     profile
@@ -194,7 +201,8 @@ async def take_pictures(stage: Stage, address: str, zone: str, profile: Path, na
     names
         Pages, as in `PAGES`.
     """
-    base, taken = address.partition("/login/")[0], set(stage.read_taken())
+    address, taken = stage.make_link(), set(stage.read_taken())
+    base = address.partition(PAGES[LOGIN])[0]
     PICTURES.mkdir(parents=True, exist_ok=True)
     async with Chromium(profile, "") as browser:
         await browser.open(address)
@@ -209,7 +217,7 @@ async def take_pictures(stage: Stage, address: str, zone: str, profile: Path, na
                     picture = f"{name}-{width_px}-{theme}.png"
                     if picture in taken:
                         continue
-                    await browser.open(base + PAGES[name])
+                    await browser.open(stage.make_link() if name == LOGIN else base + PAGES[name])
                     await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # scripts draw
                     await save(browser, width_px, PICTURES / picture)
                     stage.record(picture)
@@ -254,10 +262,9 @@ def main() -> int:
     if not stage.is_set:
         stage.prepare()
         set_stage(stage)
-    link = json.loads(stage.farm("web", "--json"))["url"]
     zone = stage.read_status()["fleet"]["timezone"]
     with tempfile.TemporaryDirectory() as profile:
-        asyncio.run(take_pictures(stage, link, zone, Path(profile), arguments.only))
+        asyncio.run(take_pictures(stage, zone, Path(profile), arguments.only))
     if not arguments.keep:
         stage.clear()
     return 0
