@@ -67,6 +67,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_INTERVAL_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_INTERVAL_S = 1.0
+_FORECAST_INTERVAL_S = 5.0
 _NOTIFY_INTERVAL_S = 2.0
 _DRY_RUNS_INTERVAL_S = 5.0
 _CAMERAS_INTERVAL_S = 0.5
@@ -152,6 +153,7 @@ class Daemon:
         timers = self._timers
         timers.call_every(_WATCH_INTERVAL_S, "watch agents", self._agents.watch)
         timers.call_every(_TICK_INTERVAL_S, "tick", self._schedule)
+        timers.call_every(_FORECAST_INTERVAL_S, "forecast", self._renew_forecast)
         timers.call_every(_NOTIFY_INTERVAL_S, "notify", self._notify)
         timers.call_every(
             _DRY_RUNS_INTERVAL_S, "dry runs", lambda: dry_runs.cancel_abandoned(time.monotonic())
@@ -256,6 +258,11 @@ class Daemon:
         if change_s is not None and change_s != self._change_s:
             self._timers.call_at(change_s, "next change", self._schedule)
         self._change_s = change_s
+
+    async def _renew_forecast(self) -> None:
+        work = self._controller.forecast.find_background_work()
+        if work is not None:
+            await asyncio.to_thread(work)
 
     async def _shut_down(self, now: bool) -> None:
         """Shut down: prints first (with `now`), then the agents, then the daemon."""

@@ -268,6 +268,7 @@ class FleetView(View):
     timezone: str
     time_scale: float
     now: str
+    forecast: str | None = None  # when the expected ends of jobs were worked out
     file: str
 
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 import logging
 import math
 import uuid
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from itertools import chain
 
@@ -19,7 +18,7 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.effects import Effect, Effects
 from farm.control.job_planning import JobPlanning
-from farm.control.log_subjects import find_subjects
+from farm.control.log_subjects import log_event
 from farm.control.startup import list_startup_events
 from farm.control.telemetry import Telemetry, list_unconfirmed_instructions, read_snapshot
 from farm.errors import FarmError
@@ -41,6 +40,7 @@ from farm.scheduling import (
     StartRules,
     assign_plates,
     count_spares,
+    divide_starts,
     find_holds,
     find_next_change_s,
     find_plate_holds,
@@ -64,8 +64,6 @@ log = logging.getLogger(__name__)
 
 PATIENCE_S = 30.0
 """Wall seconds in which printers are expected to connect after the farm has started."""
-REFUSALS = 5
-"""Refusals of an agent after which a print has failed; a port that is still opening refuses too."""
 
 
 class Controller:
@@ -95,10 +93,9 @@ class Controller:
         self._store, self._situations = store, SituationBuilder(build_volumes)
         self._effects: Effects | None = None
         self._replanning = ReplanCoordinator()
-        self._forecast_cache = ForecastCache(clock.scale)
-        self._refusals: Counter[str] = Counter()
-        self._warnings: dict[str, str | None] = {}
+        self.forecast = ForecastCache(clock, lambda: self.books, self.expected_situation)
         self._next_change_s = -math.inf  # -inf: schedule at the next tick
+        self._later_starts: Sequence[Assignment] = ()  # that the last run left: the next begins with them
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
         """Add printers that are new in the fleet, and abandon the plans of an earlier daemon.
@@ -117,8 +114,6 @@ class Controller:
         self._perform(self._commit(events))
         for problem in validate_books(self.books) if restored_s is not None else ():
             log.error("the restored database is inconsistent: %s", problem)
-
-    # -- events ----------------------------------------------------------------------------------------
 
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
@@ -166,25 +161,29 @@ class Controller:
             self.books = changed_books
             if isinstance(event, ev.ReelLoaded):
                 self.fleet = apply_reels(self._configured_fleet, changed_books.printers)
-            fields = event.model_dump_json(exclude={"at_s"}, exclude_none=True)
-            log.info("%s %s", type(event).__name__, fields, extra=find_subjects(event, changed_books))
+            log_event(log, event, changed_books)
             for instruction in instructions:
                 if isinstance(instruction, ev.StopPlanning):
                     self.planning.end(instruction.job)
                 yield instruction
+
+    def _commit_together(self, events: Iterable[ev.AnyEvent]) -> list[Effect]:
+        """Commit events in one transaction, which waits for the disk once; if it fails, nothing changes."""
+        books = self.books
+        try:
+            with self._store.transaction():
+                return list(self._commit(events))
+        except BaseException:
+            self.books = books
+            raise
 
     def _perform(self, effects: Iterable[Effect]) -> None:
         if self._effects is None:
             raise RuntimeError("the controller has not been started")
         for effect in effects:
             if isinstance(effect, ev.SendStart):
-                limits = self.print_limits(effect.print_id)
-                effect = effect.model_copy(
-                    update={"not_after_s": limits.not_after_s, "ends_by_s": limits.ends_by_s}
-                )
+                effect = effect.model_copy(update=asdict(self.print_limits(effect.print_id)))
             self._effects.perform(effect, self.books)
-
-    # -- scheduling -------------------------------------------------------------------------------------
 
     def _schedule(self) -> Iterator[Effect]:
         """Assign plates to printers, and start planning the first jobs of the queue, if possible now."""
@@ -200,13 +199,14 @@ class Controller:
         yield from self.planning.revisions.revise(self.books, situation, find_reservations)
         revision_holds = self.planning.revisions.holds(self.books, now_s)
         # A job that is planned again keeps its place: no other takes its printers meanwhile.
-        assignments = [a for a in self._assign(situation) if a.plate not in revision_holds]
+        assignments, self._later_starts = self._choose_starts(situation)
+        assignments = [a for a in assignments if a.plate not in revision_holds]
         situation = situation.without(revision_holds)
-        yield from self._commit(
+        yield from self._commit_together(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
-            for a in assignments[:MAX_STARTS]
+            for a in assignments
         )
-        if len(assignments) > MAX_STARTS:
+        if self._later_starts:
             self._next_change_s = now_s  # the next tick goes on
             return
         if assignments:
@@ -223,6 +223,12 @@ class Controller:
     def _assign(self, situation: Situation) -> list[Assignment]:
         """Assign plates to printers; jobs that have not started get none reserved for a replan."""
         return self._replanning.without_reserved(self.books, assign_plates(situation))
+
+    def _choose_starts(self, situation: Situation) -> tuple[list[Assignment], Sequence[Assignment]]:
+        """Return the assignments to start now, first those that the last run left, and the later ones."""
+        left = self._replanning.without_reserved(self.books, self._later_starts)
+        starts, later = divide_starts(left, situation, MAX_STARTS)
+        return (starts, later) if starts else divide_starts(self._assign(situation), situation, MAX_STARTS)
 
     def _find_held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""
@@ -278,8 +284,6 @@ class Controller:
         snapshots, find_situation = self.telemetry.snapshots, self._build_printer_situation
         yield from list_unconfirmed_instructions(self.books, snapshots, printer, find_situation)
 
-    # -- agents -----------------------------------------------------------------------------------------
-
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle the changes that an agent's snapshot shows; the rest of it is telemetry."""
         name = snapshot.printer
@@ -301,13 +305,12 @@ class Controller:
             raise
 
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
-        """Count an agent's refusal to start a print; after `REFUSALS`, the print has failed.
+        """Count an agent's refusal to start a print, which has failed after several.
 
         A request that arrived too `late` is not counted: its plate is scheduled again.
         """
-        attempt = self.books.prints[print_id]
-        self._refusals[print_id] += 1
-        if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
+        attempt, is_final = self.books.prints[print_id], self.telemetry.count_refusal(print_id)
+        if attempt.state is not PrintState.ASSIGNED or not (late or is_final):
             return
         printer = self.books.printer(attempt.printer)
         self.handle(make_refused_print_end(attempt, printer, reason, late, self.clock.now()))
@@ -319,8 +322,6 @@ class Controller:
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Record the prints that an agent has made since the backup."""
         self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
-
-    # -- workers, clock, backups ------------------------------------------------------------------------
 
     def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
         """Store the progress of a job's plan."""
@@ -341,7 +342,7 @@ class Controller:
     def on_clock_set(self, by_s: float) -> None:
         """Handle a step of the host's clock by `by_s` farm seconds: hours shift, durations do not."""
         self.started_s += by_s
-        self._forecast_cache.clock_set()
+        self.forecast.clock_set()
         self._replanning.clock_set()
         try:
             self.handle(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
@@ -350,9 +351,7 @@ class Controller:
 
     def warn(self, topic: str, text: str | None) -> None:
         """Store a problem of the farm as a whole (backup, disk) for people; None once it is solved."""
-        self._warnings[topic] = text
-
-    # -- queries ----------------------------------------------------------------------------------------
+        self.telemetry.warnings[topic] = text
 
     def fleet_printers(self) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers to the scheduler."""
@@ -382,20 +381,18 @@ class Controller:
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
         """Return the data that views are built from."""
-        now_s = self.clock.now()
-        failure = self.telemetry.failure
-        if failure is not None:
-            failure += f"; nothing is recorded until there is space in {state.root}"
+        now_s, ends = self.clock.now(), self.forecast.find_ends()
         return ViewContext(
             self.fleet,
             self.books,
             self.telemetry.snapshots,
             state,
             now_s,
-            ends_s=self._forecast_cache.ends_s(self.books, self.expected_situation, now_s),
+            ends_s=ends.by_plate,
+            forecast_s=ends.at_s,
             is_started=not self.is_starting(),
             progress=self.planning.progress,
-            warnings=tuple(filter(None, (failure, *self._warnings.values()))),
+            warnings=self.telemetry.list_warnings(state.root),
             plate_holds=self.plate_holds(),
             job_holds=self.planning.holds,
         )

@@ -1,10 +1,18 @@
-"""Subjects of an event, for the fields of its line in the log. Pure."""
+"""Line of an event in the log, and its subjects for the fields of that line."""
 
 from __future__ import annotations
+
+from logging import Logger
 
 from farm.model import Key
 from farm.state import Books
 from farm.state import events as ev
+
+
+def log_event(log: Logger, event: ev.AnyEvent, books: Books) -> None:
+    """Write an event to the log; `books` have it."""
+    fields = event.model_dump_json(exclude={"at_s"}, exclude_none=True)
+    log.info("%s %s", type(event).__name__, fields, extra=find_subjects(event, books))
 
 
 def find_subjects(event: object, books: Books) -> dict[str, object]:

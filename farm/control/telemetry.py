@@ -6,9 +6,11 @@ and the scheduler runs for changes to the fields that it reads.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
 
 from farm.model import AgentSnapshot, Link, Print, Temperatures
 from farm.scheduling import Situation, may_start_now, summarise_availability
@@ -26,22 +28,37 @@ from farm.state.transitions import apply
 
 TEMPERATURES_KEPT_S = 12 * 3600.0
 """Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
+REFUSALS = 5
+"""Refusals of an agent after which a print has failed; a port that is still opening refuses too."""
 _INTERVAL_S = 60.0
 _MIN_C, _MAX_C = -99.0, 999.0  # beyond any real reading: noise on the wire must not stretch a chart
 
 
 class Telemetry:
-    """Latest snapshot of each agent, and the temperatures of the last hours."""
+    """Latest snapshot of each agent, the temperatures of the last hours, and what is wrong.
+
+    Attributes
+    ----------
+    snapshots
+        Latest snapshot of each agent, by printer.
+    warnings
+        Problems of the farm as a whole (backup, disk), by topic; None once one is solved.
+    """
 
     def __init__(self) -> None:
+        self.warnings: dict[str, str | None] = {}
         self.snapshots: dict[str, AgentSnapshot] = {}
         self._temperatures: dict[str, TemperatureRecord] = {}
+        self._refusals = Counter[str]()  # by print
         self._failures: dict[str, str] = {}  # by printer: why its latest snapshot could not be handled
 
-    @property
-    def failure(self) -> str | None:
-        """Reason why a snapshot could not be handled; None if all were."""
-        return next(iter(self._failures.values()), None)
+    def list_warnings(self, root: Path) -> tuple[str, ...]:
+        """List the problems of the farm as a whole; `root` is the state folder, whose disk may be full."""
+        failures = (
+            f"{reason}; nothing is recorded until there is space in {root}"
+            for reason in self._failures.values()
+        )
+        return (*islice(failures, 1), *filter(None, self.warnings.values()))
 
     def list_temperatures(self, printer: str, now_s: float) -> Sequence[Temperatures]:
         """List the temperatures of a printer in the last twelve hours, oldest first."""
@@ -68,6 +85,11 @@ class Telemetry:
             self.snapshots.pop(snapshot.printer, None)
         else:
             self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": previous.link})
+
+    def count_refusal(self, print_id: str) -> bool:
+        """Count an agent's refusal to start a print. Returns whether it is one too many."""
+        self._refusals[print_id] += 1
+        return self._refusals[print_id] >= REFUSALS
 
 
 class TemperatureRecord:

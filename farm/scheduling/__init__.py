@@ -20,9 +20,11 @@ from farm.scheduling.assignment import (
     MAX_STARTS,
     Assignment,
     assign_plates,
+    divide_starts,
     find_holds,
 )
-from farm.scheduling.forecast import ForecastCache, Slot, compute_seconds_on, forecast_prints, make_idle
+from farm.scheduling.forecast import Slot, compute_seconds_on, forecast_prints, make_idle
+from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
 from farm.scheduling.matching import Capabilities, Demand, FleetPrinter, Requirements, WaitingPlate
@@ -75,6 +77,7 @@ __all__ = [
     "derive_plate_requirements",
     "describe_capabilities",
     "describe_plates",
+    "divide_starts",
     "estimate_remaining_s",
     "find_filament_shortage",
     "find_holds",

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from operator import attrgetter
 
 from farm.model import Hold
 from farm.scheduling.holds import HoldReasons
-from farm.scheduling.matching import WaitingPlate
+from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
+from farm.scheduling.spares import takes_spare
+from farm.scheduling.start_rules import find_filament_shortage
 
 LARGE_FLEET = 200
 """Printers beyond which one run of the scheduler, which takes longer then, serves all reports of a second."""
-MAX_STARTS = 50
-"""Starts of one run of the scheduler; each is a commit, and the daemon must not be deaf for seconds."""
+MAX_STARTS = 15
+"""Starts that are committed together; the rest follows at once, but between two ticks the daemon listens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,49 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     """
     pairs = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
     return [Assignment(plate.id, name) for name, plate in pairs]
+
+
+def divide_starts(
+    assignments: Sequence[Assignment], situation: Situation, limit: int
+) -> tuple[list[Assignment], Sequence[Assignment]]:
+    """Divide assignments into those to start now and the later ones.
+
+    Parameters
+    ----------
+    assignments
+        Found in this situation, or earlier: what is no longer possible is dropped.
+    limit
+        Largest number to start now.
+
+    Returns
+    -------
+    starts, later
+        Assignments that are possible in this situation, and those that were not looked at.
+    """
+    free, fleet = {p.name for p in situation.free}, situation.fleet
+    waiting = {plate.id: plate for plate in situation.waiting}
+    limit, started_by_job = min(limit, _count_allowed_starts(situation)), Counter[int]()
+    starts: list[Assignment] = []
+    for position, assignment in enumerate(assignments):
+        if len(starts) >= limit:
+            return starts, assignments[position:]
+        plate = waiting.get(assignment.plate)
+        if plate is None or assignment.printer not in free or plate.places == started_by_job[plate.job]:
+            continue
+        if _can_take(situation, fleet[assignment.printer], plate):
+            starts.append(assignment)
+            started_by_job[plate.job] += 1
+    return starts, ()
+
+
+def _can_take(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) -> bool:
+    """Return whether a plate may start now on a printer that is free."""
+    return (
+        plate.requirements.matches(printer.capabilities)
+        and find_filament_shortage(plate, printer, printer.grams) is None
+        and situation.can_start(plate, printer)
+        and (printer.name not in situation.spare_printers or takes_spare(plate, situation.fleet))
+    )
 
 
 def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
@@ -94,7 +140,7 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         return {}
     inputs = MatchingInputs(
         fleet=situation.fleet,
-        free=[printer.name for printer in free],
+        free=frozenset(printer.name for printer in free),
         order=FleetOrder.from_printers(free),
         planned=situation.planned,
         spare_printers=situation.spare_printers,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
@@ -14,7 +14,6 @@ from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, group_by_
 from farm.scheduling.situation import Situation
 from farm.scheduling.spares import choose_spares
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
-from farm.state import Books
 
 CLEARING_S = 900.0
 """Time to clear a bed, once somebody is present."""
@@ -330,36 +329,3 @@ def _compute_filled_s(work_s: float, ready_s: Sequence[float]) -> float:
         work_s -= room_s
         level_s = next_s
     raise AssertionError("the last machine takes the remaining work")
-
-
-_MAX_AGE_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
-_MIN_INTERVAL_S = 5.0  # wall seconds; 2,000 plates on 200 printers with hours take nearly one
-
-
-class ForecastCache:
-    """Forecasts the ends of all waiting plates, at most every few wall seconds.
-
-    Parameters
-    ----------
-    scale
-        Farm seconds per wall second.
-    """
-
-    def __init__(self, scale: float) -> None:
-        self._min_interval_s = _MIN_INTERVAL_S * scale
-        self._books: Books | None = None
-        self._at_s = float("-inf")
-        self._ends_s: Mapping[str, float] = {}
-
-    def clock_set(self) -> None:
-        """Drop the forecast after a step of the host's clock, as hours have shifted."""
-        self._at_s = float("-inf")
-
-    def ends_s(self, books: Books, situation: Callable[[], Situation], now_s: float) -> Mapping[str, float]:
-        """Return the end of each waiting plate that a printer can take, in seconds since the epoch."""
-        old_s = now_s - self._at_s
-        if old_s > self._min_interval_s and (books is not self._books or old_s > _MAX_AGE_S):
-            slots = forecast_prints(situation(), has_bound=False).slots
-            self._books, self._at_s = books, now_s
-            self._ends_s = {slot.plate: slot.ends_s for slot in slots}
-        return self._ends_s

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.spares import takes_spare
@@ -120,6 +121,7 @@ class _Kind:
 
     capabilities: Capabilities
     names: list[str]
+    untaken: list[str]  # and some taken ones; the best last for a plate that was planned for another
     grams: float  # on the fullest reel
     window: StartWindow
 
@@ -129,7 +131,10 @@ class _Kind:
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.start_window(first.unattended, inputs.now_s)
-        return cls(first.capabilities, names, grams, window)
+        untaken, planned, rank = names.copy(), inputs.planned, inputs.order.rank
+        if len(names) > 1:
+            untaken = sorted(names, key=lambda name: (name in planned, rank[name]), reverse=True)
+        return cls(first.capabilities, names, untaken, grams, window)
 
 
 class _Matching:
@@ -138,16 +143,16 @@ class _Matching:
     def __init__(self, inputs: MatchingInputs) -> None:
         self.taken: dict[str, WaitingPlate] = {}
         self._inputs = inputs
-        self._rank, kind = inputs.order.rank, inputs.order.kind
+        kind = inputs.order.kind
         self._choices_by_plate: dict[str, list[str]] = {}
         kinds: dict[int, list[str]] = {}
         for name in inputs.free:
             kinds.setdefault(kind[name], []).append(name)
-        self._kinds = [_Kind.from_printers(names, inputs) for names in kinds.values()]
+        self._kinds = {number: _Kind.from_printers(names, inputs) for number, names in kinds.items()}
 
     def may_place(self, plate: WaitingPlate) -> bool:
         """Return whether a free printer is of a kind that can take a plate now."""
-        for kind in self._kinds:  # no generator: thousands of plates may wait for another kind
+        for kind in self._kinds.values():  # no generator: thousands of plates may wait for another kind
             if plate.requirements.matches(kind.capabilities) and kind.window.allows(plate):
                 return True
         return False
@@ -165,6 +170,11 @@ class _Matching:
         return False
 
     def _augment(self, plate: WaitingPlate, visited_printers: set[str]) -> bool:
+        if not plate.failed_on:  # all choices need not be listed while one is left: most plates find one
+            name = self._find_untaken(plate)
+            if name is not None:
+                self.taken[name] = plate
+                return True
         choices = [name for name in self._list_choices(plate) if name not in visited_printers]
         for name in choices:
             if name not in self.taken:
@@ -178,15 +188,36 @@ class _Matching:
                     return True
         return False
 
+    def _find_untaken(self, plate: WaitingPlate) -> str | None:
+        """Return the first of a plate's choices that is not taken; None if there is none."""
+        inputs, taken, grams = self._inputs, self.taken, compute_needed_grams(plate)
+        best: str | None = None
+        for kind in self._list_kinds(plate, grams):
+            while kind.untaken and kind.untaken[-1] in taken:
+                kind.untaken.pop()
+            names = reversed(kind.untaken)
+            if plate.planned in inputs.free and self._kinds[inputs.order.kind[plate.planned]] is kind:
+                names = chain((plate.planned,), names)
+            for name in names:
+                if name in taken or grams > _read_grams(inputs.fleet[name]) or not self._may_use(plate, name):
+                    continue
+                if best is None or self._rank_choice(plate, name) < self._rank_choice(plate, best):
+                    best = name
+                break
+        return best
+
+    def _rank_choice(self, plate: WaitingPlate, name: str) -> tuple[bool, bool, int]:
+        """Return the sort key of a plate's choices: the smallest is the best."""
+        return name != plate.planned, name in self._inputs.planned, self._inputs.order.rank[name]
+
     def _list_choices(self, plate: WaitingPlate) -> list[str]:
         """Return the printers that can take a plate now, the best first."""
         if plate.id not in self._choices_by_plate:
-            planned, rank = self._inputs.planned, self._rank
             names = self._list_capable(plate)
             if plate.failed_on:
                 preferred = [name for name in names if name not in plate.failed_on]
                 names = preferred if preferred or not self._has_failed_everywhere(plate) else names
-            names.sort(key=lambda name: (name != plate.planned, name in planned, rank[name]))
+            names.sort(key=lambda name: self._rank_choice(plate, name))
             self._choices_by_plate[plate.id] = names
         return self._choices_by_plate[plate.id]
 
@@ -198,18 +229,24 @@ class _Matching:
     def _list_capable(self, plate: WaitingPlate) -> list[str]:
         """Return the free printers that can take a plate now, the lowest first."""
         inputs, grams = self._inputs, compute_needed_grams(plate)
-        names: list[str] = []
-        for kind in self._kinds:
-            if (
-                grams <= kind.grams
-                and kind.window.allows(plate)
-                and plate.requirements.matches(kind.capabilities)
-            ):
-                names += [
-                    n for n in kind.names if grams <= _read_grams(inputs.fleet[n]) and self._may_use(plate, n)
-                ]
-        names.sort(key=self._rank.__getitem__)
+        names = [
+            name
+            for kind in self._list_kinds(plate, grams)
+            for name in kind.names
+            if grams <= _read_grams(inputs.fleet[name]) and self._may_use(plate, name)
+        ]
+        names.sort(key=inputs.order.rank.__getitem__)
         return names
+
+    def _list_kinds(self, plate: WaitingPlate, grams: float) -> list[_Kind]:
+        """Return the kinds of free printers that can take a plate of so many grams now."""
+        return [
+            kind
+            for kind in self._kinds.values()
+            if grams <= kind.grams
+            and kind.window.allows(plate)
+            and plate.requirements.matches(kind.capabilities)
+        ]
 
     def _may_use(self, plate: WaitingPlate, name: str) -> bool:
         return name not in self._inputs.spare_printers or takes_spare(plate, self._inputs.fleet)

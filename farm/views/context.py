@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -23,6 +24,7 @@ class ViewContext:
     state: StateFolder
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
+    forecast_s: float = -math.inf  # when those were worked out
     is_started: bool = True  # the farm has been running long enough for printers to connect
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
@@ -43,6 +45,11 @@ class ViewContext:
         return (
             None if at_s is None else datetime.fromtimestamp(at_s, self.fleet.zone).isoformat("T", "seconds")
         )
+
+    @property
+    def forecast(self) -> str | None:
+        """Return the time of the forecast as ISO 8601; None before the first."""
+        return self.format_time(self.forecast_s) if math.isfinite(self.forecast_s) else None
 
     def snapshot(self, printer: str) -> AgentSnapshot:
         """Return the latest snapshot of a printer's agent."""

@@ -127,6 +127,7 @@ def describe_farm(services: Services) -> api.Status:
             timezone=fleet.fleet.timezone,
             time_scale=fleet.fleet.time_scale,
             now=context.format_time(context.now_s) or "",
+            forecast=context.forecast,
             file=str(services.fleet_file),
         ),
         printers=[

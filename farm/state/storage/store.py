@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sqlite3
 import zlib
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self, TypeVar
@@ -153,6 +154,7 @@ class Store:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._count: int | None = None  # file descriptor of the count
+        self._last_number: int | None = None  # of the last event
         is_new = not path.exists() or not path.stat().st_size
         _make_private(path)
         try:
@@ -215,13 +217,7 @@ class Store:
                 )
 
     def find_last_event(self) -> int:
-        """Return the number of the last event; 0 if there is none.
-
-        Raises
-        ------
-        StoreError
-            The database cannot be read.
-        """
+        """Return the number of the last event; 0 if there is none. Raises StoreError."""
         try:
             return self._find_last_event()
         except sqlite3.Error as error:
@@ -237,7 +233,7 @@ class Store:
             return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
         return 0
 
-    def _write_count(self, number: int) -> None:
+    def _write_count(self, number: int | None) -> None:
         """Write the number of committed events to a file beside the books.
 
         If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
@@ -247,7 +243,7 @@ class Store:
             if self._count is None:
                 path = self._path.with_name(self._path.name + _COUNT)
                 self._count = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            os.pwrite(self._count, b"%020d" % number, 0)
+            os.pwrite(self._count, b"%020d" % (number or 0), 0)
 
     @property
     def copied_s(self) -> float | None:
@@ -264,25 +260,16 @@ class Store:
         """Load the books as last committed."""
         return _load(self._db)
 
-    def commit(self, event: Event, before: Books, after: Books) -> None:
-        """Write an event and the changed entities in one transaction, synced to the disk."""
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Write all commits of a block in one transaction, synced to the disk once: all of them, or none."""
         try:
+            if self._db.in_transaction:
+                yield  # the outer block ends it
+                return
             self._db.execute("BEGIN IMMEDIATE")
             try:
-                number = self._db.execute(
-                    "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
-                    (event.at_s, type(event).__name__, event.model_dump_json()),
-                ).lastrowid
-                for entity in list_changed_entities(before, after):
-                    body = entity.model_dump_json()
-                    self._db.execute(
-                        f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
-                        (str(locate_entity(entity)[1]), body, zlib.crc32(body.encode())),
-                    )
-                for key in list_removed_keys(before, after):
-                    self._db.execute(f"DELETE FROM {TABLES[Key]} WHERE id = ?", (key.id,))
-                if isinstance(event, BooksRestored):
-                    self._db.execute("DELETE FROM copied")
+                yield
             except BaseException:
                 if self._db.in_transaction:  # on a full disk SQLite rolls back by itself
                     self._db.execute("ROLLBACK")
@@ -290,7 +277,25 @@ class Store:
             self._db.execute("COMMIT")
         except sqlite3.Error as error:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
-        self._write_count(number or 0)
+        self._write_count(self._last_number)
+
+    def commit(self, event: Event, before: Books, after: Books) -> None:
+        """Write an event and the changed entities in one transaction, synced to the disk."""
+        with self.transaction():
+            self._last_number = self._db.execute(
+                "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
+                (event.at_s, type(event).__name__, event.model_dump_json()),
+            ).lastrowid
+            for entity in list_changed_entities(before, after):
+                body = entity.model_dump_json()
+                self._db.execute(
+                    f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
+                    (str(locate_entity(entity)[1]), body, zlib.crc32(body.encode())),
+                )
+            for key in list_removed_keys(before, after):
+                self._db.execute(f"DELETE FROM {TABLES[Key]} WHERE id = ?", (key.id,))
+            if isinstance(event, BooksRestored):
+                self._db.execute("DELETE FROM copied")
         if isinstance(event, BooksRestored):
             self._has_lost_events = False
 

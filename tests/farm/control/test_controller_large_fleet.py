@@ -5,6 +5,7 @@ import pytest
 from farm.control import controller as module
 from farm.model import JobOptions, Link, PrintState
 from farm.planning import Plan
+from farm.state.storage import StoreError
 from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
@@ -51,3 +52,35 @@ def test_a_command_of_a_person_is_scheduled_at_once(farm):
     farm.ready("a", "b")
     farm.clear_bed("a")
     assert len(list_starts(farm)) == 1
+
+
+def test_a_start_that_was_left_for_later_is_dropped_once_it_is_impossible(farm):
+    farm.ready("a", "b")
+    farm.controller.tick()
+    (started,) = list_starts(farm)
+    (other,) = {"a", "b"} - {started}
+    farm.ready(other, link=Link.ABSENT, agent_pid=None)
+    farm.controller.tick()
+    assert list_starts(farm) == [started]
+    farm.ready(other)
+    farm.controller.tick()
+    assert list_starts(farm) == ["a", "b"]
+
+
+def test_starts_that_cannot_be_written_together_leave_the_books_as_they_were(farm, monkeypatch):
+    monkeypatch.setattr(module, "MAX_STARTS", 2)
+    farm.ready("a", "b")
+    books, commit = farm.controller.books, farm.store.commit
+
+    def fail_at_the_second(event, before, after):
+        commit(event, before, after)
+        if before is not books:
+            raise StoreError("the disk is full")
+
+    monkeypatch.setattr(farm.store, "commit", fail_at_the_second)
+    with pytest.raises(StoreError):
+        farm.controller.tick()
+    assert farm.controller.books is books and farm.store.load() == books
+    monkeypatch.setattr(farm.store, "commit", commit)
+    farm.controller.tick()
+    assert list_starts(farm) == ["a", "b"]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from farm.control.controller import REFUSALS
+from farm.control.telemetry import REFUSALS
 from farm.errors import FarmError
 from farm.model import JobOptions, JobState, PrintState, Verdict
 from farm.paths import StateFolder

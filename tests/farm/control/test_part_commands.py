@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import Clock
-from farm.control.controller import REFUSALS
+from farm.control.telemetry import REFUSALS
 from farm.errors import NoSuchThing, Refused
 from farm.model import (
     AgentPrint,

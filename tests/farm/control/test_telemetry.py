@@ -1,5 +1,7 @@
 """Snapshots in memory: only changes that the books or the scheduler read are reported."""
 
+from pathlib import Path
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,11 +49,11 @@ def test_rejected_snapshot_is_compared_again_and_shown():
     lost = BUSY.model_copy(update={"link": Link.ABSENT, "nozzle_c": 180.0})
     assert telemetry.store(lost, 60.0)
     telemetry.reject(lost, BUSY, "the disk is full")
-    assert telemetry.failure == "the disk is full"
+    assert telemetry.list_warnings(Path("/s"))[0].startswith("the disk is full; nothing is recorded")
     shown = telemetry.snapshots["a"]
     assert (shown.link, shown.nozzle_c) == (Link.BUSY, 180.0)
     assert telemetry.store(lost, 60.0)
-    assert telemetry.failure is None
+    assert telemetry.list_warnings(Path("/s")) == ()
 
 
 def test_snapshot_is_compared_step_by_step():

@@ -1,7 +1,9 @@
 """Assignment: each printer once, clear beds only, independent of the order."""
 
+from collections import Counter
 from dataclasses import replace
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -205,3 +207,38 @@ def test_hold_of_a_plate_names_the_obstacle_of_its_own_printer():
     for planned, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
         _, holds = assign([plate("p", planned)], fleet)
         assert holds["p"].code is code
+
+
+ready_printers = st.lists(
+    st.builds(
+        printer,
+        st.sampled_from("abcdefgh"),
+        room=st.sampled_from([LOW, TALL]),
+        grams=st.sampled_from([None, 3.0, 500.0]),
+        unattended=st.booleans(),
+    ),
+    unique_by=lambda p: p.name,
+)
+
+
+@given(plates, ready_printers)
+def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting, fleet):
+    moment = situation(waiting, fleet, None, NOW_S)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plate_matching._Matching, "_find_untaken", lambda self, plate: None)
+        expected = assignment.assign_plates(moment)
+    assert assignment.assign_plates(moment) == expected
+
+
+@given(plates, ready_printers, printers, st.integers(1, 4))
+def test_starts_are_divided_into_portions_of_what_is_possible(waiting, fleet, later_fleet, limit):
+    moment, later_moment = (situation(waiting, p, None, NOW_S) for p in (fleet, later_fleet))
+    found = assignment.assign_plates(moment)
+    starts, later = assignment.divide_starts(found, moment, limit)
+    assert [*starts, *later] == found and len(starts) <= limit
+    possible, _ = assignment.divide_starts(found, later_moment, len(found) + 1)
+    free = {p.name for p in later_moment.free}
+    assert all(item in found and item.printer in free for item in possible)
+    places = {plate.job: plate.places for plate in waiting if plate.places is not None}
+    jobs = Counter(plate.job for plate in waiting if plate.id in {item.plate for item in possible})
+    assert all(jobs[job] <= limit for job, limit in places.items())

@@ -184,3 +184,23 @@ def test_removed_key_is_removed_from_the_disk(tmp_path):
 def test_key_of_a_version_without_sessions_is_no_session():
     body = make_key().model_dump(mode="json", exclude={"kind"})
     assert Key.model_validate(body).kind is KeyKind.KEY
+
+
+def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
+    events, books = make_fleet_events(), Books()
+    with Store(tmp_path / "farm.db") as store:
+        with pytest.raises(StoreError), store.transaction():
+            for event in events:
+                after, _ = apply(event, books)
+                store.commit(event, books, after)
+                books = after
+            store._db.execute("INSERT INTO no_such_table VALUES (1)")
+        assert store.load() == Books() and store.find_last_event() == 0
+        books = Books()
+        with store.transaction():
+            for event in events:
+                after, _ = apply(event, books)
+                store.commit(event, books, after)
+                books = after
+        assert store.load() == books and store.find_last_event() == len(events)
+        assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
