@@ -47,6 +47,7 @@ REPLAY_COLUMNS = {
 FAULT_COLUMNS = {
     "fault": "{fault}",
     "rounds": "{rounds}",
+    "in mid-job": "{in_mid_job}",
     "took": "{least_s:.0f} to {most_s:.0f} s",
     "jobs ended, as on one computer": "{same}",
     "tasks right": "{right}",
@@ -167,6 +168,7 @@ def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "right": sum(figures["tasks_right"] for figures in of_kind),
                 "twice": sum(figures["taken_twice"] for figures in of_kind),
                 "left": sum(figures["tasks_left"] for figures in of_kind),
+                "in_mid_job": sum(figures["in_mid_job"] for figures in of_kind),
                 "more": sum(figures["processes_more"] for figures in of_kind),
                 "here": sum(figures["here"] for figures in of_kind),
             }

@@ -38,7 +38,8 @@ NETWORK = ("cut worker", "cut scheduler", "cut farm", "delay all", "lose from al
 FAULTS = (*KILLS, *STOPS, *NETWORK)
 FAULT_S = 40.0  # that a process is stopped, or the network disturbed
 DELAY_S, LOSS = 0.3, 0.05  # at each host, in both directions
-TASKS, TASK_S = 8, 1.5
+TASKS, TASK_S = 8, 4.0
+AFTER_S = (0.3, 7.0)  # of the fault, from the begin of a round: tasks run for 8 s on four workers
 MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
 UNCOMPARED = ("decomposition", "cached")  # time that a plan took, slices that were known
@@ -149,10 +150,11 @@ class Rounds:
         taken, watch = TakenFiles(), Watch()
         cluster_pool.write_files = taken.write
         following = asyncio.ensure_future(watch.follow(pool))
+        after_s = rng.uniform(*AFTER_S)
         begin_s = time.monotonic()
         planning = asyncio.ensure_future(_plan(state, job, pool))
         tasks = [asyncio.ensure_future(self._run_task(out)) for out in outs]
-        healing = asyncio.ensure_future(self._fail(fault, rng.uniform(0.5, 8.0), rng.uniform(0.0, 5.0)))
+        healing = asyncio.ensure_future(self._fail(fault, after_s, rng.uniform(0.0, 5.0)))
         try:
             right = await asyncio.gather(*tasks)
             plan = await planning
@@ -169,7 +171,9 @@ class Rounds:
         return {
             "fault": fault,
             "victim": victim,
+            "after_s": after_s,
             "duration_s": duration_s,
+            "in_mid_job": after_s < duration_s,
             "job_ended": isinstance(plan, Plan),
             "differences": list_differences(plan, local),
             "tasks_right": sum(right),
@@ -324,6 +328,7 @@ async def run_faults(
 def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
     durations_s = sorted(row["duration_s"] for row in figures)
     return {
+        "in_mid_job": sum(row["in_mid_job"] for row in figures),
         "jobs_ended": sum(row["job_ended"] for row in figures),
         "same_plans": sum(not row["differences"] for row in figures),
         "tasks_right": sum(row["tasks_right"] for row in figures),
