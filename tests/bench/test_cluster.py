@@ -72,13 +72,21 @@ def test_the_table_of_a_page_is_replaced():
 
 def test_rounds_are_summed_up_for_each_fault():
     nothing = {"taken_twice": 0, "tasks_left": 0, "processes_more": 0}
-    figures = {"job_ended": True, "tasks_right": 8, "here": False, **nothing}
+    figures = {"job_ended": True, "in_mid_job": True, "tasks_right": 8, "here": False, **nothing}
     rounds = [
         {**figures, "fault": "cut farm", "duration_s": 50.0, "differences": [], "here": True},
-        {**figures, "fault": "kill worker", "duration_s": 20.0, "differences": [], "processes_more": 2},
+        {
+            **figures,
+            "fault": "kill worker",
+            "duration_s": 20.0,
+            "differences": [],
+            "processes_more": 2,
+            "in_mid_job": False,
+        },
         {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
     ]
     cut, killed = sum_up_faults(rounds)
     assert (cut["rounds"], cut["least_s"], cut["most_s"], cut["same"], cut["here"]) == (2, 50.0, 60.0, 1, 1)
     assert (killed["fault"], killed["same"], killed["right"]) == ("kill worker", 1, 8)
     assert (cut["more"], killed["more"]) == (0, 2)
+    assert (cut["in_mid_job"], killed["in_mid_job"]) == (2, 0)
