@@ -17,12 +17,12 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 
-COARSE = 8  # cells of the grid that sizes are searched on, by their cube root
-HALVINGS = 8  # of the range of sizes
-CLOSE_RATIO = 1.005  # of two sizes between which none is tried
-TRIALS = 4  # with the options of the decomposition, each smaller than the one before
-TRIAL_STEP = 0.96  # from one to the next
-TRIAL_BUDGET_S = 2.0  # whether there is a result, not the best one
+COARSE = 8  # granularity of the grid on which sizes are searched
+HALVINGS = 8  # number of times that the range of sizes is halved
+CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
+TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the last one
+TRIAL_STEP = 0.96  # ratio of the size of a trial to the size of the trial before
+TRIAL_BUDGET_S = 2.0  # enough to find any result, not the best one
 
 
 def advise_longest_side_mm(
@@ -42,14 +42,14 @@ def advise_longest_side_mm(
     Returns
     -------
     int | None
-        About the largest, for which there is a result; None where none was found.
+        Size in mm, about the largest one for which there is a result; None if none was found.
     """
     longest_mm = float(model.extents_mm.max())
     max_scale = _find_scale(model, printers, options, cost)
     if max_scale is None:
         return None
     coarse = replace(options, granularity=COARSE)
-    low, high = 0.0, max_scale * 1.15  # a part that lies askew fits more than the tables know
+    low, high = 0.0, max_scale * 1.15  # a part may fit when it lies askew, which the tables do not know
     scale = max_scale
     for _ in range(HALVINGS):
         if _has_result(model, scale, printers, coarse, cost, executor):
@@ -72,9 +72,10 @@ def advise_longest_side_mm(
 def _find_scale(
     model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
 ) -> float | None:
-    """Find about the largest scale, below 1, at which the boxes of a coarse grid fit as many printers.
+    """Find about the largest scale, below 1, at which the parts by a coarse grid are not more than the
+    printers.
 
-    The grid stays, and rooms grow instead: what fits does not depend on times.
+    The grid is not scaled; the printers' rooms grow instead. Times have no influence on the fit.
     """
     problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE))
     grid = problem.build_grid(model)
@@ -107,11 +108,11 @@ def _has_result(
 ) -> bool:
     """Check whether a scaled model can be cut for these printers, by a short search."""
     vertices, faces = model.solid.arrays()
-    scaled = replace(model, solid=Solid.from_arrays(scale * vertices, faces))
+    scaled_model = replace(model, solid=Solid.from_arrays(scale * vertices, faces))
     engine = Engine.BEST if options.engine is Engine.GUILLOTINE else options.engine
-    short = replace(options, engine=engine, prove=False, best=BestOptions(TRIAL_BUDGET_S))
+    trial_options = replace(options, engine=engine, prove=False, best=BestOptions(TRIAL_BUDGET_S))
     try:
-        decompose_model(scaled, printers, short, cost, executor)
+        decompose_model(scaled_model, printers, trial_options, cost, executor)
     except (NoFit, GeometryError, ModelNotSolid):
         return False
     return True

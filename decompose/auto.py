@@ -27,7 +27,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
-MAX_SUMS = 1e8  # for the curve of unequal printers, over all boxes: about a second for each limit
+MAX_SUMS = 1e8  # of sums for the curve of unequal printers: about a second for each limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +40,10 @@ class CountGoal:
         A person's time for each part: to clear its bed, and to glue it. The sum of printing and handling is
         minimised.
     within_s
-        Time within which all parts have to be printed: the fewest parts that reach it are made, or those that
-        end soonest where none reach it, however long their handling takes.
+        Time limit for printing all parts: the number of parts is the lowest one that keeps it, or, if none
+        does, the fastest one, however long the handling takes.
     glued
-        Whether the parts have to be glued too within that time.
+        Whether the time limit includes gluing the parts.
     """
 
     clear_s: float = CLEAR_S
@@ -66,7 +66,7 @@ def decompose_auto(
     executor: Executor | None = None,
     goal: CountGoal = CountGoal(),
 ) -> Decomposition:
-    """Cut a model for as many of the first printers as suit a goal.
+    """Cut a model for the number of printers that suits a goal, the first ones of a list.
 
     The number is chosen from the curve of makespans of the first printers by the tables, with their rooms and
     speeds; if that number is too small for the true parts, all printers are used.
@@ -104,8 +104,8 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     among them; a number of printers of a class has their mean speed.
     """
     printers = problem.printers
-    gridded = problem if problem.is_uniform else replace(problem, printers=problem.rooms)
-    grid = gridded.build_grid(problem.model)
+    grid_problem = problem if problem.is_uniform else replace(problem, printers=problem.rooms)
+    grid = grid_problem.build_grid(problem.model)
     shared_boxes = problem.price_boxes(grid)
     classes = classify_printers(printers, MAX_SUMS / len(shared_boxes.seconds))
     class_indices = [

@@ -21,12 +21,14 @@ from decompose.problem import MAX_CELLS, WORK_NS, Effort, Problem, Work, choose_
 from decompose.progress import report_progress
 from decompose.results import Attempt, Decomposition
 
-GRID_SHARE = 0.5  # of the budget that the tables of the first grid, its solves and its bound may take
-USUAL_SOLVES = 30  # of a grid, each for another limit
-START_SHARE = 0.5  # of the first attempt's effort that has to be left for another one
-OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells along a side, relative to the first grid
-OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
-MIN_TURNING_GAIN = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
+GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its solves and its bound
+USUAL_SOLVES = 30  # usual number of solves on a grid, each for another limit
+START_SHARE = 0.5  # share of the first attempt's effort that must be left to start another attempt
+OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
+# Rotations of the model about z; after a quarter turn the grid is the same.
+OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
+# Minimum gain of a rotation, as a share of the makespan: cuts along a model's own sides are easier to glue.
+MIN_TURNING_GAIN = 0.01
 MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
 
 
@@ -50,7 +52,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
     first = choose_first_grid(problem)
     trials.try_engine(Engine.GUILLOTINE, first)
     if not trials.has_sound_result and first != options.granularity:
-        first = options.granularity  # a small budget is no reason to refuse a model
+        first = options.granularity  # with a small budget the model still has to be cut
         trials.remaining_s = options.best.budget_s
         trials.try_engine(Engine.GUILLOTINE, first, is_required=True)
     if not trials.has_sound_result:
@@ -67,7 +69,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
 def choose_first_grid(problem: Problem) -> str | int:
     """Choose the first granularity: the requested one, or a coarser one than ``auto`` for a small budget.
 
-    No coarser than the parts of the printers' rooms need.
+    The grid is not made coarser than parts of the size of the printers' rooms need.
     """
     options, extents_mm = problem.options, problem.model.extents_mm
     if options.granularity != "auto":

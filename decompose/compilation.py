@@ -1,6 +1,6 @@
 """Compilation of all functions that run as machine code, ahead of the first model: `farm setup` runs it.
 
-``python -m decompose.compilation`` takes about a minute, and nothing is done where the code is there.
+``python -m decompose.compilation`` takes about a minute; it does nothing if the code is already compiled.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _ENGINES = (
 
 
 def compile_all() -> None:
-    """Compile every function for the types that decompositions call it with, and keep the code.
+    """Compile every function for the types that decompositions call it with, and store the code.
 
     Processes that do this at the same time wait for the first one.
     """
@@ -49,13 +49,13 @@ def compile_all() -> None:
 
 
 def ensure_compiled() -> None:
-    """Compile every function, unless all the code is kept for this processor."""
+    """Compile every function, unless all the code for this processor is stored."""
     if not is_compiled():
         compile_all()
 
 
 def _cut_small_models() -> None:
-    """Repair a ring that lacks some triangles and has a loose one, and cut it by each engine."""
+    """Repair a ring with missing triangles and a loose one, and cut it by each engine."""
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "ring.stl"
         ring: Any = trimesh.creation.torus(60.0, 25.0, major_sections=24, minor_sections=12)
@@ -70,7 +70,7 @@ def _cut_small_models() -> None:
 
 
 def main() -> None:
-    """Compile, and print where the code is kept."""
+    """Compile, and print where the code is stored."""
     ensure_compiled()
     place = "nowhere: no folder can be written" if CODE_FOLDER is None else f"in {CODE_FOLDER}"
     if CODE_FOLDER not in (None, INSTALLED):

@@ -22,7 +22,7 @@ from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
 T = TypeVar("T")
-PRICED_FACES = 300_000  # of the whole model: twice as many take twice as long, and change the price by 0.5 %
+PRICED_FACES = 300_000  # faces of the whole model that are priced: twice as many change the price by 0.5 %
 PRICE_TOLERANCES_MM = (0.02, 0.05)
 
 
@@ -82,14 +82,14 @@ def _run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> 
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=apply_paper_settings(problem.options))
-    problem = replace(problem, on_stage=watch.lap)
+    problem = replace(problem, on_stage=watch.record_stage)
     partition = ENGINES[problem.options.engine](problem)
-    watch.lap("engine")
-    return replace(finish_result(problem, partition, serial()), compute_s=watch.laps())
+    watch.record_stage("engine")
+    return replace(finish_result(problem, partition, serial()), compute_s=watch.stage_times())
 
 
 def simplify_for_price(solid: Solid) -> Solid:
-    """Simplify a solid of millions of faces, as far as its price hardly changes; others stay as they are."""
+    """Simplify a solid of millions of faces, for a price that hardly differs; return any other unchanged."""
     simplified = solid
     for tolerance_mm in PRICE_TOLERANCES_MM:
         if simplified.faces <= PRICED_FACES:
@@ -105,7 +105,7 @@ def estimate_serial_s(
     uncut = np.zeros(len(faces), dtype=np.bool_)
     best = find_best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
     as_is = measure_pose(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
-    assert best is not None  # nothing is too large for a printer without limits
+    assert best is not None  # no model is too large for a printer without limits
     return best.price_s, as_is.price_s
 
 
@@ -116,10 +116,10 @@ class _StageTimes:
         self._start = self._lap_start_s = perf_counter()
         self._laps: dict[str, float] = {}
 
-    def lap(self, stage: str) -> None:
+    def record_stage(self, stage: str) -> None:
         now_s = perf_counter()
         self._laps[stage] = now_s - self._lap_start_s
         self._lap_start_s = now_s
 
-    def laps(self) -> dict[str, float]:
+    def stage_times(self) -> dict[str, float]:
         return {**self._laps, "total": self._lap_start_s - self._start}

@@ -1,4 +1,4 @@
-"""Errors of decomposition, one root for the package."""
+"""Errors of decomposition, with a common base."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ class DecomposeError(Exception):
 
 
 class ModelUnreadable(DecomposeError):
-    """The file is not there, or is not a whole model of a format that is known."""
+    """The file is missing, or is not a complete model in a known format."""
 
 
 class BadSize(ModelUnreadable):
-    """A scale or a longest side that is valid for no model."""
+    """A scale or a longest side that no model can have."""
 
 
 class ModelEmpty(DecomposeError):
@@ -31,7 +31,7 @@ class ModelNotFinite(DecomposeError):
 
 
 class ModelNotSolid(DecomposeError):
-    """The triangles bound no solid, and repair would have to invent or drop much of it."""
+    """The triangles bound no solid, and a repair would have to add or remove too much."""
 
 
 class ModelTiny(DecomposeError):
@@ -52,8 +52,8 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     printers_needed
-        Minimum number of printers of the same kinds that is enough, or a lower bound on it. None if
-        it is not known, or if no number is enough.
+        Minimum number of printers of the same kinds that would be enough, or a lower bound on it; None if it
+        is not known, or if no number would be enough.
     is_too_large
         A smaller model would fit (`advised_size` finds how large it may be).
     """
@@ -84,7 +84,7 @@ def format_size(sides_mm: Iterable[float]) -> str:
 
 
 class Rule(StrEnum):
-    """Geometry rules that `results.check` holds every result to, by name."""
+    """Geometry rules that `results.check` checks on every result."""
 
     CLOSED = "closed"  # each part is a closed manifold of positive volume
     ONE_PIECE = "one-piece"
@@ -93,11 +93,12 @@ class Rule(StrEnum):
     NO_OVERLAP = "no-overlap"
     SURFACE = "surface"  # the original surface is covered exactly once
     WALL = "wall"  # hollows keep their distance from the original surface
-    INSIDE = "inside"  # parts and hollows together are the model, no more
+    INSIDE = "inside"  # parts and hollows together are exactly the model
     # Pins and marks; a part that breaks these is printed without them.
     DRILLED = "drilled"  # nothing but the holes and marks is removed, and a part stays one piece
     SKIN = "skin"  # they keep a wall to the outside, to other faces and to each other
-    PINNED = "pinned"  # each pin goes in, and no body fits turned around or at a foreign place
+    # Each pin can be inserted, and no body fits turned around or in the place of another one.
+    PINNED = "pinned"
     ORDER = "order"  # each pin is along the direction of its step
     SUPPORT_FREE = "support-free"  # their ceilings need no support
     STL = "stl"  # the file, read back, is watertight and has the part's volume

@@ -36,12 +36,12 @@ def hash_sources(folder: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def find_code_folder(installed: Path, other_folders: Iterable[Path]) -> Path | None:
-    """Find the folder for machine code, and make it.
+def find_code_folder(main_folder: Path, other_folders: Iterable[Path]) -> Path | None:
+    """Find the folder for machine code, and create it.
 
     Parameters
     ----------
-    installed
+    main_folder
         Folder beside the sources.
     other_folders
         Folders to use if that one cannot be written, in this order; they get a copy of what is installed.
@@ -51,19 +51,19 @@ def find_code_folder(installed: Path, other_folders: Iterable[Path]) -> Path | N
     Path or None
         The first folder that can be written; None if there is none.
     """
-    if is_writable(installed):
-        return installed
+    if is_writable(main_folder):
+        return main_folder
     for folder in other_folders:
-        if not folder.is_dir() and installed.is_dir():
+        if not folder.is_dir() and main_folder.is_dir():
             with contextlib.suppress(OSError):
-                _copy(installed, folder)
+                _copy(main_folder, folder)
         if is_writable(folder):
             return folder
     return None
 
 
 def is_writable(folder: Path) -> bool:
-    """Make a folder if it is missing, and return whether files can be written into it."""
+    """Create a folder if it is missing, and check whether files can be written into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -73,18 +73,18 @@ def is_writable(folder: Path) -> bool:
 
 
 def is_compiled() -> bool:
-    """Return whether all compiled functions are kept for this processor."""
+    """Check whether the code of all compiled functions for this processor is stored."""
     return CODE_FOLDER is not None and (CODE_FOLDER / _MARK).exists()
 
 
 def mark_compiled() -> None:
-    """Record that all compiled functions are kept for this processor."""
+    """Record that the code of all compiled functions for this processor is stored."""
     if CODE_FOLDER is not None:
         (CODE_FOLDER / _MARK).touch()
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a folder so that no process sees a part of it."""
+    """Copy a folder so that other processes see either all of it or nothing."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         copy = Path(scratch) / target.name
@@ -93,7 +93,7 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _list_other_folders(name: str) -> Iterator[Path]:
-    """List the folders for a user who may not write beside the sources: the last one is for this process."""
+    """List the folders for a user without write access beside the sources; the last is of this process."""
     with contextlib.suppress(RuntimeError):  # a user without a home
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
     with contextlib.suppress(OSError):

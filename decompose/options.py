@@ -36,13 +36,13 @@ class Interior(StrEnum):
 class Score(StrEnum):
     """Reading of the score of a growth direction in the engine `parallelobox`."""
 
-    LOW = "low"  # the least cost is best
-    HIGH = "high"  # the highest score is best, as the paper's text says
-    BOTH = "both"  # attempts with each
+    LOW = "low"  # the lowest score is best
+    HIGH = "high"  # the highest score is best, as in the paper's text
+    BOTH = "both"  # default number of draws of seeds
 
     @property
     def readings(self) -> tuple[Score, ...]:
-        """Readings to try, each `LOW` or `HIGH`."""
+        """Readings to evaluate, each `LOW` or `HIGH`."""
         return (Score.LOW, Score.HIGH) if self is Score.BOTH else (self,)
 
 
@@ -83,7 +83,7 @@ class ConnectorOptions:
     Attributes
     ----------
     pin_mm
-        Diameter of the pins; None: no pins.
+        Diameter of the pins; None for no pins.
     pin_fit_mm
         Width of a hole across its flats beyond the pin.
     marks
@@ -91,8 +91,8 @@ class ConnectorOptions:
     printer_fits_mm
         Names of printers whose fit differs, each with its own.
     taken_mm
-        Distances between the two pins of steps that are drilled already, as of a part's neighbours when the
-        part is cut again.
+        Distances between the two pins of steps that have already been drilled, as in the neighbours of a part
+        that is cut again.
     """
 
     pin_mm: float | None = None

@@ -1,4 +1,4 @@
-"""Printer as a decomposition needs it: its name, its room for a part, and its speed."""
+"""Printers for a decomposition: name, room for a part, and speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class PrinterRoom:
     """Boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped.
 
-    A part takes `time_factor` times its price: a ratio learned from the prints of the printer.
+    A part takes `time_factor` times its price; the factor is learned from the prints of the printer.
     """
 
     name: str

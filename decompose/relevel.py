@@ -1,8 +1,8 @@
-"""Cut planes moved again, by the sliced time of each part.
+"""Second move of the cut planes, by the sliced time of each part.
 
-The price of a part is one or two per cent off, and the job waits for the part whose price is furthest off.
-This error hardly changes while the faces of a part move by some millimetres: so each part keeps its own
-factor, and the planes are moved by price times factor, as they were by the price alone.
+Prices of parts have errors of one or two per cent, and a job waits for the part with the largest error. The
+error hardly changes when the faces of a part move by some millimetres. So each part keeps its ratio of sliced
+time to price, and the planes are moved by price times ratio, as they were by the price before.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from decompose.print_time import CostModel
 from decompose.problem import Effort, GridFigures, Partition, Problem
 from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
 
-MIN_GAIN = 0.005  # least expected gain, as a share of the makespan: the parts are sliced again for it
+MIN_GAIN = 0.005  # minimum expected gain, as a share of the makespan, as all parts are sliced again
 
 
 def relevel_planes(
@@ -33,7 +33,7 @@ def relevel_planes(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> Decomposition | None:
-    """Move the cut planes so that the slowest part, as it is sliced, ends sooner.
+    """Move the cut planes so that the part with the longest sliced time ends sooner.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def relevel_planes(
     Returns
     -------
     Decomposition | None
-        The same number of parts, with the times of the cost. None if the gain would not be worth slicing
-        again, or if another engine than `guillotine` cut the parts.
+        The same number of parts, with the times of the cost. None if the gain would be too small to
+        slice again, or if the parts were not cut by the engine `guillotine`.
 
     Raises
     ------
@@ -66,26 +66,26 @@ def relevel_planes(
     effort = Effort(previous.options.best.budget_s)
     aligned_problem = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
     problem = aligned_problem.rotate(cutting.frame)
-    before = _cut_previous_boxes(problem, cutting, sliced_s)
-    after = None if before is None else _shift_planes(problem, before)
-    if after is None:
+    cut_boxes = _cut_previous_boxes(problem, cutting, sliced_s)
+    shifted_pieces = None if cut_boxes is None else _shift_planes(problem, cut_boxes)
+    if shifted_pieces is None:
         return None
     grid = GridFigures(previous.grid_makespan_s, previous.lower_bound_s, previous.cells)
-    partition = Partition(tuple(after), problem.model, np.eye(3), grid)
+    partition = Partition(tuple(shifted_pieces), problem.model, np.eye(3), grid)
     result = finish_result(problem, partition, (previous.serial_s, previous.serial_as_is_s))
     return _carry_over(previous, result, perf_counter() - began_s)
 
 
-def _shift_planes(problem: Problem, before: list[list[Piece]]) -> list[Piece] | None:
-    """Move the planes between the pieces of each box; None if the gain is not worth slicing again."""
-    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
-    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
-    old_s = _compute_makespan_s(problem, [piece for pieces in before for piece in pieces])
+def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece] | None:
+    """Move the planes between the pieces of each box; None if the gain is too small to slice again."""
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in cut_boxes])
+    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, cut_boxes)
+    old_s = _compute_makespan_s(problem, [piece for pieces in cut_boxes for piece in pieces])
     return after if _compute_makespan_s(problem, after) <= (1.0 - MIN_GAIN) * old_s else None
 
 
 def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
-    """Give a result the history of the decomposition that it improves."""
+    """Copy the history of the decomposition that a result improves to the result."""
     return replace(
         result,
         engine=previous.engine,
@@ -100,13 +100,15 @@ def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float
 def _cut_previous_boxes(
     problem: Problem, cutting: Cutting, sliced_s: Sequence[float]
 ) -> list[list[Piece]] | None:
-    """Cut the boxes of a decomposition again; each piece gets the time ratio of slice to price.
+    """Cut the boxes of a decomposition again; each piece gets the ratio of its sliced time to its price.
 
-    `sliced_s` is in seconds, in the order of the parts. None if the boxes hold other parts than before.
+    `sliced_s` is in seconds, in the order of the parts. None if the pieces in the boxes differ from the
+    parts.
     """
     if len(sliced_s) != len(cutting.cut_for):
         return None
-    prices_s = dict(enumerate(cutting.prices_s))  # in the poses that were sliced, which may be steadier ones
+    # In the poses that were sliced, which may be steadier than the fastest ones.
+    prices_s = dict(enumerate(cutting.prices_s))
     parts_of: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):
         parts_of.setdefault(box.tobytes(), []).append(i)
@@ -133,12 +135,15 @@ def _cut_previous_boxes(
 
 
 def _compute_makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """Compute the sliced time when the last piece ends, each on its best printer; inf if one fits none."""
+    """Compute the sliced time until the last piece ends, each on its best printer; inf if one fits none."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf
     scaled_poses = apply_time_ratios(pieces, poses)
-    takers = assign_printers(scaled_poses, problem.printers)
-    if takers is None:
+    assigned_printers = assign_printers(scaled_poses, problem.printers)
+    if assigned_printers is None:
         return math.inf
-    return max(pose.price_s * taker.time_factor for pose, taker in zip(scaled_poses, takers, strict=True))
+    return max(
+        pose.price_s * printer.time_factor
+        for pose, printer in zip(scaled_poses, assigned_printers, strict=True)
+    )

@@ -22,7 +22,7 @@ MAX_AXES = 9
 def find_axes(pieces: Sequence[CutSolid], joints: Sequence[Joint]) -> Floats:
     """Find the axes (k, 3) along which parts can be separated: the normals of joints, then of other cuts.
 
-    Those of the largest joints come first; three orthogonal axes are always among them.
+    The normals of the largest joints come first. Three orthogonal axes are always included.
     """
     faces = sorted((face for joint in joints for face in joint.faces), key=lambda face: -face.area_mm2)
     axes: list[Floats] = []
@@ -62,11 +62,13 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
         is_beside = (_find_overlap_mm(lo[:, 1:], hi[:, 1:]) > TOUCH_MM).all(axis=2) & ~np.eye(
             count, dtype=np.bool_
         )
-        is_beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: i lies wholly beyond j
+        is_beyond = lo[:, None, 0] >= hi[None, :, 0] - TOUCH_MM  # [i, j]: all of part i lies beyond part j
         blocking[k], blocking[k + len(axes)] = is_beside & is_beyond, is_beside & is_beyond.T
-        unclear = is_beside & ~is_beyond & ~is_beyond.T
-        shadows = {i: cast_shadow(solids[i], frame) for i in np.flatnonzero(unclear.any(axis=0)).tolist()}
-        for i, j in np.argwhere(unclear).tolist():
+        needs_shadows = is_beside & ~is_beyond & ~is_beyond.T
+        shadows = {
+            i: cast_shadow(solids[i], frame) for i in np.flatnonzero(needs_shadows.any(axis=0)).tolist()
+        }
+        for i, j in np.argwhere(needs_shadows).tolist():
             blocking[[k, k + len(axes)], i, j] = shadows[i].blocks(shadows[j])
     return blocking
 
@@ -90,5 +92,5 @@ def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floa
     return second, np.cross(axis, second)
 
 
-def _is_new(axis: Floats, known: Sequence[Floats]) -> bool:
-    return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS for other in known)
+def _is_new(axis: Floats, known_axes: Sequence[Floats]) -> bool:
+    return all(float(np.linalg.norm(np.cross(axis, other))) > SAME_AXIS for other in known_axes)

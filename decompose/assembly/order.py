@@ -1,7 +1,8 @@
 """Order of assembly: a tree of steps, each of which joins two bodies along one direction.
 
-The assembly is taken apart in thought: a set of parts is split into two that can be moved apart along an axis
-and that are each held together by glue, until single parts are left. The steps are these splits, backwards.
+The search begins with the complete assembly and takes it apart: a set of parts is split into two that can be
+moved apart along an axis, and each of which is held together by glue, until single parts are left. The steps
+of the assembly are these splits in reverse order.
 A partition into boxes of one frame can always be split so; for others, a set that cannot is a fault.
 """
 
@@ -22,8 +23,8 @@ from decompose.assembly.shadow import TOUCH_MM
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces import CutSolid, Joint
 
-MIN_CLOSING_SHARE = 0.999  # share of the glue that closes along its normal, from which a step does not slide
-ALONG_COS = 0.999  # cosine from which a normal is along a direction
+MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
+ALONG_COS = 0.999  # minimum cosine between a normal and a direction along it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,17 +36,18 @@ class AssemblyStep:
     moved, fixed
         Parts of the body that is moved, and of the one that it is joined to.
     direction
-        (3,) unit vector in the model's frame: the moved body comes from there, against this direction.
+        (3,) unit vector in the model's frame, opposite to the movement of the moved body.
     joints
-        Joints that are glued; none if a loose body is only laid in.
+        Joints that are glued; empty if a loose body is only inserted.
     glue_mm2
         Area of these joints.
     slides
         Whether some of the glued faces slide over each other while the joint closes.
     rests_on
-        Parts on which the fixed body stands while `direction` points up; empty: it must be held.
+        Parts on which the fixed body stands while `direction` points up; empty if it must be held.
     level
-        1 + the greatest level of the steps that make the two bodies: steps of one level can dry side by side.
+        One more than the highest level of the steps that make the two bodies: the glue of all steps of a
+        level can dry at the same time.
     work_s, starts_s
         A person's time for the step, and its start after that of the first step, with one person at work.
     """
@@ -93,7 +95,7 @@ class Assembly:
 
     @property
     def critical_s(self) -> float:
-        """Minimum time with any number of hands: the longest chain of work and drying."""
+        """Minimum time with enough people: the longest chain of work and drying."""
         return compute_critical_path_s([step.work for step in self.steps])
 
     @property
@@ -159,18 +161,19 @@ class _Plan:
         self._high_mm = np.array([height.max(axis=0) for height in heights]).T
         self._volumes_mm3 = np.array([weight.volume_mm3 for weight in self._weights])
         self._glue_mm2 = np.zeros((count, count))
-        self._holding = np.zeros((count, count), dtype=np.bool_)
+        self._has_glue = np.zeros((count, count), dtype=np.bool_)
         self._closing_mm2 = np.zeros((len(self._directions), count, count))
         for joint in joints:
             self._glue_mm2[joint.a, joint.b] = self._glue_mm2[joint.b, joint.a] = joint.area_mm2
-            self._holding[joint.a, joint.b] = self._holding[joint.b, joint.a] = joint.holds(min_glue_mm2)
+            self._has_glue[joint.a, joint.b] = self._has_glue[joint.b, joint.a] = joint.holds(min_glue_mm2)
             for face in joint.faces:
                 along = np.abs(self._directions @ face.normal) > ALONG_COS
                 self._closing_mm2[along, joint.a, joint.b] += face.area_mm2
                 self._closing_mm2[along, joint.b, joint.a] += face.area_mm2
 
     def split(self, parts: Bools, *, outermost: bool) -> int:
-        """Split a set of parts (n,) down to single ones, and append the steps; return the level of the last.
+        """Split a set of parts (n,) into single parts, and append the steps; return the level of the last
+        one.
 
         `outermost`: nothing is glued around the set, so that loose bodies in it need no step.
         """
@@ -191,11 +194,13 @@ class _Plan:
     def _build_step(self, split: _Split, level: int) -> AssemblyStep:
         """Choose the body that is moved: the lighter one, unless only it stands with its joint upwards."""
         moved, fixed, direction = split.moved, split.fixed, split.direction
-        rest = find_rest(self._weights, _list_numbers(fixed), direction)
-        other = find_rest(self._weights, _list_numbers(moved), -direction)
+        resting_parts = find_rest(self._weights, _list_numbers(fixed), direction)
+        other_resting_parts = find_rest(self._weights, _list_numbers(moved), -direction)
         lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
-        if bool(other) > bool(rest) or (lighter and bool(other) == bool(rest)):
-            moved, fixed, direction, rest = fixed, moved, -direction, other
+        if bool(other_resting_parts) > bool(resting_parts) or (
+            lighter and bool(other_resting_parts) == bool(resting_parts)
+        ):
+            moved, fixed, direction, resting_parts = fixed, moved, -direction, other_resting_parts
         number = int(np.argmax(self._directions @ split.direction))
         across = np.outer(moved, fixed)
         glue_mm2 = float((self._glue_mm2 * across).sum())
@@ -210,7 +215,7 @@ class _Plan:
             ),
             glue_mm2=glue_mm2,
             slides=float((self._closing_mm2[number] * across).sum()) < MIN_CLOSING_SHARE * glue_mm2,
-            rests_on=rest,
+            rests_on=resting_parts,
             level=level,
         )
 
@@ -223,10 +228,10 @@ class _Plan:
         if not candidates:
             return None
         glue_mm2 = self._glue_mm2[np.ix_(numbers, numbers)]
-        holding = self._holding[np.ix_(numbers, numbers)]
-        bodies = _count_bodies(holding, np.ones(len(numbers), dtype=np.bool_))
+        has_glue = self._has_glue[np.ix_(numbers, numbers)]
+        bodies = _count_bodies(has_glue, np.ones(len(numbers), dtype=np.bool_))
 
-        def merit(candidate: tuple[int, Bools]) -> tuple[bool, int, float]:
+        def compute_merit(candidate: tuple[int, Bools]) -> tuple[bool, int, float]:
             direction, mask = candidate
             closing = self._closing_mm2[direction][np.ix_(numbers, numbers)]
             across_mm2 = float(glue_mm2[mask][:, ~mask].sum())
@@ -234,11 +239,12 @@ class _Plan:
             return closes, min(int(mask.sum()), int((~mask).sum())), across_mm2
 
         best: tuple[int, tuple[int, Bools]] | None = None
-        for direction, moved in sorted(candidates, key=merit, reverse=True):
-            added = _count_bodies(holding, moved) + _count_bodies(holding, ~moved) - bodies
-            if best is None or added < best[0]:
-                best = added, (direction, moved)
-            if added <= (0 if bodies > 1 else 1):  # one split of a body makes two; loose bodies need none
+        for direction, moved in sorted(candidates, key=compute_merit, reverse=True):
+            added_bodies = _count_bodies(has_glue, moved) + _count_bodies(has_glue, ~moved) - bodies
+            if best is None or added_bodies < best[0]:
+                best = added_bodies, (direction, moved)
+            # The split of one body adds a body; loose bodies are separated without one.
+            if added_bodies <= (0 if bodies > 1 else 1):
                 break
         assert best is not None
         direction, moved = best[1]
@@ -249,18 +255,18 @@ class _Plan:
     def _find_candidates(self, direction: int, numbers: Ints) -> list[tuple[int, Bools]]:
         """Find sets of parts that can be moved along a direction, as masks over `numbers`.
 
-        Each part with all that blocks it; and what lies beyond a plane that cuts no part, each body of it
-        that no other blocks.
+        The candidates are each part with all parts that block it, and the bodies beyond a plane that cuts no
+        part, if no other body blocks them.
         """
         blocked_by = self._blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
             len(numbers), dtype=np.bool_
         )
         reach = _close_transitively(blocked_by)
         sets = [*reach, *self._list_beyond_planes(direction, numbers)]
-        holding = self._holding[np.ix_(numbers, numbers)]
-        for beyond in list(sets):
-            count, label = connected_components(holding[beyond][:, beyond], directed=False)
-            inside = np.flatnonzero(beyond)
+        has_glue = self._has_glue[np.ix_(numbers, numbers)]
+        for candidate in list(sets):
+            count, label = connected_components(has_glue[candidate][:, candidate], directed=False)
+            inside = np.flatnonzero(candidate)
             for body in range(count if count > 1 else 0):
                 mask = np.zeros(len(numbers), dtype=np.bool_)
                 mask[inside[label == body]] = True
@@ -290,9 +296,9 @@ def _close_transitively(relation: Bools) -> Bools:
         reach = longer
 
 
-def _count_bodies(holding: Bools, parts: Bools) -> int:
+def _count_bodies(has_glue: Bools, parts: Bools) -> int:
     """Count the bodies that joints (n, n) hold together among some of the parts (n,)."""
-    count, _ = connected_components(holding[parts][:, parts], directed=False)
+    count, _ = connected_components(has_glue[parts][:, parts], directed=False)
     return int(count)
 
 

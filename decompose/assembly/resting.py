@@ -10,8 +10,8 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes, find_convex_outline, find_half_planes
 
-ON_TABLE_MM = 0.1  # points this near to the lowest one touch the table
-STEADY_MM = 2.0  # minimum distance of the centre of mass inside the rim of what touches the table
+ON_TABLE_MM = 0.1  # maximum height above the lowest point of points that touch the table
+STEADY_MM = 2.0  # minimum distance of the centre of mass from the border of the contact area, inside it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +33,7 @@ class Weight:
 
 
 def find_rest(weights: Sequence[Weight], body: Sequence[int], up: Floats) -> tuple[int, ...]:
-    """Find the parts on which a body stands steadily.
+    """Find the parts on which a body stands without falling over.
 
     Parameters
     ----------

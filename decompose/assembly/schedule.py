@@ -1,7 +1,7 @@
 """Schedule of an assembly: time of each step, and an order of work while glue dries.
 
-The times are estimates; on models of 6 to 12 parts they come to the 3.6 minutes a part of the literature
-(`engines.guillotine.ASSEMBLE_S`).
+The times are estimates; for models of 6 to 12 parts their sum agrees with the 3.6 minutes a part of the
+literature (`engines.guillotine.ASSEMBLE_S`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 DRY_S = 120.0
 """Time until a glued body can be handled: cyanoacrylate sets in 30 s; an estimate."""
-CLEAN_S = 30.0  # to take the brim off a part, when it is used for the first time
-HANDLE_S = 45.0  # to find two bodies, try them dry, and read the page
-HOLD_S = 30.0  # until the glue holds by itself
-UNSTEADY_HOLD_S = 30.0  # more, if the lower body does not stand
-JOINT_S = 10.0  # to line up one more joint
-GLUE_S_PER_MM2 = 0.005  # to spread the glue
+CLEAN_S = 30.0  # to remove the brim of a part before its first use
+HANDLE_S = 45.0  # to find two bodies, fit them without glue, and read the page
+HOLD_S = 30.0  # to hold the bodies until the glue does
+UNSTEADY_HOLD_S = 30.0  # to be added if the lower body does not stand
+JOINT_S = 10.0  # to align each further joint
+GLUE_S_PER_MM2 = 0.005  # to apply the glue
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Work:
 
 
 def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, float]]:
-    """Order steps so that a person works while glue dries.
+    """Order the steps so that a person can work while glue dries.
 
     The next step is the first one in the given order whose bodies are dry; if none are, the one whose
     bodies dry first.
@@ -70,15 +70,15 @@ def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, 
     list of (int, float)
         Index of each step in the order of work, with its start in seconds.
     """
-    waits_for = _find_predecessors(works)
+    predecessors = _find_predecessors(works)
     dry_at_s: dict[int, float] = {}
     order: list[tuple[int, float]] = []
     now_s = 0.0
     while len(order) < len(works):
         ready_s = {
-            i: max([now_s, *(dry_at_s[j] for j in waits_for[i])])
+            i: max([now_s, *(dry_at_s[j] for j in predecessors[i])])
             for i in range(len(works))
-            if i not in dry_at_s and all(j in dry_at_s for j in waits_for[i])
+            if i not in dry_at_s and all(j in dry_at_s for j in predecessors[i])
         }
         number = min(ready_s, key=lambda i: (ready_s[i], i))
         order.append((number, ready_s[number]))
@@ -88,7 +88,7 @@ def order_steps(works: Sequence[Work], dry_s: float = DRY_S) -> list[tuple[int, 
 
 
 def compute_critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> float:
-    """Compute the least time of an assembly with any number of hands: the longest chain of work and drying.
+    """Compute the least time of an assembly with enough people: the longest chain of work and drying.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Shadows of parts along an axis: where each begins and ends on a grid of parallel lines.
 
 A part that is moved along an axis to any distance runs into another if, on some line along that axis, the
-other has material further on. So the ends on all lines decide, without trying one distance after another.
+other has material further on. So the ends of both parts on all lines give the answer for any distance.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from decompose.arrays import Floats
 from decompose.geometry import Solid
 from decompose.jit import jit
 
-LINE_MM = 0.6  # distance of lines: less than two walls of the thinnest part
-LINE_OFFSET_MM = 0.2137  # of the lines from round coordinates, where many parts end
-TOUCH_MM = 0.05  # parts that overlap by less touch
+LINE_MM = 0.6  # distance between lines: less than two walls of the thinnest part
+LINE_OFFSET_MM = 0.2137  # offset of the lines from round coordinates, at which many parts end
+TOUCH_MM = 0.05  # parts with a smaller overlap only touch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,18 +36,18 @@ class Shadow:
     high: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Return whether this part stops the other when that is moved along the axis, and against it."""
+        """Check whether this part stops the other one when that is moved along the axis, and against it."""
         start = np.maximum(self.first, other.first)
         end = np.minimum(np.add(self.first, self.low.shape), np.add(other.first, other.low.shape))
         if (start >= end).any():
             return False, False
-        own, others = (
+        own_lines, other_lines = (
             tuple(slice(a - f, b - f) for a, b, f in zip(start, end, shadow.first, strict=True))
             for shadow in (self, other)
         )
-        along = other.low[others] < self.high[own] - TOUCH_MM
-        against = other.high[others] > self.low[own] + TOUCH_MM
-        return bool(along.any()), bool(against.any())
+        blocks_along = other.low[other_lines] < self.high[own_lines] - TOUCH_MM
+        blocks_against = other.high[other_lines] > self.low[own_lines] + TOUCH_MM
+        return bool(blocks_along.any()), bool(blocks_against.any())
 
 
 def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
@@ -61,19 +61,19 @@ def cast_shadow(solid: Solid, frame: Floats) -> Shadow:
         (3, 3) rows: unit vector of the axis, and two across it.
     """
     vertices, faces = solid.arrays()
-    placed = vertices @ frame.T
-    cells = (placed[:, 1:] - LINE_OFFSET_MM) / LINE_MM
+    rotated_vertices = vertices @ frame.T
+    cells = (rotated_vertices[:, 1:] - LINE_OFFSET_MM) / LINE_MM
     first, last = np.floor(cells.min(axis=0)).astype(np.int64), np.ceil(cells.max(axis=0)).astype(np.int64)
     low = np.full(tuple(last - first + 1), np.inf)
     high = np.full(low.shape, -np.inf)
-    points = np.column_stack([cells - first, placed[:, 0]])
+    points = np.column_stack([cells - first, rotated_vertices[:, 0]])
     _find_ends(points[faces], low, high)
     return Shadow((int(first[0]), int(first[1])), low, high)
 
 
 @jit
 def _find_ends(triangles: Floats, low: Floats, high: Floats) -> None:
-    """Lower `low` and raise `high` (lines, lines) to triangles (m, 3, 3) of line numbers and a coordinate."""
+    """Extend `low` and `high` (lines, lines) to triangles (m, 3, 3) of two line numbers and a coordinate."""
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         doubled_area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -1,9 +1,9 @@
 """Fractional covering of cells by the fewest boxes: a linear programme over all boxes within a time.
 
-Only the largest boxes within the time are used, those in no other one: tens of thousands, too many and too
-wide for a simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
-primal-dual hybrid gradient method (Chambolle and Pock 2011; averages, restarts and the balance of the steps
-as in PDLP, Applegate et al. 2021).
+Only the boxes within the time that no larger one contains are used. These are tens of thousands, with too
+many cells each for a simplex method; but summed-area tables take O(1) for a box. So the programme is solved
+by the primal-dual hybrid gradient method (Chambolle and Pock 2011; averages, restarts and the balance of the
+steps as in PDLP, Applegate et al. 2021).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid import Box, BoxTables, Shape, box_index, index_of
+from decompose.grid import Box, BoxTables, Shape, box_index, compute_index
 from decompose.jit import jit
 
 Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
 
-RESTARTS, STEPS = 60, 100  # most restarts, and steps between them
-TOLERANCE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
-BOUND_TOLERANCE = 1e-3  # share by which the bounds on the fewest boxes differ when the search stops
+RESTARTS, STEPS = 60, 100  # maximum number of restarts, and number of steps between them
+TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the printers by this share
+BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the fewest boxes differ by this share
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class Covering:
         (nx, ny, nz) weights of needed cells, at least 0. No box within the time holds more weight than it has
         pieces (but for rounding), so that their sum is a lower bound on the pieces of any covering.
     boxes
-        (k, 6) int16 boxes that no larger one within the time contains.
+        (k, 6) int16 boxes within the time that no larger one contains.
     shares
-        (k,) share of each that the covering takes, near the least sum.
+        (k,) share of each box in the covering; their sum is near the minimum.
     """
 
     weights: Floats
@@ -52,8 +52,8 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
     tables: as in `_find_largest_boxes`. limit_s: the time. box: half-open, in a grid of `shape` cells.
     """
     seconds, trimmed, pieces = tables
-    index = index_of(box, shape)
-    replaced = False
+    index = compute_index(box, shape)
+    is_replaceable = False
     for face in range(6):
         x0, y0, z0, x1, y1, z1 = box
         larger = index
@@ -62,10 +62,10 @@ def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool
             x1, y1, z1 = x1 + (face == 3), y1 + (face == 4), z1 + (face == 5)
             if min(x0, y0, z0) < 0 or x1 > shape[0] or y1 > shape[1] or z1 > shape[2]:
                 break
-            larger = trimmed[index_of((x0, y0, z0, x1, y1, z1), shape)]
+            larger = trimmed[compute_index((x0, y0, z0, x1, y1, z1), shape)]
         if larger != index and seconds[larger] <= limit_s:
-            replaced = replaced or pieces[larger] <= pieces[index]
-    return replaced
+            is_replaceable = is_replaceable or pieces[larger] <= pieces[index]
+    return is_replaceable
 
 
 @jit
@@ -88,7 +88,7 @@ def _find_largest_boxes(tables: Tables, limit_s: float, shape: Shape, boxes: npt
                 for y1 in range(y0 + 1, ny + 1):
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
-                            box = index_of((x0, y0, z0, x1, y1, z1), shape)
+                            box = compute_index((x0, y0, z0, x1, y1, z1), shape)
                             if not seconds[box] <= limit_s or trimmed[box] != box:
                                 continue
                             if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
@@ -271,10 +271,10 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
     """Search for the best feasible weights and shares, from an iterate that is changed in place.
 
     Primal-dual hybrid gradients with averages and restarts, see the head of this file. The search ends when
-    it is known whether more pieces than printers are needed.
+    it is known whether more pieces are needed than there are printers.
     """
     best_weights, best_shares = current.weights.copy(), current.shares.copy()
-    lower, upper = 0.0, np.inf  # sums of these: the bounds on the fewest boxes
+    lower, upper = 0.0, np.inf  # the sums of both are the bounds on the fewest boxes
     balance = 0.05 * len(p.pieces) / p.needed.sum()
     for _ in range(RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
@@ -321,7 +321,7 @@ def _solve(
     printers
         The search ends when it is known whether more pieces than these are needed.
     weights
-        (nx, ny, nz) float64 to begin with; changed.
+        (nx, ny, nz) float64 initial weights; changed in place.
     """
     programme = _Programme(needed, corners, pieces, np.zeros(len(pieces)), overlap)
     nx, ny, nz = needed.shape
@@ -351,7 +351,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     printers
         The search ends when it is known whether more pieces than these are needed.
     weights
-        (nx, ny, nz) to begin with, 0 if a cell is not needed.
+        (nx, ny, nz) initial weights, 0 if a cell is not needed.
 
     Returns
     -------
@@ -382,9 +382,9 @@ def _find_corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
     _, ny, nz = shape
     x0, y0, z0, x1, y1, z1 = boxes.T
 
-    def at(x: Ints, y: Ints, z: Ints) -> Ints:
+    def find_index(x: Ints, y: Ints, z: Ints) -> Ints:
         return (x * (ny + 1) + y) * (nz + 1) + z
 
-    added = at(x1, y1, z1), at(x0, y0, z1), at(x0, y1, z0), at(x1, y0, z0)
-    subtracted = at(x0, y1, z1), at(x1, y0, z1), at(x1, y1, z0), at(x0, y0, z0)
-    return np.ascontiguousarray(np.stack([*added, *subtracted], axis=1))
+    positive = find_index(x1, y1, z1), find_index(x0, y0, z1), find_index(x0, y1, z0), find_index(x1, y0, z0)
+    negative = find_index(x0, y1, z1), find_index(x1, y0, z1), find_index(x1, y1, z0), find_index(x0, y0, z0)
+    return np.ascontiguousarray(np.stack([*positive, *negative], axis=1))

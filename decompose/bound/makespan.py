@@ -2,8 +2,8 @@
 
 By the tables: no partition of the grid into boxes ends sooner.
 
-The certificate is a weight for each needed cell. Of `n` parts that hold all the weight, one holds at least an
-n-th of it, so the makespan is at least the time of the fastest box that holds that share (a box of k pieces
+The certificate is a weight for each needed cell. If `n` parts hold all the weight, one of them holds at least
+one n-th of it, so the makespan is at least the time of the fastest box with that share (a box of k pieces
 counts as k parts, and has to hold k shares). This holds for any weights; weights are whole numbers, so that
 the comparison is exact, and every box is compared.
 
@@ -26,9 +26,9 @@ from decompose.grid import BoxTables, interval
 from decompose.jit import jit
 from decompose.print_time import MAX_INSET_SHARE, CostModel
 
-UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
-MAX_LIMITS = 30  # maximum number of times T that are tried
-FIRST_SHARE = 0.95  # share of a good partition's makespan at which the search for its bound begins
+UNIT = 1 << 24  # weight of a whole part after rounding to whole numbers
+MAX_LIMITS = 30  # maximum number of times T that are tested
+FIRST_SHARE = 0.95  # the search begins at this share of a good partition's makespan
 TOLERANCE = 0.005  # accuracy of the bound, as a share of it
 
 
@@ -50,21 +50,21 @@ class Bound:
 
 @jit
 def _find_proven_s(
-    sat: Ints,
+    weight_sums: Ints,
     printers: int,
     makespan_s: float,
     seconds: npt.NDArray[np.float32],
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
-    """Find the time of the fastest box that holds the weight due to its pieces; at most makespan_s.
+    """Find the time of the fastest box that holds the share of weight of its pieces; at most makespan_s.
 
-    sat: (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights. seconds, trimmed, pieces: (boxes,)
-    of `BoxTables`.
+    weight_sums: (nx + 1, ny + 1, nz + 1) int64 summed-area table of the weights. seconds, trimmed,
+    pieces: (boxes,) of `BoxTables`.
     """
-    nx, ny, nz = sat.shape[0] - 1, sat.shape[1] - 1, sat.shape[2] - 1
+    nx, ny, nz = weight_sums.shape[0] - 1, weight_sums.shape[1] - 1, weight_sums.shape[2] - 1
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    total = sat[nx, ny, nz]
+    total = weight_sums[nx, ny, nz]
     proven = makespan_s
     for x0 in range(nx):
         for x1 in range(x0 + 1, nx + 1):
@@ -77,8 +77,18 @@ def _find_proven_s(
                             box = row + interval(z0, z1, nz)
                             if not seconds[box] < proven or trimmed[box] != box:
                                 continue
-                            weight = sat[x1, y1, z1] - sat[x0, y1, z1] - sat[x1, y0, z1] - sat[x1, y1, z0]
-                            weight += sat[x0, y0, z1] + sat[x0, y1, z0] + sat[x1, y0, z0] - sat[x0, y0, z0]
+                            weight = (
+                                weight_sums[x1, y1, z1]
+                                - weight_sums[x0, y1, z1]
+                                - weight_sums[x1, y0, z1]
+                                - weight_sums[x1, y1, z0]
+                            )
+                            weight += (
+                                weight_sums[x0, y0, z1]
+                                + weight_sums[x0, y1, z0]
+                                + weight_sums[x1, y0, z0]
+                                - weight_sums[x0, y0, z0]
+                            )
                             if weight * printers >= pieces[box] * total:
                                 proven = float(seconds[box])
     return proven
@@ -87,9 +97,9 @@ def _find_proven_s(
 def _compute_bound(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
     """Compute the bound that some weights prove."""
     whole_weights = np.floor(weights * UNIT).astype(np.int64)
-    sat = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    weight_sums = np.pad(whole_weights, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    return Bound(_find_proven_s(sat, printers, makespan_s, *tables), whole_weights)
+    return Bound(_find_proven_s(weight_sums, printers, makespan_s, *tables), whole_weights)
 
 
 def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
@@ -133,9 +143,10 @@ def bound_makespan(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
 def bound_by_surface_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
     """Compute a lower bound in s on the makespan of any partition that prints a surface and a volume.
 
-    At best all of the surface is level skin, or the flattest slope without skin; cuts, supports, brims and
-    least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time;
-    the savings of each part by shorter inner walls, and by walls over the rim of its skin, are subtracted.
+    In the best case all of the surface is level skin, or the flattest slope without skin; cuts, supports,
+    brims and minimum times of layers only add to it. The work is shared by at most `printers` parts, each
+    with its fixed time; the savings of each part by shorter inner walls, and by walls over the rim of its
+    skin, are subtracted.
 
     Parameters
     ----------

@@ -84,13 +84,13 @@ def draw_parts(
     Parameters
     ----------
     decomposition
-        Parts as `write_parts` returned them.
+        Parts from `write_parts`.
     folder
         Folder that exists.
     find_place
         For the instructions, which show each part on its bed.
     overview, steps
-        Picture of the parts as PNG, and pictures of all steps, if they have been drawn before.
+        Picture of the parts as PNG, and pictures of all steps; None to draw them.
     """
     if overview is None:
         draw_assembly(decomposition.parts, folder / PICTURE)

@@ -17,8 +17,8 @@ from decompose.results import Part
 
 METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 0, 0, 1]])
 """From mm with z up to metres with y up (glTF 2.0, 3.6 "Coordinate system and units")."""
-STEP_S, MOVE_S = 1.5, 1.0  # of each step in the animation; its body moves in the first part
-APART_MM, APART_SHARE = 25.0, 0.3  # least move of a body, also as a share of its extent
+STEP_S, MOVE_S = 1.5, 1.0  # duration of a step in the animation, and of the move in it
+APART_MM, APART_SHARE = 25.0, 0.3  # minimum move of a body, also as a share of its extent
 FLOAT = 5126  # glTF 2.0, 3.6.2.2: component type of single precision
 MODEL = "model"
 
@@ -36,7 +36,7 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
     Returns
     -------
     ndarray
-        (steps, 3) mm, from if the body ends to where it begins.
+        (steps, 3) mm, from the end of the body's move to its start.
     """
     moves = np.zeros((len(steps), 3))
     for row, step in zip(moves, steps, strict=True):
@@ -89,7 +89,7 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
             name=part.id, baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=0.8
         )
         mesh: Any = trimesh.Trimesh(vertices, faces, process=False)
-        mesh.unmerge_vertices()  # edges of a part are sharp
+        mesh.unmerge_vertices()  # the edges of a part are drawn sharp
         mesh.visual = visual.TextureVisuals(material=material)
         scene.add_geometry(mesh, node_name=part.id, geom_name=part.id, parent_node_name=MODEL)
 

@@ -35,7 +35,7 @@ _TEMPLATE = Environment(
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures of a page, as PNG: each step, all parts pulled apart, and all parts on their beds.
+    """Pictures of a page, as PNG: each step, all parts in an exploded view, and all parts on their beds.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
     pictures
         Pictures of its steps and parts.
     faults
-        Faults of the page itself, which it tells first (`find_page_faults`).
+        Faults of the page itself (`find_page_faults`), which it shows first.
     """
     assembly = decomposition.assembly
     steps = [

@@ -1,4 +1,4 @@
-"""Picture of the parts as they come off the beds, laid out in the order of gluing."""
+"""Picture of the parts in their printing poses, in the order of gluing."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from decompose.printers import BedPlace
 from decompose.results import Part
 
 WIDTH_RATIO = 1.5  # columns per row
-GAP = 0.15  # between two places, as a share of the longest side
-EYE_DEG = 50.0  # above the table
+GAP = 0.15  # gap between two parts, as a share of the longest side
+EYE_DEG = 50.0  # elevation of the eye above the table
 LONG_SIDE_PX = 900
 NAME_PT = 9.0
 BED_COLOUR = np.array([0.93, 0.93, 0.95])
@@ -34,7 +34,7 @@ def sort_by_use(parts: Sequence[Part], order: Sequence[int]) -> list[int]:
 
 
 def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None] = ()) -> bytes:
-    """Draw the parts as they were printed, row by row from behind, each with its number and printer.
+    """Draw the parts in their printing poses, row by row from the back, each with its number and printer.
 
     Parameters
     ----------
@@ -80,15 +80,16 @@ def _lay_out(
     shapes, tables, front_mm = [], [], []
     for place, (number, (vertices, faces), bed) in enumerate(zip(order, meshes, beds, strict=True)):
         at_mm = pitch_mm * [place % columns, -(place // columns), 0.0]
-        placed = vertices + at_mm
-        shapes.append(Shape(placed[faces], colours[number]))
-        front = placed[:, 1].min()
+        placed_vertices = vertices + at_mm
+        shapes.append(Shape(placed_vertices[faces], colours[number]))
+        front = placed_vertices[:, 1].min()
         if bed is not None:
             tables.append(Shape(_make_bed(bed) + at_mm, BED_COLOUR))
             front = min(front, at_mm[1] - bed.bed_mm[1] / 2.0)
         front_mm.append([at_mm[0], front, 0.0])
     below_mm = np.min(front_mm, axis=0) - [0.0, GAP / 2.0 * pitch_mm[1], 0.0]
-    names = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))  # no area: room for the last names
+    # A triangle without area reserves room for the last names.
+    names = Shape(np.tile(below_mm, (1, 3, 1)), np.ones(3))
     return [*shapes, *tables, names], np.array(front_mm)
 
 
@@ -108,12 +109,12 @@ def describe_place(place: BedPlace | None) -> str:
 def put_on_bed(vertices: Floats, faces: Ints, bed: BedPlace | None) -> tuple[Floats, Ints]:
     """Move vertices (n, 3) so that the middle of their box is at its place."""
     middle_mm = (vertices.max(axis=0) + vertices.min(axis=0)) / 2.0 * [1.0, 1.0, 0.0]
-    placed = vertices - middle_mm
+    placed_vertices = vertices - middle_mm
     if bed is None:
-        return placed, faces
+        return placed_vertices, faces
     if bed.turned:
-        placed = placed @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return placed + np.array([*bed.at_mm, 0.0]), faces
+        placed_vertices = placed_vertices @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return placed_vertices + np.array([*bed.at_mm, 0.0]), faces
 
 
 def _find_extents(vertices: Floats, bed: BedPlace | None) -> Floats:

@@ -1,4 +1,4 @@
-"""Check of the page of instructions, by reading it: nothing is missing, nothing is loaded."""
+"""Check of the page of instructions by its content: it names all parts and joints, and loads nothing."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
     reader = _Reader()
     reader.feed(page)
     reader.close()
-    expected = Counter(_list_expected(decomposition))
-    faults = [f"{kind} {name} is missing" for kind, name in expected - reader.name_counts]
-    faults += [f"{kind} {name} is named too often" for kind, name in reader.name_counts - expected]
+    expected_names = Counter(_list_expected(decomposition))
+    faults = [f"{kind} {name} is missing" for kind, name in expected_names - reader.name_counts]
+    faults += [f"{kind} {name} is named too often" for kind, name in reader.name_counts - expected_names]
     faults += [f"it loads {address[:80]}" for address in reader.addresses]
     if "url(" in page or "@import" in page:
         faults.append("its style loads something")

@@ -1,4 +1,4 @@
-"""Picture of the assembly: the parts pulled apart, each in its colour with its number."""
+"""Exploded picture of the assembly: each part in a colour of its own, with its number."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from decompose.export.raster import Drawing, Shape, draw, make_camera
 from decompose.files.names import find_part_number
 from decompose.results import Part
 
-EXPLODED_SHARE = 0.28  # move of parts from the middle, as a share of their distance to it
+EXPLODED_SHARE = 0.28  # distance by which parts move from the middle, as a share of their distance to it
 AZIMUTH_DEG, ELEVATION_DEG = -58.0, 22.0  # the eye: from the front, a little from the right and above
 DPI = 100.0
 LABEL_PT, SMALLEST_LABEL_PT = 13.0, 7.0
@@ -34,7 +34,7 @@ def make_part_colours(count: int) -> Floats:
 
 
 def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:
-    """Write a PNG of the parts, exploded, each with the number in its id; those behind others are named.
+    """Write a PNG of the parts, exploded, each with the number in its id; hidden parts are named beside it.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
         shapes.append(Shape((vertices + offset_mm - middle)[faces], colour))
     drawing = draw(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
     figure, axes = make_figure(drawing)
-    hidden = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
-    if hidden:
-        lines = fill(f"behind: {', '.join(hidden)}", max(20, int(drawing.visible.shape[1] / LABEL_PX)))
+    hidden_shapes = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
+    if hidden_shapes:
+        lines = fill(f"behind: {', '.join(hidden_shapes)}", max(20, int(drawing.visible.shape[1] / LABEL_PX)))
         axes.text(
             0.01, 0.01, lines, transform=axes.transAxes, fontsize=LABEL_PT, path_effects=make_white_outline()
         )
@@ -80,12 +80,12 @@ def make_figure(drawing: Drawing) -> tuple[Any, Any]:
 
 
 def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str]:
-    """Write the label of each of the first shapes where it is seen most; return those of hidden shapes."""
-    hidden = []
+    """Write the labels of the first shapes at their most visible places; return those of hidden shapes."""
+    hidden_shapes = []
     windows = find_objects(drawing.visible, len(labels))
     for number, (label, window) in enumerate(zip(labels, windows, strict=True), 1):
         if window is None:
-            hidden.append(label)
+            hidden_shapes.append(label)
             continue
         room = distance_transform_edt(np.pad(drawing.visible[window] == number, 1))
         row, column = np.unravel_index(int(room.argmax()), room.shape)
@@ -94,7 +94,7 @@ def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str
             window[1].start + column - 1, window[0].start + row - 1, label,
             ha="center", va="center", fontsize=points, weight="bold", path_effects=make_white_outline(),
         )  # fmt: skip
-    return hidden
+    return hidden_shapes
 
 
 def make_white_outline() -> list[Any]:

@@ -10,7 +10,7 @@ from decompose.connectors import Pin, list_cuts
 RULER_MM = 100
 LEFT_MM, ROW_MM, RULER_HIGH_MM = 5.0, 11.0, 17.0
 WIDTH_MM = RULER_MM + 2.0 * LEFT_MM
-SAW_MM = 1.0  # lost at each cut
+SAW_MM = 1.0  # width of the saw's cut
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def format_length(length_mm: float) -> str:
 
 
 def format_size(pin: Pin) -> str:
-    """Format the length of a pin, of a key with its diameter."""
+    """Format the length of a pin; for a key, with its diameter."""
     length = format_length(pin.length_mm)
     return length if pin.along is None else f"{length} × {pin.diameter_mm:g}"
 

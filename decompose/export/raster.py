@@ -10,13 +10,12 @@ import numpy as np
 from decompose.arrays import Floats, Ints
 from decompose.jit import jit
 
-LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm(
-    [-0.25, 0.62, 0.74]
-)  # right, up, towards the eye
+# Right, up, towards the eye.
+LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])
 AMBIENT_SHARE = 0.5
-EDGE = 0.6  # brightness left on outlines
-MARGIN = 0.04  # of the longer side
-OUTLINE_DEPTH_SHARE = 0.012  # share of the depth of the scene from which a jump of depth is an outline
+EDGE = 0.6  # brightness of outlines, as a share of that of the colour
+MARGIN = 0.04  # margin as a share of the longer side
+OUTLINE_DEPTH_SHARE = 0.012  # minimum jump of depth at an outline, as a share of the scene's depth
 
 
 @jit
@@ -181,7 +180,7 @@ def draw(shapes: Sequence[Shape], frame: Floats, longest_px: int, oversample: in
     front = np.full((size[1], size[0]), -1)
     _rasterise((triangles - low + margin) * scale, depth, front)
     step = OUTLINE_DEPTH_SHARE * float(np.ptp(triangles[:, :, 2])) * scale
-    number = np.concatenate([[0], *owner])  # of the shape of each triangle; 0 for none
+    number = np.concatenate([[0], *owner])  # number of the shape of each triangle; 0 for none
     return Drawing(
         picture=_colour(front, depth, np.concatenate(colours), step, oversample),
         visible=number[front[::oversample, ::oversample] + 1],

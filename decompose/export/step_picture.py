@@ -1,4 +1,4 @@
-"""Pictures of a step of the assembly: both bodies with the joint upwards, and the moved one turned over."""
+"""Pictures of a step of the assembly: both bodies with the joint upwards, and the moved body turned over."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from decompose.results import Decomposition
 
 AZIMUTHS_DEG = [AZIMUTH_DEG + turn for turn in (0.0, 45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)]
 ELEVATIONS_DEG = (22.0, 38.0)
-TURNED_OVER_DEG = (35.0, 60.0)  # elevations for the moved body alone
+TURNED_OVER_DEG = (35.0, 60.0)  # elevations of the views of the moved body alone
 BEST_TILT = 0.5  # cosine between a face and the eye at which the face and the gap beside it are both seen
-TURN_COST = 0.1  # for each 45 degrees that the eye turns from the step before
-PIN_GAIN = 0.5  # of all pins seen
-MAX_DRAWN_VIEWS = 5  # views that are drawn small, to find hidden faces and pins
+TURN_COST = 0.1  # cost of each 45 degrees that the eye turns from the previous step
+PIN_GAIN = 0.5  # gain if all pins are visible
+MAX_DRAWN_VIEWS = 5  # maximum number of views that are drawn small to find hidden faces and pins
 DRAWN_VIEW_PX = 160
-GAP_SHARE = 0.7  # of the extent of the glued faces across the step: the eye looks in below the moved body
+GAP_SHARE = 0.7  # gap below the moved body, as a share of the extent of the glued faces across the step
 LONG_SIDE_PX, TURNED_OVER_PX = 860, 520
 SCALE_MM = (10.0, 20.0, 50.0, 100.0)  # lengths of the scale bar
 PIN_PT, SCALE_PT = 12.0, 11.0
@@ -56,14 +56,14 @@ class StepPictures:
 
 
 def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = None) -> list[StepPictures]:
-    """Draw steps of the assembly, each from a view near to that of the step before.
+    """Draw steps of the assembly, each from a view close to that of the previous step.
 
     Parameters
     ----------
     decomposition
         Has the parts and the steps.
     first, end
-        Range of the steps that are drawn; all by default. The views of those before are found too.
+        Range of the steps that are drawn; all by default. The views of the steps before it are computed too.
     """
     pictures: list[StepPictures] = []
     azimuth_deg: float | None = None
@@ -87,7 +87,7 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
 def find_pose(direction: Floats) -> Floats:
     """Find the pose of a body with a direction (3,) upwards: rows right, back and up in the model's frame.
 
-    The model is turned as little as can be; upside down, its right stays.
+    The model is turned as little as possible; if it is turned upside down, its right side stays on the right.
     """
     if direction[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
@@ -95,7 +95,7 @@ def find_pose(direction: Floats) -> Floats:
 
 
 def turn_over(pose: Floats, azimuth_deg: float) -> Floats:
-    """Turn a pose (3, 3) by half about the level axis across the view, as a person looks below a body."""
+    """Turn a pose (3, 3) by 180 degrees about the level axis across the view, to show a body from below."""
     right = make_camera(azimuth_deg, 0.0)[0]
     half: Floats = 2.0 * np.outer(right, right) - np.eye(3)
     return half @ pose
@@ -118,7 +118,7 @@ def find_gap_mm(step: AssemblyStep, decomposition: Decomposition) -> float:
 def choose_view(
     scene: Scene, pose: Floats, elevations_deg: Sequence[float], before_deg: float | None
 ) -> tuple[float, float]:
-    """Choose the view that shows most of the glued faces and pins, near that of the step before.
+    """Choose the view that shows most of the glued faces and pins, close to that of the previous step.
 
     Parameters
     ----------
@@ -129,21 +129,21 @@ def choose_view(
     elevations_deg
         Heights of the eye that are tried.
     before_deg
-        Azimuth of the step before.
+        Azimuth of the previous step.
 
     Returns
     -------
     (float, float)
         Azimuth and elevation, for `raster.make_camera`.
     """
-    areas_mm2 = np.array([entry.face.area_mm2 for entry in scene.glued])
-    outwards = np.array([entry.outward for entry in scene.glued]).reshape(-1, 3)
+    areas_mm2 = np.array([entry.face.area_mm2 for entry in scene.glued_faces])
+    outwards = np.array([entry.outward for entry in scene.glued_faces]).reshape(-1, 3)
 
-    def merit(view: tuple[float, float]) -> float:
+    def compute_merit(view: tuple[float, float]) -> float:
         tilts = outwards @ (make_camera(*view) @ pose)[2]
-        shown_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
+        visible_mm2 = areas_mm2 @ np.where(tilts > 0.0, 1.0 - np.abs(tilts - BEST_TILT), 0.0)
         turn_deg = 0.0 if before_deg is None else abs((view[0] - before_deg + 180.0) % 360.0 - 180.0)
-        return float(shown_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
+        return float(visible_mm2 / (areas_mm2.sum() or 1.0) - TURN_COST * turn_deg / 45.0)
 
     def count(view: tuple[float, float]) -> float:
         drawing = draw(scene.shapes, make_camera(*view) @ pose, DRAWN_VIEW_PX, oversample=1)
@@ -157,12 +157,12 @@ def choose_view(
     views = [
         (azimuth_deg, elevation_deg) for elevation_deg, azimuth_deg in product(elevations_deg, AZIMUTHS_DEG)
     ]
-    best = sorted(views, key=merit, reverse=True)[:MAX_DRAWN_VIEWS]
-    return max(best, key=lambda view: count(view) + merit(view))
+    best = sorted(views, key=compute_merit, reverse=True)[:MAX_DRAWN_VIEWS]
+    return max(best, key=lambda view: count(view) + compute_merit(view))
 
 
 def name_top(camera: Floats) -> str:
-    """Name the place of the model's top in a picture by a camera (3, 3)."""
+    """Describe in which direction of a camera's (3, 3) picture the model's top is."""
     right, up, towards_eye = camera[:, 2]
     names = [
         (up, "upwards"), (-up, "downwards"), (right, "to the right"), (-right, "to the left"),
@@ -215,7 +215,7 @@ def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Fl
 def _draw_arrow(
     axes: Any, drawing: Drawing, step: AssemblyStep, decomposition: Decomposition, apart_mm: Floats
 ) -> None:
-    """Draw the way of the moved body as an arrow from its middle."""
+    """Draw the movement of the moved body as an arrow from its middle."""
     bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved]
     middle = np.mean([bound.mean(axis=0) for bound in bounds], axis=0)
     start, end = drawing.place(np.array([middle + apart_mm, middle]))

@@ -21,10 +21,10 @@ GLUE_COLOUR = np.array([1.0, 0.35, 0.0])
 INK = np.array([0.08, 0.08, 0.08])
 PIN_COLOUR = np.array([0.1, 0.35, 0.9])
 TABLE_COLOUR = np.array([0.9, 0.9, 0.92])
-LIFT_MM = 0.05  # of the tint off its face; ink lies three times as high
-INK_MM, INK_SHARE = 1.2, 0.005  # least width of a stroke, also as a share of the scene
-TABLE_SHARE = 0.1  # by which the table is larger than what stands on it
-SIDES = 12  # of a pin
+LIFT_MM = 0.05  # height of the colour above its face; ink lies three times as high
+INK_MM, INK_SHARE = 1.2, 0.005  # minimum width of a stroke, also as a share of the scene
+TABLE_SHARE = 0.1  # margin of the table around the body, as a share of its size
+SIDES = 12  # number of a pin's side faces
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class Scene:
     ----------
     parts
         Numbers of the parts, whose shapes come first.
-    glued
+    glued_faces
         Faces to glue.
     pins
         Pins, of which each has one shape after those of the faces: a rod, or the mouth of its hole.
@@ -52,22 +52,22 @@ class Scene:
     """
 
     parts: tuple[int, ...]
-    glued: Sequence[GluedFace]
+    glued_faces: Sequence[GluedFace]
     pins: Sequence[Pin]
     shapes: list[Shape]
 
     @property
     def first_pin(self) -> int:
         """Number of the first pin's shape."""
-        return len(self.parts) + len(self.glued)
+        return len(self.parts) + len(self.glued_faces)
 
 
 def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[GluedFace]:
-    """Find the faces that a step glues; the fixed part's own triangles on the plane tell its outside."""
+    """Find the faces that a step glues; the fixed part's triangles in the plane give its outside."""
     glued_faces = []
     for joint in (decomposition.joints[number] for number in step.joints):
-        fixed = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
-        vertices, faces = fixed.solid.arrays()
+        fixed_part = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
+        vertices, faces = fixed_part.solid.arrays()
         for face in joint.faces:
             plane = np.append(face.normal, face.offset_mm)[None]
             a, b, c = np.moveaxis(vertices[faces[find_cut_faces(vertices, faces, plane)]], 1, 0)
@@ -77,7 +77,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
 
 
 def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> Scene:
-    """Build the scene of a step: the fixed body with its pins, on a table if it stands, the other one apart.
+    """Build the scene of a step: the fixed body with its pins, on a table if it stands, and the moved body.
 
     Parameters
     ----------
@@ -89,37 +89,37 @@ def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> S
         (3,) offset of the moved body from its place.
     """
     step = decomposition.assembly.steps[number]
-    glued = find_glued_faces(step, decomposition)
+    glued_faces = find_glued_faces(step, decomposition)
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
     shapes = [
         *_paint_parts(step.fixed, decomposition, np.zeros(3)),
         *_paint_parts(step.moved, decomposition, apart_mm),
-        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued),
+        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_make_rod(pin), PIN_COLOUR) for pin in pins),
-        *(Shape(fill_face(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR) for entry in glued),
+        *(Shape(fill_face(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR) for entry in glued_faces),
         *_write_codes(step, step.fixed, decomposition),
     ]
     if step.rests_on:
         shapes.append(Shape(_make_table(step, decomposition), TABLE_COLOUR))
-    return Scene((*step.fixed, *step.moved), glued, pins, shapes)
+    return Scene((*step.fixed, *step.moved), glued_faces, pins, shapes)
 
 
 def build_moved(number: int, decomposition: Decomposition) -> Scene:
     """Build the scene of the moved body of a step alone, with the mouths of its holes."""
     step = decomposition.assembly.steps[number]
-    glued = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]
+    glued_faces = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
     shapes = [
         *_paint_parts(step.moved, decomposition, np.zeros(3)),
-        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued),
+        *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_fill_mouth(pin.holes[0]), INK) for pin in pins),
         *_write_codes(step, step.moved, decomposition),
     ]
-    return Scene(step.moved, glued, pins, shapes)
+    return Scene(step.moved, glued_faces, pins, shapes)
 
 
 def fill_face(face: JointFace, outward: Floats) -> Floats:
-    """Build triangles (m, 3, 3) of a face, a little before it."""
+    """Build triangles (m, 3, 3) of a face, slightly in front of it."""
     offset_mm = face.offset_mm * face.normal + LIFT_MM * outward
     triangles = []
     for polygon in list_polygons(face.outline):
@@ -212,6 +212,6 @@ def _turn_towards(triangles: Floats, outward: Floats) -> Floats:
     """Turn flat triangles (m, 3, 3) so that they are seen from a side (3,)."""
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     is_reversed = normal @ outward < 0.0
-    turned = triangles.copy()
-    turned[is_reversed] = turned[is_reversed][:, ::-1]
-    return turned
+    turned_triangles = triangles.copy()
+    turned_triangles[is_reversed] = turned_triangles[is_reversed][:, ::-1]
+    return turned_triangles

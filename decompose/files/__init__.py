@@ -1,1 +1,1 @@
-"""Files of models and of decompositions: limits and names, apart so that reading them loads nothing else."""
+"""Files of models and of decompositions: limits and names, whose import loads nothing else."""

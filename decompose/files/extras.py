@@ -1,4 +1,4 @@
-"""Extras that read more kinds of files, apart so that asking for them loads nothing else."""
+"""Optional packages that read more file formats, in a module whose import loads nothing else."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import importlib.util
 
 
 def reads_step() -> bool:
-    """Return whether the package that reads STEP is installed."""
+    """Check whether the package that reads STEP is installed."""
     return importlib.util.find_spec("cascadio") is not None

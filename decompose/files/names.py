@@ -1,4 +1,4 @@
-"""Names of files and parts of a decomposition, apart so that reading them loads nothing else."""
+"""Names of files and parts of a decomposition, in a module whose import loads nothing else."""
 
 REPORT, PICTURE, ASSEMBLY = "decomposition.json", "assembly.png", "assembly.glb"
 INSTRUCTIONS = "instructions.html"

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 
 from decompose.errors import ModelTooDetailed
 
-BYTES_PER_TRIANGLE = 1500  # maximum memory for reading and repairing, measured per triangle
-OTHER_BYTES = 256 * 2**20  # memory of a process with the libraries that this needs
+BYTES_PER_TRIANGLE = 1500  # maximum memory for reading and repairing a triangle, measured
+OTHER_BYTES = 256 * 2**20  # memory of a process with its libraries
 HEAD_BYTES = 64 * 1024
 """Number of first bytes of a file that suffice here."""
 
@@ -30,7 +30,7 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
     size
         Number of bytes of the whole file.
     suffix
-        Its format, like `.stl`; a format that does not give its number of triangles first passes.
+        Its format, like `.stl`; a format without a number of triangles in its first bytes passes.
     memory_bytes
         Memory of the process that will read it.
 
@@ -81,7 +81,7 @@ def count_off_faces(head: bytes) -> int:
 
 
 def _count_stl_faces(head: bytes, size: int) -> int:
-    """Count the faces of a binary STL: those that its header promises, if the file is large enough."""
+    """Count the faces of a binary STL: the number in its header, if the file is large enough for it."""
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
     if len(head) < begin or not is_binary_stl(head):
         return 0

@@ -7,12 +7,12 @@ import numpy as np
 from decompose.arrays import Floats
 from decompose.jit import jit
 
-FLAT_MM2 = 1e-9  # twice the area below which three points count as collinear
+FLAT_MM2 = 1e-9  # three points with less than half this area are collinear
 
 
 @jit
 def find_convex_outline(points: Floats) -> Floats:
-    """Find the corners (k, 2), anticlockwise, of the convex outline about points; none without area.
+    """Find the corners (k, 2), anticlockwise, of the convex outline about points; empty if it has no area.
 
     By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
 
@@ -110,7 +110,7 @@ def find_smallest_rectangle(outline: Floats) -> float:
         along_edge = outline[:, 0] * ux + outline[:, 1] * uy
         across = outline[:, 1] * ux - outline[:, 0] * uy
         u, v = along_edge.max() - along_edge.min(), across.max() - across.min()
-        if u * v < best - 1e-6:  # of rectangles of equal size, the first
+        if u * v < best - 1e-6:  # of rectangles of equal size, the first one is taken
             best = u * v
             angle = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)
     return float(angle)

@@ -16,11 +16,12 @@ from decompose.files.triangle_limit import (
     read_face_count,
 )
 
-MAX_CORNERS = 10_000  # maximum number in one face: more triangles about one corner take hours to repair
+# Maximum number of corners of a face: more triangles about one corner take hours to repair.
+MAX_CORNERS = 10_000
 MAX_PLY_HEADER_BYTES = HEAD_BYTES
 
 _COMMENTS = (b"#", b"comment")
-_CORNER_BYTES = 4  # of a binary PLY
+_CORNER_BYTES = 4  # minimum bytes of a corner in a binary PLY
 _CONTINUED = re.compile(rb"\\\r?\n")
 _PLY_BINARY = re.compile(rb"format\s+binary")
 
@@ -79,6 +80,6 @@ def _count_corners(data: bytes) -> int:
         data = _CONTINUED.sub(b" ", data)
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     begins, ends = np.append(0, ends + 1), np.append(ends, len(data))
-    is_long = ends - begins > 2 * MAX_CORNERS  # a digit and a blank
+    is_long = ends - begins > 2 * MAX_CORNERS  # a corner takes at least a digit and a blank
     lines = (data[begin:end].split() for begin, end in zip(begins[is_long], ends[is_long], strict=True))
     return max((len(words) - 1 for words in lines if words and not words[0].startswith(_COMMENTS)), default=0)

@@ -41,8 +41,8 @@ from decompose.geometry.weld import weld_triangles
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 TINY_MM = 5.0  # longest side below which the unit is probably not the mm
 SMALLEST_MM = 0.1  # thinner than the line of any nozzle
-LARGEST_MM = 1e6  # further from the origin double precision is too coarse for cuts
-FLAT_RATIO = 1e-6  # of the longest side
+LARGEST_MM = 1e6  # maximum coordinate: beyond it double precision is too coarse for cuts
+FLAT_RATIO = 1e-6  # minimum thickness, as a share of the longest side
 _BATCH = 100_000  # triangles that are measured at a time
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
@@ -128,7 +128,7 @@ def load_model(
 
 
 def _check_size_options(scale: float | None, longest_side_mm: float | None) -> None:
-    """Refuse a scale or a longest side that no model can have, and both together."""
+    """Refuse a scale or a longest side that no model can have, and the combination of both."""
     for flag, value in (("--scale", scale), ("--longest-side", longest_side_mm)):
         if value is not None and not 0.0 < value <= sys.float_info.max:
             raise BadSize(f"{flag} {value}: give a number above 0")
@@ -148,11 +148,11 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
         )
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     reach = float(np.abs([lo, hi]).max())
-    unit = reach or 1.0  # the squares of its multiples neither overflow nor vanish
-    batches = (triangles[i : i + _BATCH] / unit for i in range(0, len(triangles), _BATCH))
+    scale = reach or 1.0  # so that squares neither overflow nor underflow
+    batches = (triangles[i : i + _BATCH] / scale for i in range(0, len(triangles), _BATCH))
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in batches):
         raise ModelEmpty(f"{name}: holds no triangle with an area; export the model again")
-    size = hi / unit - lo / unit
+    size = hi / scale - lo / scale
     if size.min() <= FLAT_RATIO * size.max():
         axis = "xyz"[int(size.argmin())]
         raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
@@ -160,7 +160,7 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
 
 
 def _flatten(text: str) -> str:
-    """Replace line breaks and unprintable characters; file names may hold anything."""
+    """Replace line breaks and unprintable characters, which file names may contain."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
@@ -198,7 +198,7 @@ def _read_triangles(
 
 
 def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """Refuse a part of an STL; return a whole one without bytes behind its triangles, and its notices."""
+    """Refuse an incomplete STL; return a complete one without bytes after its triangles, and its notices."""
     if not is_binary_stl(data):
         if b"endsolid" not in data[-1000:].lower():
             raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
@@ -213,7 +213,7 @@ def _check_stl(name: str, data: bytes) -> tuple[bytes, tuple[str, ...]]:
         )
     if stated_count == present:
         return data, ()
-    # Some programs put colours or their name after the last triangle.
+    # Some programs write colours or their name after the last triangle.
     stl_bytes = STL_HEADER_BYTES + STL_COUNT_BYTES + stated_count * STL_FACE_BYTES
     return data[:stl_bytes], (f"Left out {len(data) - stl_bytes} bytes after the last triangle.",)
 
@@ -223,13 +223,13 @@ def _load_triangles(name: str, data: bytes, suffix: str) -> Floats:
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors are raised as ModelUnreadable
     try:
         with np.errstate(all="ignore"):  # normals of hostile files; coordinates are checked by the caller
-            loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
-            triangles = np.array(loaded.triangles, dtype=np.float64)
-    except Exception as error:  # on hostile bytes a reader may raise anything
+            mesh: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
+            triangles = np.array(mesh.triangles, dtype=np.float64)
+    except Exception as error:  # for hostile bytes a reader may raise any exception
         reason = (
             _flatten(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
         )
-        if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings
+        if isinstance(error, ImportError):  # the reader imports a package that guesses encodings
             reason = "its text is not UTF-8"
         raise ModelUnreadable(
             f"{name}: cannot be read as {suffix[1:].upper()} ({reason}); export it again"

@@ -1,7 +1,7 @@
-"""Surfaces that overlap themselves, made one solid.
+"""Repair of surfaces that overlap themselves: their limbs are united to one solid.
 
-Where two limbs of one surface run through each other, their common volume counts twice. Upright rays find
-such places. The surface is cut there, so that the limbs are separate pieces, and the pieces are united.
+Where two limbs of one surface intersect, their common volume counts twice. Vertical rays find such places.
+The surface is cut there, so that the limbs are separate pieces, and the pieces are united.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from decompose.errors import ModelNotSolid
 from decompose.geometry.rays import Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.geometry.solid import Solid
 
-RAYS = 40_000  # approximate number over the area of a solid seen from above
-MARGIN_STEPS = 2.0  # between rays, about the place that they show
-ROUNDING_SHARE = 1e-7  # of the height: solid that counts twice along less than this is rounding
-HALVINGS = 4  # of a piece in which the limbs are still connected
-LEFT_SHARE = 0.1  # of an overlap that may remain once its limbs are united: more is a fold, which is kept
-MAX_PLACES = 64  # the largest ones
-MAX_ROUNDS = 4  # each cuts the whole surface: a million faces take seconds
-LOST_SHARE = 0.1  # of the overlaps: the volume may also change by this, plus 0.001 of the solid
+RAYS = 40_000  # approximate number of rays over the area of a solid seen from above
+MARGIN_STEPS = 2.0  # margin around the rays that meet an overlap, in steps between rays
+ROUNDING_SHARE = 1e-7  # minimum height of an overlap, as a share of the solid's height: less is rounding
+HALVINGS = 4  # maximum number of times that a piece is halved to separate its limbs
+# Share of an overlap that may remain after its limbs are united: more is a fold, which is kept.
+LEFT_SHARE = 0.1
+MAX_PLACES = 64  # maximum number of places, the largest first
+MAX_ROUNDS = 4  # each round cuts the whole surface: a million faces take seconds
+MAX_LOST_SHARE = 0.1  # maximum unexpected loss of volume: this share of the overlaps plus 0.001 of the solid
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +45,12 @@ class Overlaps:
 
 
 def find_overlaps(solid: Solid) -> Overlaps:
-    """Find the places where a closed surface overlaps itself, by upright rays.
+    """Find the places where a closed surface overlaps itself, by vertical rays.
 
     Parameters
     ----------
     solid
-        Solid whose surface may run through itself.
+        Solid whose surface may intersect itself.
 
     Returns
     -------
@@ -60,7 +61,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
     triangles = np.ascontiguousarray(vertices[faces])
     lo, hi = find_bounds(triangles)
     width, depth, height = (hi - lo).tolist()
-    step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # a sliver has few rays too
+    step_mm = max(math.sqrt(width * depth / RAYS), max(width, depth) / RAYS)  # in a sliver there are few rays
     shape = math.ceil(width / step_mm), math.ceil(depth / step_mm)
     # Off the middle by an irregular share: a ray through an edge of the mesh could count twice.
     origin_mm = lo[:2] + step_mm * (0.5 + np.array([0.0123, 0.0271]))
@@ -69,7 +70,9 @@ def find_overlaps(solid: Solid) -> Overlaps:
     ray = np.repeat(np.arange(len(crossings.start) - 1), np.diff(crossings.start))
     counts = np.concatenate([[0], np.cumsum(np.where(normals[crossings.face, 2] < 0.0, 1, -1))])
     inside_of = counts[1:] - counts[crossings.start[ray]]
-    is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[ray]  # else it met a sliver
+    is_whole = (counts[crossings.start[1:]] == counts[crossings.start[:-1]])[
+        ray
+    ]  # with an odd number, the ray has met a sliver
     length_mm = np.append(np.diff(crossings.z_mm), 0.0)
     is_twice = is_whole & (inside_of > 1) & (length_mm > ROUNDING_SHARE * height)
     excess_mm = ((inside_of - 1) * length_mm)[is_twice]
@@ -91,7 +94,7 @@ def find_overlaps(solid: Solid) -> Overlaps:
 
 
 def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
-    """Unite the limbs of a solid that run through each other.
+    """Unite the limbs of a solid that intersect each other.
 
     Parameters
     ----------
@@ -101,38 +104,38 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     Returns
     -------
     tuple
-        The solid that counts once where limbs overlapped, and the volume in mm3 that had counted more than
-        once; the same solid and 0 if nothing overlaps, if all overlaps are folds of one limb, or if more
+        The solid, in which overlaps count once, and the volume in mm3 that counted more than once before; the
+        same solid and 0 if nothing overlaps, if all overlaps are folds of one limb, or if more
         than the overlaps would be lost.
     """
-    before = find_overlaps(solid)
-    united, remaining = solid, list(before.boxes_mm[:MAX_PLACES])
+    overlaps_before = find_overlaps(solid)
+    united_solid, remaining_boxes = solid, list(overlaps_before.boxes_mm[:MAX_PLACES])
     try:
         for _ in range(MAX_ROUNDS):
-            chosen_numbers = _choose_apart(remaining)
-            united = _unite_places(united, [remaining[i] for i in chosen_numbers])
-            remaining = [box_mm for i, box_mm in enumerate(remaining) if i not in chosen_numbers]
-        if united is solid:
+            chosen_numbers = _choose_apart(remaining_boxes)
+            united_solid = _unite_places(united_solid, [remaining_boxes[i] for i in chosen_numbers])
+            remaining_boxes = [box_mm for i, box_mm in enumerate(remaining_boxes) if i not in chosen_numbers]
+        if united_solid is solid:
             return solid, 0.0
-        resolved_mm3 = before.volume_mm3 - find_overlaps(united).volume_mm3
-        is_same = resolved_mm3 > 0.0 and _is_same_but_for(resolved_mm3, solid, united)
-    except ModelNotSolid:  # an operation failed: the solid is what it was without it
+        resolved_mm3 = overlaps_before.volume_mm3 - find_overlaps(united_solid).volume_mm3
+        is_same = resolved_mm3 > 0.0 and _is_same_but_for(resolved_mm3, solid, united_solid)
+    except ModelNotSolid:  # an operation failed: the solid stays as it was
         is_same = False
-    return (united, resolved_mm3) if is_same else (solid, 0.0)
+    return (united_solid, resolved_mm3) if is_same else (solid, 0.0)
 
 
-def _is_same_but_for(resolved_mm3: float, solid: Solid, united: Solid) -> bool:
-    """Check that uniting has lost no body, no volume besides, and none of the size."""
-    besides_mm3 = abs(solid.volume_mm3 - united.volume_mm3 - resolved_mm3)
+def _is_same_but_for(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
+    """Check that the union has lost no body, no volume besides the overlaps, and none of the size."""
+    besides_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
-        besides_mm3 <= LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
-        and np.allclose(united.bounds_mm, solid.bounds_mm)
-        and len(united.pieces()) <= len(solid.pieces())
+        besides_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3
+        and np.allclose(united_solid.bounds_mm, solid.bounds_mm)
+        and len(united_solid.pieces()) <= len(solid.pieces())
     )
 
 
 def _choose_apart(boxes_mm: list[Floats]) -> list[int]:
-    """Choose boxes (2, 3) of which none touches another, the first ones first."""
+    """Choose boxes (2, 3) of which none touches another; earlier boxes take precedence."""
     numbers: list[int] = []
     for i, box in enumerate(boxes_mm):
         if all(((box[0] > boxes_mm[k][1]) | (box[1] < boxes_mm[k][0])).any() for k in numbers):
@@ -141,23 +144,23 @@ def _choose_apart(boxes_mm: list[Floats]) -> list[int]:
 
 
 def _unite_places(solid: Solid, boxes_mm: list[Floats]) -> Solid:
-    """Unite the limbs in boxes that do not touch; the same solid if all hold folds of one limb."""
+    """Unite the limbs in boxes that do not touch; return the same solid if all contain folds of one limb."""
     results = [(box_mm, _unite_limbs(solid.clip(*box_mm))) for box_mm in boxes_mm]
-    found = [(box_mm, united) for box_mm, united in results if united is not None]
-    if not found:
+    united_places = [(box_mm, united_solid) for box_mm, united_solid in results if united_solid is not None]
+    if not united_places:
         return solid
-    rest = solid.subtract(Solid.union([Solid.box(*box_mm) for box_mm, _ in found]))
-    return Solid.union([rest, *(united for _, united in found)])
+    other_solid = solid.subtract(Solid.union([Solid.box(*box_mm) for box_mm, _ in united_places]))
+    return Solid.union([other_solid, *(united_solid for _, united_solid in united_places)])
 
 
-def _unite_limbs(inner: Solid) -> Solid | None:
+def _unite_limbs(solid_in_box: Solid) -> Solid | None:
     """Unite the limbs in a box around an overlap; None if it is a fold of one limb."""
-    limbs = [limb for piece in inner.pieces() for limb in _split_limbs(piece, HALVINGS)]
+    limbs = [limb for piece in solid_in_box.pieces() for limb in _split_limbs(piece, HALVINGS)]
     if len(limbs) < 2:
         return None
-    united = Solid.union(limbs)
-    is_fold = find_overlaps(united).volume_mm3 > LEFT_SHARE * find_overlaps(inner).volume_mm3
-    return None if is_fold else united
+    united_solid = Solid.union(limbs)
+    is_fold = find_overlaps(united_solid).volume_mm3 > LEFT_SHARE * find_overlaps(solid_in_box).volume_mm3
+    return None if is_fold else united_solid
 
 
 def _split_limbs(piece: Solid, halvings: int) -> list[Solid]:

@@ -1,4 +1,4 @@
-"""Kernels of upright rays through a mesh: the heights at which they cross its faces."""
+"""Kernels of vertical rays through a mesh: the heights at which they cross its faces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from decompose.jit import jit, jit_inline
 
 
 class Rays(NamedTuple):
-    """Upright rays on a square grid.
+    """Vertical rays on a square grid.
 
     Attributes
     ----------
@@ -85,16 +85,16 @@ def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
     crossings = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
     fill_counts = np.zeros(nx * ny, np.int64)
     edges = np.zeros((3, 4))
-    for turn in range(2):  # count, then fill
+    for turn in range(2):  # first the crossings are counted, then filled in
         if turn == 1:
             crossings = _allocate_crossings(crossings.start)
         for t in range(len(triangles)):
             if normals[t, 2] == 0.0:
                 continue
-            left, right = _set_edges(triangles, t, edges)
+            left_x, right_x = _set_edges(triangles, t, edges)
             (ax, ay, az), slope_x, slope_y, (lowest, highest) = _compute_plane(triangles, normals, t)
-            first = max(0, int(np.ceil((left - x0) / step)))
-            for i in range(first, min(nx, int(np.ceil((right - x0) / step)))):
+            first = max(0, int(np.ceil((left_x - x0) / step)))
+            for i in range(first, min(nx, int(np.ceil((right_x - x0) / step)))):
                 x = x0 + i * step
                 low, high = _find_edge_span(edges, x)
                 if low > high:
@@ -125,16 +125,16 @@ def _set_edges(triangles: Floats, t: int, edges: Floats) -> tuple[float, float]:
 
     edges: (3, 4) float64, filled in: x at the left and the right end, y at the left end, and slope.
     """
-    left, right = np.inf, -np.inf
+    left_x, right_x = np.inf, -np.inf
     for k in range(3):
         p, q = k, (k + 1) % 3
         if triangles[t, p, 0] > triangles[t, q, 0]:
-            p, q = q, p  # so that both triangles of an edge find the same y
+            p, q = q, p  # so that both triangles of an edge have the same y
         px, qx = triangles[t, p, 0], triangles[t, q, 0]
         edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangles[t, p, 1]
         edges[k, 3] = (triangles[t, q, 1] - triangles[t, p, 1]) / (qx - px) if qx > px else 0.0
-        left, right = min(left, px), max(right, qx)
-    return left, right
+        left_x, right_x = min(left_x, px), max(right_x, qx)
+    return left_x, right_x
 
 
 @jit_inline

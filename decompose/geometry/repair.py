@@ -1,7 +1,7 @@
 """Repair of triangles to a closed solid, with a sentence on each change, or a refusal.
 
-A repair is judged by its effect on the surface: nothing of it may be lost or moved, unless it now lies
-inside, and little may be added.
+A repair is judged by its effect on the surface: no part of it may be lost or moved, unless it now lies
+inside, and only little may be added.
 """
 
 from __future__ import annotations
@@ -29,16 +29,17 @@ from decompose.geometry.solid import Solid
 from decompose.geometry.weld import EdgeUses, Surface, count_edge_uses
 from decompose.jit import jit
 
-NEAR_SHARE = 0.005  # of the longest side: the surface may move by this
-LOST_SHARE = 0.02  # of the surface may be further than that from the repaired one and not inside it
+NEAR_SHARE = 0.005  # distance by which the surface may move, as a share of the longest side
+# Share of the surface that may be further than this from the repaired one and outside of it.
+MAX_LOST_SHARE = 0.02
 NEW_SHARE = 0.20  # maximum share of new surface in the repaired one
 EXTENT_SHARE = 0.05  # maximum change of the size, as a share of it
 SAMPLES = 40_000  # number of points on a surface to which distances are measured
 PROBES = 5_000  # number of points from which they are measured
-THIN_SHARE = 1e-9  # of area^1.5: a surface around less volume encloses nothing
-NEIGHBOURS = 6  # triangles of the nearest samples whose distance is computed exactly
-# Each body is closed and joined by itself. Real models have hundreds of them at most; loose triangles are one
-# body each, no solid, and a large file of them would take hours.
+THIN_SHARE = 1e-9  # minimum enclosed volume, as a share of area^1.5
+NEIGHBOURS = 6  # number of nearest samples whose triangles' distance is computed exactly
+# Each body is closed and joined separately. Real models have hundreds of bodies at most. Each loose triangle
+# is a body, and a large file of them would take hours.
 MAX_BODIES = 1000
 
 
@@ -52,7 +53,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
     Raises
     ------
     ModelNotSolid
-        It bounds no solid, or closing it would lose or invent much of it.
+        It bounds no solid, or closing it would remove or add too much.
     """
     repairs = list(surface.repairs)
     before = _list_bodies(name, surface)
@@ -130,19 +131,22 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
         if parts is None or not all(
             is_flat(part.vertices[rim]) for part in parts for rim in find_rims(part.faces)
         ):
-            repaired = _run_mesh_fix(body)
-            if repaired is not None and (parts is None or not _is_far(body, repaired).mean() > LOST_SHARE):
-                closed_bodies.append(repaired)
+            repaired_mesh = _run_mesh_fix(body)
+            if repaired_mesh is not None and (
+                parts is None or not _is_far(body, repaired_mesh).mean() > MAX_LOST_SHARE
+            ):
+                closed_bodies.append(repaired_mesh)
                 is_changed = True
                 continue
-            is_changed = is_changed or parts is None  # it cannot be closed, and is left out
+            is_changed = is_changed or parts is None  # a body that cannot be closed is left out
         for part in parts or []:
             (closed_bodies if part.is_watertight else open_bodies).append(part)
     if open_bodies:
-        merged: Any = trimesh.util.concatenate(open_bodies)
-        faces = np.concatenate([merged.faces, cap_holes(merged.vertices, merged.faces)])
+        merged_mesh: Any = trimesh.util.concatenate(open_bodies)
+        faces = np.concatenate([merged_mesh.faces, cap_holes(merged_mesh.vertices, merged_mesh.faces)])
         closed_bodies += [
-            trimesh.Trimesh(*shell, process=False) for shell in split_shells(merged.vertices, faces) or []
+            trimesh.Trimesh(*shell, process=False)
+            for shell in split_shells(merged_mesh.vertices, faces) or []
         ]
     thick_shells = []
     for body in closed_bodies:
@@ -169,12 +173,12 @@ def _run_mesh_fix(body: Any) -> Any:
         fixer.repair(joincomp=True, remove_smallest_components=False)
     except Exception:  # the compiled repair does not document its errors
         return None
-    repaired: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
-    return repaired if len(repaired.faces) and repaired.is_watertight else None
+    repaired_mesh: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
+    return repaired_mesh if len(repaired_mesh.faces) and repaired_mesh.is_watertight else None
 
 
 def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> float:
-    """Measure the share of new surface; refuse a repair that changes so much that it invents a model."""
+    """Measure the share of new surface; refuse a repair that changes too much of the model."""
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _draw_probes(before, PROBES)
     far_probes = probes[_is_far(before, after)]
@@ -188,7 +192,7 @@ def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> flo
             f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; mend it by hand"
         )
     shrink = float(np.abs(after.bounds - before.bounds).max() / np.ptp(before.bounds, axis=0).max())
-    if lost_share > LOST_SHARE or shrink > EXTENT_SHARE:
+    if lost_share > MAX_LOST_SHARE or shrink > EXTENT_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "
             f"change its size by {100 * shrink:.0f} %; mend it by hand"
@@ -217,7 +221,7 @@ def _is_far(mesh: Any, other: Any) -> Bools:
 def _is_inside(points: Floats, triangles: Floats) -> Bools:
     """Find which points (n, 3) lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
-    The ray is tilted by an irregular angle, so that it meets no edge of a box.
+    The ray is tilted by an irregular angle to avoid the edges of boxes.
     """
     lean = np.array([0.0123456789, 0.0345678912])
     points = np.column_stack([points[:, :2] - points[:, 2:] * lean, points[:, 2]])
@@ -244,7 +248,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
     tuple
         The volume, below 0 where triangles face inwards, and the area.
     """
-    cx, cy, cz = 0.0, 0.0, 0.0  # near the surface, so that large numbers do not cancel
+    cx, cy, cz = 0.0, 0.0, 0.0  # a point near the surface, so that large numbers do not cancel
     for i in range(len(vertices)):
         cx += vertices[i, 0] / len(vertices)
         cy += vertices[i, 1] / len(vertices)
@@ -262,7 +266,7 @@ def measure_surface(vertices: Floats, faces: Ints) -> tuple[float, float]:
 
 @jit
 def _find_triangles_above(points: Floats, triangles: Floats) -> Ints:
-    """Count the triangles (m, 3, 3) straight above each of n points (n, 3), both float64 in mm."""
+    """Count the triangles (m, 3, 3) vertically above each of n points (n, 3), both float64 in mm."""
     counts = np.zeros(len(points), np.int64)
     for i in range(len(points)):
         x, y, z = points[i]
@@ -288,18 +292,18 @@ def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
         repairs.append("Turned the model inside out: its triangles faced inwards.")
     order = np.argsort(-np.abs(volumes_mm3), kind="stable")
     bodies, volumes_mm3 = [bodies[i] for i in order], volumes_mm3[order]
-    inverted = 0
+    inverted_count = 0
     lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
     cavity = []
     for i, body in enumerate(bodies):
         inside = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
         if volumes_mm3[i] < 0.0:
             body.invert()
-            inverted += not inside  # no cavity: there is nothing around it
+            inverted_count += not inside  # not a cavity: nothing surrounds it
         cavity.append(bool(volumes_mm3[i] < 0.0 and inside))
-    if inverted:
+    if inverted_count:
         repairs.append(
-            f"Turned {inverted} of {len(bodies)} bodies inside out: their triangles faced inwards."
+            f"Turned {inverted_count} of {len(bodies)} bodies inside out: their triangles faced inwards."
         )
     solids = [Solid.from_arrays(b.vertices, b.faces) for b in bodies]
     solid = solids[0]

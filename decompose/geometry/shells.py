@@ -14,8 +14,9 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry.solid import triangulate
 
 SAME_ANGLE_RAD = 1e-9
-FLAT_SHARE = 1e-2  # of its own size: a loop that is no further from its plane than this is capped flat
-ONE_PLANE_SHARE = 1e-6  # of the model: rims this near to one plane may belong to one opening
+FLAT_SHARE = 1e-2  # maximum distance of a loop that is capped flat from its plane, as a share of its size
+# Maximum distance of the rims of one opening from a plane, as a share of the model's size.
+ONE_PLANE_SHARE = 1e-6
 
 
 def orient_faces(faces: Ints) -> Ints | None:
@@ -32,14 +33,14 @@ def orient_faces(faces: Ints) -> Ints | None:
     f, g = face[a], face[b]
     rows = np.concatenate([f, f + m])
     columns = np.concatenate([np.where(is_opposed, g + m, g), np.where(is_opposed, g, g + m)])
-    label = label_components(2 * m, rows, columns)  # face f as it is, and turned: f + m
+    label = label_components(2 * m, rows, columns)  # f stands for face f, and f + m for its reverse
     if (label[:m] == label[m:]).any():
         return None
     keep_count = np.bincount(label[:m], minlength=label.max() + 1)
     flip = keep_count[label[:m]] < keep_count[label[m:]]
-    tie = (keep_count[label[:m]] == keep_count[label[m:]]) & (label[:m] > label[m:])
+    is_tie = (keep_count[label[:m]] == keep_count[label[m:]]) & (label[:m] > label[m:])
     reversed_faces = faces.copy()
-    reversed_faces[flip | tie] = reversed_faces[flip | tie][:, ::-1]
+    reversed_faces[flip | is_tie] = reversed_faces[flip | is_tie][:, ::-1]
     return reversed_faces
 
 
@@ -47,14 +48,14 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
     """Split triangles into their surfaces, each with vertices (n, 3) of its own and faces (m, 3).
 
     Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
-    where the solid is: bodies that touch come apart. Where they overlap at such an edge, or one is inside
-    out, there are two ways to continue: the one that separates more surfaces is taken. After it each edge of
-    a shell has one or two faces, and the rim of a hole meets itself nowhere.
+    where the solid is, so that touching bodies are separated. If bodies overlap at such an edge, or one is
+    inside out, there are two ways to continue: the one that separates more surfaces is taken. The result:
+    each edge of a shell has one or two faces, and no rim of a hole meets itself.
 
     Returns
     -------
     list or None
-        None if not as many faces begin solid as end it around an edge.
+        None if around some edge the faces that begin and that end solid differ in number.
     """
     tail, head, face = _list_half_edges(faces)
     order, starts, counts = _sort_by_edge(tail, head)
@@ -83,16 +84,18 @@ def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, 
     tail, _, face = _list_half_edges(faces)
     a, b = pairs.T
     # Corner 3 f + k is vertex k of face f; a half-edge goes from its own corner to the next one of its face.
-    following = np.arange(len(tail)) // 3 * 3 + (np.arange(len(tail)) % 3 + 1) % 3
-    corner = label_components(len(tail), np.concatenate([a, following[a]]), np.concatenate([following[b], b]))
+    next_corners = np.arange(len(tail)) // 3 * 3 + (np.arange(len(tail)) % 3 + 1) % 3
+    corner = label_components(
+        len(tail), np.concatenate([a, next_corners[a]]), np.concatenate([next_corners[b], b])
+    )
     place = np.zeros((corner.max() + 1, 3))
     place[corner] = vertices[tail]
     label = label_components(len(faces), face[a], face[b])
     split = corner.reshape(-1, 3)
     shells = []
     for number in range(label.max() + 1):
-        used, index = np.unique(split[label == number], return_inverse=True)
-        shells.append((place[used], index.reshape(-1, 3).astype(np.int64)))
+        used_vertices, index = np.unique(split[label == number], return_inverse=True)
+        shells.append((place[used_vertices], index.reshape(-1, 3).astype(np.int64)))
     return shells
 
 
@@ -115,9 +118,9 @@ def find_rims(faces: Ints) -> list[Ints]:
 
 def is_flat(rim: Floats) -> bool:
     """Check whether a rim (k, 3) is flat, but for a small share of its size."""
-    centred = rim - rim.mean(axis=0)
-    normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
-    return float(np.abs(centred @ normal).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
+    centred_rim = rim - rim.mean(axis=0)
+    normal = np.linalg.svd(centred_rim, full_matrices=False)[2][-1]
+    return float(np.abs(centred_rim @ normal).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
 
 
 def cap_holes(vertices: Floats, faces: Ints) -> Ints:
@@ -134,7 +137,7 @@ def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     for i in order:
         has_outer = False
         if np.linalg.norm(normals[i]) > 1e-9 * size * size:
-            for members, polygon, frame in reversed(outers):  # the smallest first
+            for members, polygon, frame in reversed(outers):  # the smallest hole first
                 has_outer = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size)
                 if has_outer:
                     members.append(i)
@@ -162,8 +165,8 @@ def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Fl
 
 def _compute_area_vector(loop: Floats) -> Floats:
     """Compute the area vector of a closed loop (k, 3), by Newell's method."""
-    centred = loop - loop.mean(axis=0)
-    return np.asarray(np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0) / 2.0)
+    centred_loop = loop - loop.mean(axis=0)
+    return np.asarray(np.cross(centred_loop, np.roll(centred_loop, -1, axis=0)).sum(axis=0) / 2.0)
 
 
 def _find_frame(loop: Floats, normal: Floats) -> Floats:
@@ -214,7 +217,8 @@ def _order_around_edge(
 ) -> tuple[Ints, Bools] | None:
     """Sort the half-edges (k,) of an edge by angle; also which of them (k,) begin solid, the others end it.
 
-    The first one begins solid where there was the least. None if not as many begin solid as end it.
+    The order starts at a face that begins solid where the fewest solids are. None if the faces that begin and
+    that end solid differ in number.
     """
     start, end = min(tail[angles[0]], head[angles[0]]), max(tail[angles[0]], head[angles[0]])
     along = vertices[end] - vertices[start]
@@ -228,10 +232,10 @@ def _order_around_edge(
     # The normal of a face that runs along the edge is where angles grow: its solid is before it.
     begins = tail[angles] != start
     order = np.lexsort((begins, angle))
-    depth = np.cumsum(np.where(begins[order], 1, -1))  # surfaces that a turn about the edge is inside of
+    depth = np.cumsum(np.where(begins[order], 1, -1))  # number of solids at each angle about the edge
     if depth[-1] != 0:
         return None
-    order = np.roll(order, -1 - int(depth.argmin()))  # from the air on
+    order = np.roll(order, -1 - int(depth.argmin()))  # the first angle is in the air
     return angles[order], begins[order]
 
 

@@ -67,8 +67,10 @@ class Solid:
     @classmethod
     def union(cls, solids: list[Solid]) -> Solid:
         """Unite all solids."""
-        merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
-        return cls(_check_status(merged, "joining solids"))
+        merged_manifold = manifold3d.Manifold.batch_boolean(
+            [s.manifold for s in solids], manifold3d.OpType.Add
+        )
+        return cls(_check_status(merged_manifold, "joining solids"))
 
     @classmethod
     def hull(cls, points_mm: Floats) -> Solid:
@@ -82,16 +84,16 @@ class Solid:
         Parameters
         ----------
         rings_mm
-            Closed lines (n, 2) in u and w, of which no two cross; those inside of others bound holes.
+            Closed lines (n, 2) in u and w that do not cross; a line inside of another one bounds a hole.
         frame
             (3, 3) rows: orthonormal u, w and n.
         from_mm, to_mm
-            Coordinates along n where it begins and ends.
+            Coordinates along n of both ends.
         """
         section = manifold3d.CrossSection(list(rings_mm), manifold3d.FillRule.EvenOdd)
         upright = manifold3d.Manifold.extrude(section, to_mm - from_mm)
-        placed = upright.transform(np.column_stack([frame.T, frame[2] * from_mm]))
-        return cls(_check_status(placed, "extruding an outline"))
+        placed_manifold = upright.transform(np.column_stack([frame.T, frame[2] * from_mm]))
+        return cls(_check_status(placed_manifold, "extruding an outline"))
 
     @property
     def is_empty(self) -> bool:
@@ -147,7 +149,7 @@ class Solid:
     def gap_mm(self, other: Solid, up_to_mm: float) -> float:
         """Measure the least distance to another solid, exact between their triangles; 0 if they meet.
 
-        At most `up_to_mm`, also if the two are further apart.
+        The result is at most `up_to_mm`, even if they are further apart.
         """
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
 
@@ -159,8 +161,10 @@ class Solid:
         list of Floats
             Rings (n, 2) of the outline, holes with the opposite orientation.
         """
-        placed = self.manifold.transform(np.column_stack([frame, np.zeros(3)]))
-        outline = manifold3d.CrossSection(placed.project().to_polygons(), manifold3d.FillRule.Positive)
+        rotated_manifold = self.manifold.transform(np.column_stack([frame, np.zeros(3)]))
+        outline = manifold3d.CrossSection(
+            rotated_manifold.project().to_polygons(), manifold3d.FillRule.Positive
+        )
         return [np.asarray(ring, dtype=np.float64) for ring in outline.to_polygons()]
 
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
@@ -183,8 +187,8 @@ class Solid:
         at_mm
             Offset of the plane along its normal.
         """
-        placed = self.manifold.transform(np.hstack([frame, np.zeros((3, 1))]))
-        return [np.asarray(ring, dtype=np.float64) for ring in placed.slice(at_mm).to_polygons()]
+        rotated_manifold = self.manifold.transform(np.hstack([frame, np.zeros((3, 1))]))
+        return [np.asarray(ring, dtype=np.float64) for ring in rotated_manifold.slice(at_mm).to_polygons()]
 
     def pieces(self) -> list[Solid]:
         """Split into connected pieces, each with its cavities, in the order of their least corners."""
@@ -194,7 +198,7 @@ class Solid:
         pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
         for cavity in (s._turn_inside_out() for s in surfaces if s.volume_mm3 < 0.0):
             around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
-            if around:  # where pieces lie in cavities of others, the smallest is the one next to it
+            if around:  # if pieces lie in cavities of others, the smallest one around a piece encloses it
                 i = min(around, key=lambda i: pieces[i].volume_mm3)
                 pieces[i] = pieces[i].subtract(cavity)
         return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))

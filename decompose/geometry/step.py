@@ -24,13 +24,13 @@ MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_EDGE_BYTES = 1024  # within which these stand
+_EDGE_BYTES = 1024  # number of bytes at each end of a file that are searched for these
 _MM = 1000.0  # GLB is in metres
-_FACE_BYTES = 120  # of a GLB, at most: three corners with normals, and their numbers
+_FACE_BYTES = 120  # maximum bytes of a face in a GLB: three corners with normals, and their numbers
 _GLB_HEAD_BYTES = 2**20
 _CONVERT = """
 import ctypes, resource, signal, sys
-ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # ends with the process that asked for it
+ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # ends with its parent process
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[5]), int(sys.argv[5])))
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 import cascadio
@@ -71,8 +71,8 @@ def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Float
         if glb.stat().st_size > max_bytes:
             raise ModelTooDetailed(f"{name}: has more triangles than the memory suffices for: simplify it")
         with np.errstate(all="ignore"):  # coordinates are checked by the caller
-            loaded: Any = trimesh.load(glb, process=False, force="mesh")
-            triangles = np.array(loaded.triangles, dtype=np.float64) * _MM
+            mesh: Any = trimesh.load(glb, process=False, force="mesh")
+            triangles = np.array(mesh.triangles, dtype=np.float64) * _MM
     if triangles.size == 0:
         raise ModelEmpty(f"{name}: holds no surface; export the solid again")
     if max_triangles is not None and len(triangles) > max_triangles:

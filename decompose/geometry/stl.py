@@ -34,10 +34,10 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     f = index.reshape(-1)[faces]
     f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
     edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).astype(np.int64)
-    forward = np.sort(edges[:, 0] * len(points) + edges[:, 1])
-    backward = np.sort(edges[:, 1] * len(points) + edges[:, 0])
-    each_once = len(f) > 0 and bool((np.diff(forward) > 0).all())
-    return points[f] if each_once and np.array_equal(forward, backward) else None
+    forward_edges = np.sort(edges[:, 0] * len(points) + edges[:, 1])
+    backward_edges = np.sort(edges[:, 1] * len(points) + edges[:, 0])
+    each_once = len(f) > 0 and bool((np.diff(forward_edges) > 0).all())
+    return points[f] if each_once and np.array_equal(forward_edges, backward_edges) else None
 
 
 def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
@@ -59,10 +59,10 @@ def parse_triangles(data: bytes) -> Floats:
     """Parse the triangles (m, 3, 3) of a whole binary STL, without a copy of its other fields."""
     begin = STL_HEADER_BYTES + STL_COUNT_BYTES
     faces = np.frombuffer(data, dtype=_FACE, count=(len(data) - begin) // STL_FACE_BYTES, offset=begin)
-    with np.errstate(all="ignore"):  # what is not a number is refused later
+    with np.errstate(all="ignore"):  # NaN is refused later
         return faces["corners"].astype(np.float64)
 
 
 def count_stored_faces(data: bytes) -> float:
-    """Compute the number of faces for which a binary STL has bytes."""
+    """Compute the number of faces that the bytes of a binary STL can hold."""
     return max(0, len(data) - STL_HEADER_BYTES - STL_COUNT_BYTES) / STL_FACE_BYTES

@@ -2,9 +2,9 @@
 
 Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
 mean distance from the vertices' mirror images to the nearest vertex. Two steps have no effect in their
-program by mistake, and only `draw_mirrors` leaves them out: the best normals are refined, and a plane counts
-only within a tolerance, here a share of the model's size. Only the second of their three draws of normals has
-an effect: here there is one draw.
+program by mistake, and only `draw_mirrors` omits them as well: the best normals are refined, and a plane
+counts only within a tolerance, here a share of the model's size. Only the second of their three draws of
+normals has an effect: here there is one draw.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from scipy.spatial import KDTree
 
 from decompose.arrays import Floats
 
-SAMPLES = 100  # normals a round
-CONES_RAD = (0.3, 0.1, 0.03, 0.01)  # of the rounds after the first, about the best so far
+SAMPLES = 100  # number of normals in a round
+# Angles of the cones of normals about the best one, in the rounds after the first.
+CONES_RAD = (0.3, 0.1, 0.03, 0.01)
 MAX_MIRRORED = 1000  # number of vertices whose mirror images are measured, for a whole model
-FEW_MIRRORED = 300  # the same for one of many parts
-TOLERANCE = 0.01  # of the diagonal of the model's box
-SAME_AXIS_RAD = 0.01  # a normal closer to an axis than this is replaced by the axis where that is as good
+FEW_MIRRORED = 300  # the same for a part
+TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the diagonal of the model's box
+SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if that is as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
 
 
@@ -43,10 +44,10 @@ class _Cloud:
         self._tree = KDTree(vertices)
         if len(vertices) > max_count:
             vertices = vertices[rng.choice(len(vertices), max_count, replace=False)]
-        self.mirrored = vertices - self.centre
+        self.centred_vertices = vertices - self.centre
 
     def error_mm(self, normal: Floats) -> float:
-        images = self.mirrored - 2.0 * np.outer(self.mirrored @ normal, normal) + self.centre
+        images = self.centred_vertices - 2.0 * np.outer(self.centred_vertices @ normal, normal) + self.centre
         return float(self._tree.query(images)[0].mean())
 
     def draw_normals(self) -> Floats:
@@ -68,7 +69,7 @@ class _Cloud:
 
     def principal(self) -> Floats:
         """Return the axes, and the principal directions of the cloud: (6, 3)."""
-        _, principal = np.linalg.eigh(np.cov(self.mirrored.T))
+        _, principal = np.linalg.eigh(np.cov(self.centred_vertices.T))
         return np.vstack([np.eye(3), principal.T])
 
     def mirror(self, normal: Floats, error_mm: float) -> Mirror:
@@ -100,7 +101,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
 
 
 def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> list[Mirror]:
-    """Find the best planes of one draw of normals, however bad, as the program of SBD does.
+    """Find the best planes of one draw of normals, without a tolerance, as the program of SBD does.
 
     Parameters
     ----------
@@ -133,15 +134,15 @@ def find_good_mirrors(
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
     mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, max_count)]
     refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
-    worst = tolerance * _measure_diagonal_mm(vertices)
-    return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]
+    max_error_mm = tolerance * _measure_diagonal_mm(vertices)
+    return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= max_error_mm]
 
 
 Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
 def _pick_distinct(ranked: list[Scored], max_count: int) -> list[Scored]:
-    """Select the first planes whose normals differ from each other, whichever way they point."""
+    """Select the first planes whose normals differ from each other, with either sign."""
     distinct: list[Scored] = []
     for error, normal in ranked:
         if len(distinct) < max_count and all(

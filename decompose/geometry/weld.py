@@ -1,7 +1,7 @@
 """Surfaces with common vertices, from triangles that each have corners of their own.
 
-Models have millions of triangles, so that each array of them counts: rows are numbered by a table of hashes,
-and edges are compared as sorted whole numbers, not as rows.
+Models have millions of triangles, so that each array takes much memory: rows are numbered by a table of
+hashes, and edges are compared as sorted whole numbers, not as rows.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from decompose.arrays import Floats, Ints
 from decompose.geometry.shells import label_components
 from decompose.jit import jit
 
-SAME_MM = 1e-8  # vertices are the same where their coordinates round to the same multiples of this
-WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
+SAME_MM = 1e-8  # vertices whose coordinates round to the same multiples of this are one
+WELD_SHARES = (1e-7, 1e-6, 1e-5)  # gaps between triangles by rounding, as shares of the longest side
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class EdgeUses:
     shared
         Edges of more than two faces.
     repeated
-        Directed edges that a second face goes along: two neighbours are wound in opposite directions.
+        Directed edges of two faces: the faces are oriented in opposite directions.
     """
 
     single: int
@@ -74,9 +74,9 @@ def weld_triangles(triangles: Floats) -> Surface:
             pairs = tree.query_pairs(share * size_mm, output_type="ndarray")
             group = label_components(len(vertices), pairs[:, 0], pairs[:, 1])
             first_of_group = np.unique(group, return_index=True)[1][group]
-            welded = select_distinct(first_of_group[soup])
-            if count_edge_uses(welded).single < open_edges / 2:
-                faces = welded
+            welded_faces = select_distinct(first_of_group[soup])
+            if count_edge_uses(welded_faces).single < open_edges / 2:
+                faces = welded_faces
                 repairs.append(f"Joined vertices within {share * size_mm:.1g} mm of each other.")
                 break
     return Surface(vertices, faces, tuple(repairs))
@@ -86,8 +86,8 @@ def select_distinct(faces: Ints) -> Ints:
     """Select faces (m, 3) with three different corners, each once; a reversed face counts as another."""
     f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     first_slot = f.argmin(axis=1)[:, None]
-    rotated = np.take_along_axis(f, (first_slot + np.arange(3)) % 3, axis=1)
-    distinct: Ints = f[number_rows(rotated, 1.0)[1]]
+    rotated_faces = np.take_along_axis(f, (first_slot + np.arange(3)) % 3, axis=1)
+    distinct: Ints = f[number_rows(rotated_faces, 1.0)[1]]
     return distinct
 
 
@@ -95,14 +95,17 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
     """Count the edges of faces (m, 3) that one face, more than two, or two in one direction use."""
     if not len(faces):
         return EdgeUses(0, 0, 0)
-    directed, undirected = _sort_edges(faces, is_directed=True), _sort_edges(faces, is_directed=False)
-    repeated = int((directed[1:] == directed[:-1]).sum())
-    del directed
-    is_same = np.concatenate([[False], undirected[1:] == undirected[:-1], [False]])
+    directed_edges, undirected_edges = (
+        _sort_edges(faces, is_directed=True),
+        _sort_edges(faces, is_directed=False),
+    )
+    repeated_count = int((directed_edges[1:] == directed_edges[:-1]).sum())
+    del directed_edges
+    is_same = np.concatenate([[False], undirected_edges[1:] == undirected_edges[:-1], [False]])
     return EdgeUses(
         single=int((~is_same[:-1] & ~is_same[1:]).sum()),
         shared=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
-        repeated=repeated,
+        repeated=repeated_count,
     )
 
 
@@ -157,7 +160,7 @@ def number_rows(rows: npt.NDArray[np.generic], scale: float) -> tuple[Ints, Ints
 def _find_slot(
     rows: npt.NDArray[np.generic], scale: float, first: Ints, table: npt.NDArray[np.int32], i: int
 ) -> int:
-    """Find the place of row i, (n, 3), in a table of numbers (a power of two,), or the empty one for it."""
+    """Find the slot of row i, (n, 3), in a table of numbers (a power of two,), or the empty slot for it."""
     x, y, z = np.rint(rows[i, 0] * scale), np.rint(rows[i, 1] * scale), np.rint(rows[i, 2] * scale)
     key = (
         np.int64(x) * 0x1E3779B97F4A7C15 + np.int64(y) * 0x3F58476D1CE4E5B9 + np.int64(z) * 0x14D049BB133111EB

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.grid.box_index import Box, Shape, box_at, box_index, index_of, interval
+from decompose.grid.box_index import Box, Shape, box_at, box_index, compute_index, interval
 from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
 from decompose.grid.grid import (
@@ -35,11 +35,11 @@ __all__ = [
     "box_at",
     "box_index",
     "build_grid",
+    "compute_index",
     "count_cells",
     "count_cuts",
     "fill_grid",
     "find_flat_coordinates",
-    "index_of",
     "interval",
     "price_boxes",
     "refine_cells",

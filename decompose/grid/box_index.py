@@ -16,7 +16,7 @@ def interval(lo: int, hi: int, n: int) -> int:
 
 
 @jit
-def index_of(box: Box, shape: Shape) -> int:
+def compute_index(box: Box, shape: Shape) -> int:
     """Compute the index of a box in the tables of `BoxTables`, for compiled code; see `box_index`."""
     x0, y0, z0, x1, y1, z1 = box
     nx, ny, nz = shape
@@ -34,7 +34,7 @@ def box_index(box: Box, shape: Shape) -> int:
     shape
         Of the grid, in cells.
     """
-    return int(index_of(box, shape))
+    return int(compute_index(box, shape))
 
 
 def box_at(index: int, shape: Shape) -> Box:

@@ -1,7 +1,7 @@
 """Tables over every axis-aligned box of a grid: price, box about the needed cells, and number of pieces.
 
-There are some millions of boxes. Each row, layer and box is the one before plus one cell, row or layer, so
-that each box costs a few dozen additions.
+There are some millions of boxes. Each row, layer and box is the previous one plus one cell, row or layer, so
+that each box takes a few dozen additions.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
-from decompose.grid.box_index import Box, Shape, box_index, index_of
+from decompose.grid.box_index import Box, Shape, box_index, compute_index
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
@@ -68,17 +68,17 @@ def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float)
 
 @jit
 def _clear_ends(ends: Floats) -> None:
-    """Reset ends (12,) to those of no cell: see `_find_cell_ends`."""
+    """Set ends (12,) to the values for no cell; see `_find_cell_ends`."""
     for k in range(3):
         ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
 
 
 @jit
-def _widen_ends(ends: Floats, added: Floats) -> None:
+def _widen_ends(ends: Floats, added_ends: Floats) -> None:
     """Widen ends (12,) to include others (12,)."""
     for k in range(3):
-        ends[k], ends[k + 3] = min(ends[k], added[k]), max(ends[k + 3], added[k + 3])
-        ends[k + 6], ends[k + 9] = min(ends[k + 6], added[k + 6]), max(ends[k + 9], added[k + 9])
+        ends[k], ends[k + 3] = min(ends[k], added_ends[k]), max(ends[k + 3], added_ends[k + 3])
+        ends[k + 6], ends[k + 9] = min(ends[k + 6], added_ends[k + 6]), max(ends[k + 9], added_ends[k + 9])
 
 
 @jit
@@ -136,10 +136,10 @@ def _min_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, are
         flat = areas[2 * up] + areas[2 * up + 1]
         lateral = sums[LATERAL + up] + cut - flat
         skin_mm2 = sums[SKIN + up]
-        for turned_over in range(2):  # as it is, and turned over
+        for turned_over in range(2):  # in its orientation, and turned over
             pose = 2 * up + turned_over
             skin = skin_mm2 + flat - prices["hidden_bed_share"] * areas[pose]
-            if skin_mm2 < SEEN_MM2:  # no top is seen, nor an underside
+            if skin_mm2 < SEEN_MM2:  # neither a top nor an underside is visible
                 skin -= prices["hidden_top_share"] * areas[4 * up + 1 - pose]
             column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
             if turned_over == 1:
@@ -248,9 +248,9 @@ def _price_column(
             if e[9] < 0.0:
                 continue  # no needed cell
             sides = (x0, y0, z0, x1, y1, z1)
-            box = index_of(sides, shape)
+            box = compute_index(sides, shape)
             trimmed_box = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
-            tables.trimmed[box] = index_of(trimmed_box, shape)
+            tables.trimmed[box] = compute_index(trimmed_box, shape)
             if tables.trimmed[box] == box:
                 tables.cut_mm2[box] = _fill_cut_areas(pricing.cuts, sides, areas)
                 tables.seconds[box] = _min_price(pricing.prices, pricing.rooms, s, e, areas)

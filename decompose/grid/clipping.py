@@ -72,7 +72,7 @@ def _find_slabs(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
 
 
 @jit
-def _clip(polygon: Floats, axis: int, at_mm: float, above: bool, clipped: Floats) -> int:
+def _clip(polygon: Floats, axis: int, at_mm: float, keeps_above: bool, clipped: Floats) -> int:
     """Clip a polygon (k, 3) by an axis plane (Sutherland and Hodgman 1974).
 
     clipped: (12, 3) filled in with the corners of the side that is kept. Returns their number.
@@ -80,7 +80,7 @@ def _clip(polygon: Floats, axis: int, at_mm: float, above: bool, clipped: Floats
     count = 0
     for i in range(len(polygon)):
         a, b = polygon[i], polygon[(i + 1) % len(polygon)]
-        if a[axis] >= at_mm if above else a[axis] <= at_mm:
+        if a[axis] >= at_mm if keeps_above else a[axis] <= at_mm:
             clipped[count] = a
             count += 1
         if (a[axis] > at_mm and b[axis] < at_mm) or (a[axis] < at_mm and b[axis] > at_mm):
@@ -118,12 +118,12 @@ def _add_fragment(
     cell: Ints,
     polygon: Floats,
     normal: Floats,
-    west_mm: float,
+    near_side_mm: float,
     cosines: tuple[float, float],
 ) -> None:
     """Add a fragment, a polygon (k, 3) with a unit normal (3,), to the sums of its cell (3,).
 
-    west_mm: x of the near side of the cell. cosines: of skin and of overhangs, see `clip_into_cells`.
+    near_side_mm: x of the near side of the cell. cosines: of skin and of overhangs, see `clip_into_cells`.
     """
     area, flux, sums, extents = contents.area, contents.flux, contents.sums, contents.extents
     skin_cos, overhang_cos = cosines
@@ -138,7 +138,7 @@ def _add_fragment(
         for k in range(3):
             extents[x, y, z, k] = min(extents[x, y, z, k], polygon[i, k])
             extents[x, y, z, k + 3] = max(extents[x, y, z, k + 3], polygon[i, k])
-    flux[x, y, z, 3] += area_mm2 * normal[0] * (centre[0] - west_mm)
+    flux[x, y, z, 3] += area_mm2 * normal[0] * (centre[0] - near_side_mm)
     for k in range(3):
         c = normal[k]
         flux[x, y, z, k] += area_mm2 * c
@@ -170,7 +170,7 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
     extents = np.full((*shape, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
     contents = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
-    polygons = np.zeros((4, 12, 3))  # the triangle clipped along 0, 1, 2, 3 axes
+    polygons = np.zeros((4, 12, 3))  # the triangle after clipping along 0, 1, 2, 3 axes
     half_polygon = np.zeros((12, 3))
     count, last, cell = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
     normal = np.zeros(3)
@@ -180,12 +180,12 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         polygons[0, :3] = triangles[t]
         count[0] = 3
         axis = 0
-        entering = True
-        while axis >= 0:  # walk the slabs of x, within each those of y, within each those of z
+        is_entering = True
+        while axis >= 0:  # for each slab of x, the slabs of y, and for each of these the slabs of z
             polygon = polygons[axis, : count[axis]]
-            if entering:
+            if is_entering:
                 cell[axis], last[axis] = _find_slabs(planes[axis], polygon, axis)
-                entering = False
+                is_entering = False
             if cell[axis] > last[axis]:
                 axis -= 1
                 if axis >= 0:
@@ -198,12 +198,12 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
             count[axis + 1] = corner_count
             if corner_count >= 3 and axis < 2:
                 axis += 1
-                entering = True
+                is_entering = True
                 continue
             if corner_count >= 3:
-                west_mm = planes[0][cell[0]]
+                near_side_mm = planes[0][cell[0]]
                 _add_fragment(
-                    contents, cell, polygons[3, :corner_count], normal, west_mm, (skin_cos, overhang_cos)
+                    contents, cell, polygons[3, :corner_count], normal, near_side_mm, (skin_cos, overhang_cos)
                 )
             cell[axis] += 1
     return contents

@@ -2,7 +2,8 @@
 
 Each triangle is clipped to the cells that it crosses, once. All else follows exactly from the divergence
 theorem: the flux of a constant field through a cell's piece of surface gives the cut area of its far side
-from that of its near side, and the first moment of that flux gives the volume. No booleans are needed.
+from that of its near side, and the first moment of that flux gives the volume. No boolean operations are
+needed.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from decompose.grid.piece_counts import CellBodies, find_bodies
 GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
-MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
-MAX_CUTS = 300_000_000  # of all boxes: a solve of the search computes one sum for each
-FLAT_BOXES_RATIO = 1.5  # boxes of a flat model over those of a cube with as many cells
+MAX_BOXES = 10_000_000  # maximum number of boxes of a grid: all are held in memory
+MAX_CUTS = 300_000_000  # maximum number of cuts of all boxes: a solve of the search computes a sum for each
+FLAT_BOXES_RATIO = 1.5  # maximum ratio of the boxes of a flat model to those of a cube with as many cells
 MIN_CELL_MM = 4.0
-CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells to tell their bodies apart
+CELL_DIVISION, MAX_FINE_CELLS = 3, 500_000  # division of cells that separates their bodies
 CLEAR_MM = 2.0
 """Distance that a grid plane keeps from flat faces if possible, so that no slivers are left and no face is
 taken for a cut."""
@@ -129,8 +130,8 @@ def find_flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
 def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
     """Place count+1 planes: the first and last outside the model, the others clear of flat faces.
 
-    A plane that would lie within CLEAR_MM of a flat face moves to the nearest place that is clear; where
-    there is none within 0.4 of a cell it goes where it is furthest from any.
+    A plane that would lie within CLEAR_MM of a flat face is placed at the nearest clear place; if there is
+    none within 0.4 of a cell, it is placed furthest from all flat faces.
     """
     pad = 0.01 * (hi_mm - lo_mm) / count + 1e-3
     step = (hi_mm - lo_mm) / count
@@ -209,8 +210,8 @@ def build_grid(
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     grid = fill_grid(triangles, planes, rules)
     times = max(1, min(CELL_DIVISION, int((MAX_FINE_CELLS / grid.needed.size) ** (1.0 / 3.0))))
-    finer = (divide_planes(px, times), divide_planes(py, times), divide_planes(pz, times))
-    fine = fill_grid(triangles, finer, replace(rules, keep_interior=True))
+    finer_planes = (divide_planes(px, times), divide_planes(py, times), divide_planes(pz, times))
+    fine = fill_grid(triangles, finer_planes, replace(rules, keep_interior=True))
     return replace(grid, bodies=_find_bodies(fine.extents, fine.cuts, times))
 
 
@@ -229,15 +230,15 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     steps = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
-        through = np.zeros([n + (a == axis) for a, n in enumerate(area.shape)])
+        face_flux = np.zeros([n + (a == axis) for a, n in enumerate(area.shape)])
         inner = [slice(None)] * 3
         inner[axis] = slice(1, None)
-        through[tuple(inner)] = -np.cumsum(flux[..., axis], axis=axis)
+        face_flux[tuple(inner)] = -np.cumsum(flux[..., axis], axis=axis)
         face = np.multiply.outer(steps[(axis + 1) % 3], steps[(axis + 2) % 3]).min()
-        through[np.abs(through) < 1e-9 * face] = 0.0
-        cuts.append(np.maximum(through, 0.0))
+        face_flux[np.abs(face_flux) < 1e-9 * face] = 0.0
+        cuts.append(np.maximum(face_flux, 0.0))
     sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps[0][:, None, None])
-    # What lies behind a cut face reaches the cell's side; without surface the cell is full or empty.
+    # Solid behind a cut face reaches the side of the cell; a cell without surface is full or empty.
     for axis in range(3):
         is_cut = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
         has_far_side = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0

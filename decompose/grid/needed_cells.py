@@ -1,7 +1,7 @@
 """Needed cells of a grid, on finer cells than those that the model is cut along.
 
-On the grid a whole cell counts as needed, even where little of it is. That matters where planes leave the
-grid: a part next to the hollow may shrink by all that is neither surface nor the wall behind it.
+On the grid a whole cell counts as needed, even if only little of it is. This matters when planes leave the
+grid: a part next to the hollow may shrink until it contains only the surface and the wall behind it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from decompose.arrays import Bools, Floats
 from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
 
-SAME_MM = 1e-9  # coordinates closer than this are the same plane
+SAME_MM = 1e-9  # maximum distance of coordinates of the same plane
 MAX_DIVISION = 4
 
 
@@ -64,7 +64,7 @@ def _is_near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm
     return np.asarray(counts[:-1, :-1, :-1] > 0)
 
 
-OPEN_SHARE = 1e-9  # share of a cell that rounding may leave open
+OPEN_SHARE = 1e-9  # share of a cell that may stay uncovered because of rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class NeededCells:
     needed: Bools
 
     def is_partition(self, boxes_mm: Floats) -> bool:
-        """Check whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
+        """Check whether boxes (n, 2, 3) do not overlap and cover all needed cells."""
         lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
         if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():

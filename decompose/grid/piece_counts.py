@@ -1,7 +1,7 @@
 """Number of connected pieces of the solid in every box of a grid, by the bodies of the solid in each cell.
 
-The bodies of a cell are told apart on finer cells, each of which counts as connected. So a count is never
-more than that of the solid cut out, and mostly equal to it.
+The bodies of a cell are separated on finer cells, each of which counts as connected. So a count is never
+higher than that of the true solid, and mostly equal to it.
 """
 
 from __future__ import annotations
@@ -37,53 +37,55 @@ class CellBodies(NamedTuple):
     links: Ints
 
 
-def find_bodies(full: Bools, opened: tuple[Bools, Bools, Bools], times: int) -> CellBodies:
+def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int) -> CellBodies:
     """Find the bodies of cells by finer cells, `times` of them along each side of a cell.
 
     Parameters
     ----------
-    full
+    is_full
         (times nx, times ny, times nz) whether a fine cell has solid.
-    opened
+    is_open
         For each axis, of the same shape, whether solid crosses the near side of a fine cell.
     times
-        1: each cell with solid is one body.
+        Divisions of a cell along each axis; with 1, each cell with solid is one body.
     """
-    nx, ny, nz = (n // times for n in full.shape)
-    fine = np.arange(full.size).reshape(full.shape)
-    x, y, z = (np.arange(n) // times for n in full.shape)
+    nx, ny, nz = (n // times for n in is_full.shape)
+    fine = np.arange(is_full.size).reshape(is_full.shape)
+    x, y, z = (np.arange(n) // times for n in is_full.shape)
     cell = ((x[:, None, None] * ny + y[None, :, None]) * nz + z).ravel()
     pairs = []
-    for axis, crossed in enumerate(opened):
-        far_cells = np.take(fine, range(1, full.shape[axis]), axis=axis)
-        near_cells = np.take(fine, range(full.shape[axis] - 1), axis=axis)
-        is_open = np.take(crossed, range(1, full.shape[axis]), axis=axis)
-        pairs.append(np.stack([far_cells[is_open], near_cells[is_open]], axis=1))
-    inner = np.concatenate(
+    for axis, has_contact in enumerate(is_open):
+        far_cells = np.take(fine, range(1, is_full.shape[axis]), axis=axis)
+        near_cells = np.take(fine, range(is_full.shape[axis] - 1), axis=axis)
+        crosses_side = np.take(has_contact, range(1, is_full.shape[axis]), axis=axis)
+        pairs.append(np.stack([far_cells[crosses_side], near_cells[crosses_side]], axis=1))
+    inner_pairs = np.concatenate(
         [body_pairs[cell[body_pairs[:, 0]] == cell[body_pairs[:, 1]]] for body_pairs in pairs]
     )
-    label = label_components(full.size, inner[:, 0], inner[:, 1])
-    filled = np.flatnonzero(full)
+    label = label_components(is_full.size, inner_pairs[:, 0], inner_pairs[:, 1])
+    full_cells = np.flatnonzero(is_full)
     _, first_fine, body = np.unique(
-        cell[filled] * full.size + label[filled], return_index=True, return_inverse=True
+        cell[full_cells] * is_full.size + label[full_cells], return_index=True, return_inverse=True
     )
-    of_fine = np.full(full.size, -1)
-    of_fine[filled] = body
-    counts = np.bincount(cell[filled][first_fine], minlength=nx * ny * nz)
+    body_of_fine_cell = np.full(is_full.size, -1)
+    body_of_fine_cell[full_cells] = body
+    counts = np.bincount(cell[full_cells][first_fine], minlength=nx * ny * nz)
     cells = np.arange(nx * ny * nz + 1)
     links, first_link = [], []
     for body_pairs in pairs:
-        outer = body_pairs[
-            (cell[body_pairs[:, 0]] != cell[body_pairs[:, 1]]) & (of_fine[body_pairs] >= 0).all(axis=1)
+        outer_pairs = body_pairs[
+            (cell[body_pairs[:, 0]] != cell[body_pairs[:, 1]])
+            & (body_of_fine_cell[body_pairs] >= 0).all(axis=1)
         ]
-        body_links = np.unique(of_fine[outer], axis=0)  # by the first body, so by its cell
+        # Sorted by the first body, and thus by its cell.
+        body_links = np.unique(body_of_fine_cell[outer_pairs], axis=0)
         links.append(body_links)
-        first_link.append(np.searchsorted(cell[filled][first_fine][body_links[:, 0]], cells))
+        first_link.append(np.searchsorted(cell[full_cells][first_fine][body_links[:, 0]], cells))
     max_links = max(len(body_pairs) for body_pairs in links)
-    padded = np.array(
+    padded_links = np.array(
         [np.pad(body_pairs, ((0, max_links - len(body_pairs)), (0, 0))) for body_pairs in links]
     )
-    return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_link), padded)
+    return CellBodies(np.concatenate([[0], np.cumsum(counts)]), np.array(first_link), padded_links)
 
 
 @jit
@@ -105,7 +107,7 @@ def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
 
 
 class _Order(NamedTuple):
-    """Order of the axes in which boxes are gone through: boxes extend each other along the last one.
+    """Order of the axes in which boxes are visited: boxes extend each other along the last one.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ from decompose.printers import PrinterRoom
 
 
 def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
-    """Assign a printer to each part so that the last one ends soonest; None if they do not all fit.
+    """Assign a printer to each part so that the last part ends as soon as possible; None if some do not fit.
 
     A part fits by its pose; the price of a pose does not include the speed of a printer.
 
@@ -40,7 +40,7 @@ def assign_printers(poses: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
 
 
 def assign_bottleneck(seconds: Floats) -> list[int] | None:
-    """Assign parts to printers with the least longest time, and of those the least sum.
+    """Assign parts to printers with the lowest maximum time, and among these with the lowest sum.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
     Returns
     -------
     list or None
-        The column of each row, each at most once (of equal columns the first); None if there is no such
-        assignment. It is a bottleneck assignment: the least time that still leaves a matching, by bisection.
+        The column of each row, each at most once (the first one of equal columns); None if there is no such
+        assignment. Bisection finds the lowest maximum time with which a matching exists.
     """
     times = np.unique(seconds[np.isfinite(seconds)])
     if not len(times) or not _has_matching(seconds <= times[-1]):

@@ -15,10 +15,11 @@ from decompose.geometry import Solid, choose_plane_axes, label_components
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
-SLIVER_MM = 8.0  # a piece that a cut leaves thinner than this is lost, bent or glued at an angle
+# Minimum thickness of a piece beside a cut: a thinner one gets lost, bent or glued at an angle.
+SLIVER_MM = 8.0
 TWO_WALLS_MM = 0.8  # two walls of a 0.4 mm nozzle: a thinner piece has no interior
 FLAKE_SHARE = 0.25  # minimum share of a flake's surface that is cut
-SAME_DIGITS = 6  # decimals of normal and distance in which two pieces' planes agree
+SAME_DIGITS = 6  # decimals to which the normals and distances of two pieces' common plane agree
 
 
 class CutSolid(Protocol):
@@ -89,7 +90,7 @@ class Joint:
     def holds(self, min_glue_mm2: float) -> bool:
         """Check whether the joint has the least area and is two walls wide; for 0 mm2 any joint holds.
 
-        A narrower joint is a line of glue, however long, about which the parts would fold.
+        The parts would fold about a narrower joint, however long it is.
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
@@ -126,11 +127,11 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
             for b, other in faces[i + 1 :]:
                 if a == b or not side.area.intersects(other.area):
                     continue
-                shared = side.area.intersection(other.area)
-                if shared.area > 0.0:
+                shared_area = side.area.intersection(other.area)
+                if shared_area.area > 0.0:
                     normal, offset_mm = side.plane[:3], float(side.plane[3])
                     joint_faces[min(a, b), max(a, b)].append(
-                        JointFace(normal, offset_mm, choose_plane_axes(np.array(name[:3])), shared)
+                        JointFace(normal, offset_mm, choose_plane_axes(np.array(name[:3])), shared_area)
                     )
     return [
         Joint(
@@ -145,13 +146,13 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
 
 
 def find_faults(
-    pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
+    pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, joints: Sequence[Joint] | None = None
 ) -> list[Fault]:
     """Find the pieces that make a partition bad to glue, at most one for each reason.
 
-    Slivers: a cut left them under SLIVER_MM across it, or they are flakes thinner than two walls. Loose
-    pieces: some joints do not hold (`Joint.holds`), and the others do not connect them to their body. A piece
-    that touches no other is a body of its own.
+    Slivers are less than SLIVER_MM thick beside a cut, or are flakes thinner than two walls. Loose pieces
+    have joints that do not hold (`Joint.holds`), and their other joints do not connect them to their body. A
+    piece that touches no other is a body of its own.
 
     Parameters
     ----------
@@ -159,18 +160,18 @@ def find_faults(
         In one frame, cut at planes.
     min_glue_mm2
         Minimum area of a joint that counts as holding.
-    touching
+    joints
         Joints of `find_joints`, if they are known already.
     """
     faults = [Fault(i, reason) for i, piece in enumerate(pieces) if (reason := _describe_sliver(piece))]
-    touching = find_joints(pieces) if touching is None else touching
-    return faults + _find_loose_pieces([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
+    joints = find_joints(pieces) if joints is None else joints
+    return faults + _find_loose_pieces([p.solid.volume_mm3 for p in pieces], joints, min_glue_mm2)
 
 
 def _find_loose_pieces(
     volumes_mm3: Sequence[float], joints: Sequence[Joint], min_glue_mm2: float
 ) -> list[Fault]:
-    """Find, for each group that only weak joints hold to its body, the smallest piece with such a joint."""
+    """Find the smallest piece with a weak joint in each group that only weak joints connect to its body."""
     body = _label_groups(len(volumes_mm3), joints)
     components = _label_groups(len(volumes_mm3), [j for j in joints if j.holds(min_glue_mm2)])
     weight = np.bincount(components, weights=volumes_mm3)
@@ -206,8 +207,8 @@ def _describe_sliver(piece: CutSolid) -> str:
     return ""
 
 
-def _label_groups(count: int, touching: Sequence[Joint]) -> Ints:
-    pairs = np.array([(j.a, j.b) for j in touching], dtype=np.int64).reshape(-1, 2)
+def _label_groups(count: int, joints: Sequence[Joint]) -> Ints:
+    pairs = np.array([(j.a, j.b) for j in joints], dtype=np.int64).reshape(-1, 2)
     return label_components(count, pairs[:, 0], pairs[:, 1])
 
 
@@ -230,9 +231,8 @@ def _find_cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], _Si
             continue
         sign = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
         name = np.round(sign * plane, SAME_DIGITS) + 0.0
-        corners = np.round(
-            (vertices @ choose_plane_axes(name[:3]).T)[flat], SAME_DIGITS
-        )  # a value next to 0 has no inverse
+        # The inverse of a denormal number is infinite.
+        corners = np.round((vertices @ choose_plane_axes(name[:3]).T)[flat], SAME_DIGITS)
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         section = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if section.area > 0.0:

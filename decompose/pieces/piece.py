@@ -13,7 +13,7 @@ from decompose.geometry import Solid
 from decompose.grid import Box, Grid
 from decompose.printers import PrinterRoom
 
-ON_PLANE_MM = 1e-7  # distance from a cut plane at which rounding may leave a vertex
+ON_PLANE_MM = 1e-7  # maximum distance of a vertex from its cut plane, by rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,9 +30,9 @@ class Piece:
         (b, 2, 3) corners of the axis-aligned boxes that it was cut from; none if it was cut in another
         way. The solid outside of all boxes was left out.
     printer
-        Printer that it is cut for; None: any, so that it has to fit them all.
+        Printer that it is cut for; None if it has to fit all printers.
     time_ratio
-        Sliced time over the price, if a slicer has shown it.
+        Ratio of the sliced time to the price, 1 if it is not known.
     """
 
     solid: Solid
@@ -43,7 +43,7 @@ class Piece:
 
     @property
     def time_factor(self) -> float:
-        """Time on its printer over the price."""
+        """Ratio of the time on its printer to the price."""
         return self.time_ratio * (1.0 if self.printer is None else self.printer.time_factor)
 
 

@@ -13,9 +13,9 @@ from decompose.geometry import Solid
 from decompose.pieces.joints import TWO_WALLS_MM, CutSolid, Joint, JointFace
 from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
 
-THIN_REACH_MM = 3.0  # a rim that is thinner than two walls over more than this is a thin edge
-NOTABLE_MM = 5.0  # length of thin rims from which a person is told
-LINE_MM = 1e-3  # reach of a line, as rounding moves the corners of outlines
+THIN_REACH_MM = 3.0  # minimum depth of a thin edge, over which a rim is thinner than two walls
+NOTABLE_MM = 5.0  # minimum length of thin rims that is reported
+LINE_MM = 1e-3  # tolerance of a line, as rounding moves the corners of outlines
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,20 +87,20 @@ class _Rims:
         length_mm = thin_mm = 0.0
         for face in joint.faces:
             near_area = face.outline.buffer(LINE_MM)
-            both_rims = [self._find(number, face) for number in (joint.a, joint.b)]
+            both_rims = [self._find_rim(number, face) for number in (joint.a, joint.b)]
             length_mm += max(float(rim.intersection(near_area).length) for rim, _ in both_rims)
             thin_mm += max(float(thin.intersection(near_area).length) for _, thin in both_rims)
         return Seam(length_mm, thin_mm)
 
-    def _find(self, number: int, face: JointFace) -> tuple[shapely.Geometry, shapely.Geometry]:
+    def _find_rim(self, number: int, face: JointFace) -> tuple[shapely.Geometry, shapely.Geometry]:
         """Find the rim of a piece on the plane of a face, and the thin part of it."""
         key = number, face.normal.tobytes(), face.offset_mm
         if key not in self._rims:
             vertices, faces = self._arrays[number]
             flat = find_cut_faces(vertices, faces, np.append(face.normal, face.offset_mm)[None])
             corners, pairs = self._edges[number]
-            outer = ~self._cut_faces[number][pairs]
-            on_rim = (flat[pairs] & outer[:, ::-1]).any(axis=1)
+            is_outer = ~self._cut_faces[number][pairs]
+            on_rim = (flat[pairs] & is_outer[:, ::-1]).any(axis=1)
             lines = (vertices @ face.axes.T)[corners[on_rim]]
             rim = shapely.union_all(shapely.linestrings(lines))
             thin = _find_thin(self._solids[number], vertices, faces[flat], face)
@@ -113,10 +113,10 @@ def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> s
     a, b, c = np.moveaxis(vertices[flat], 1, 0)
     outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
     rings = (vertices @ face.axes.T)[flat]
-    whole = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
+    cut_area = shapely.union_all(shapely.polygons(np.concatenate([rings, rings[:, :1]], axis=1)))
     frame = np.vstack([face.axes, face.normal])
     area_behind = solid.section(frame, face.offset_mm - outside * TWO_WALLS_MM)
-    thin = whole.difference(_build_area(area_behind))
+    thin = cut_area.difference(_build_area(area_behind))
     opened_area: shapely.Geometry = thin.buffer(-THIN_REACH_MM / 2.0).buffer(THIN_REACH_MM / 2.0 * 1.01)
     return opened_area
 
@@ -124,13 +124,13 @@ def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> s
 def _build_area(rings: Sequence[Floats]) -> shapely.Geometry:
     """Build the area inside rings (n, 2), of which those around holes are clockwise."""
     outlines = [ring for ring in rings if len(ring) > 2]
-    filled = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
+    filled_areas = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) > 0.0]
     holes = [_make_valid(ring) for ring in outlines if _measure_ring_mm2(ring) < 0.0]
-    return shapely.union_all(filled).difference(shapely.union_all(holes))
+    return shapely.union_all(filled_areas).difference(shapely.union_all(holes))
 
 
 def _make_valid(ring: Floats) -> shapely.Geometry:
-    """Build the area of a ring without the lines that it collapses to, which no area can be compared with."""
+    """Build the valid area of a ring, without lines to which parts of it collapse."""
     return shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
 
 
@@ -155,7 +155,7 @@ class _Extents:
         self._extents: dict[bytes, tuple[float, float]] = {}
 
     def drop_outermost(self, planes: Floats) -> Floats:
-        """Drop the planes (k, 4) that have all pieces on one side: nothing is cut there."""
+        """Leave out the planes (k, 4) with all pieces on one side, which cut nothing."""
         is_kept: Bools = np.array([self._cuts(plane) for plane in planes], dtype=np.bool_)
         return planes[is_kept]
 

@@ -1,4 +1,4 @@
-"""Input and output of every engine, and the work that it may do."""
+"""Input and output of every engine, and its budget of work."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Effort of a search: work that is counted, not timed, so that every machine gets the same result.
+"""Effort of a search: work is counted, not timed, so that every machine gets the same result.
 
 Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/effort.py`). Work
-is recorded by the one thread that distributes it, whichever threads do it.
+is recorded by the thread that distributes it, whatever threads do the work.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from enum import StrEnum
 class Work(StrEnum):
     """Kinds of work, by their units."""
 
-    FACE_GRIDDED = "face-gridded"  # a triangle of the model, laid on a grid
+    FACE_GRIDDED = "face-gridded"  # a triangle of the model, added to a grid
     BOX_PRICED = "box-priced"  # in a room
     SUM = "sum"  # of two sides of a cut, in a search for a partition
     FACE_CUT = "face-cut"  # a triangle of a solid that is cut
@@ -26,7 +26,7 @@ class Work(StrEnum):
     PIECE_MEASURED = "piece-measured"
     POINT_CLUSTERED = "point-clustered"  # a vertex, for each cluster of a draw of seeds
     CELL_GROWN = "cell-grown"  # a cell of the grid, for each attempt to cover it by growth
-    BOX_PROVEN = "box-proven"  # a box of the grid that a lower bound is about
+    BOX_PROVEN = "box-proven"  # a box of the grid in the proof of a lower bound
 
 
 WORK_NS = {
@@ -58,7 +58,7 @@ class Effort:
     cut_short
         Whether a search has stopped because of the budget.
     on_spent
-        Called with the work done, in seconds, whenever work is started; None for nobody.
+        Called with the work done, in seconds, whenever work is started; None for no call.
     reserved_s
         Part of the budget for work that is done in any case, which no search may use.
     """
@@ -81,14 +81,14 @@ class Effort:
             self.on_spent(self.spent_s)
 
     def can_afford(self, work: Work, units: int) -> bool:
-        """Check whether the budget allows some work; a refusal is recorded in `cut_short`."""
-        wanted_s = self.spent_s + self.reserved_s + units * WORK_NS[work] / 1e9
-        can_afford = wanted_s <= self.budget_s
+        """Check whether the budget is enough for some work; record in `cut_short` if it is not."""
+        total_s = self.spent_s + self.reserved_s + units * WORK_NS[work] / 1e9
+        can_afford = total_s <= self.budget_s
         self.cut_short = self.cut_short or not can_afford
         return can_afford
 
     def is_spent(self) -> bool:
-        """Check whether the budget is spent; if so, that is recorded in `cut_short`."""
+        """Check whether the budget is spent; record in `cut_short` if it is."""
         spent = self.spent_s + self.reserved_s >= self.budget_s
         self.cut_short = self.cut_short or spent
         return spent

@@ -16,14 +16,14 @@ from decompose.pieces import Piece
 from decompose.printers import PrinterRoom
 from decompose.problem.problem import Problem
 
-FIT_MM = 1e-6  # rounding: a part may exceed its room by this
-ROUNDING_MM3 = 1e-6  # volume of a film that rounding leaves on a cut plane
+FIT_MM = 1e-6  # distance by which a part may exceed its room, for rounding
+ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut plane
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
     """Count the fewest equal blocks along each side of a box (3,) that fit every printer as axis-aligned.
 
-    A box of one block fits; a box of more may still fit when rotated.
+    A box of one block fits; a box of several blocks may still fit when rotated.
     """
     axis_counts = []
     for printer in printers:
@@ -45,8 +45,8 @@ def place_clear_of_faces(
 ) -> float:
     """Find a place for a plane near `at_mm` where no face of the solid is close to it.
 
-    A cut close to a face would leave slivers, and the face would count as a cut. Where no place within reach
-    is clear, the place furthest from any face is returned.
+    A cut close to a face would leave slivers, and the face would count as a cut. If no place within reach is
+    clear, the result is the place furthest from all faces.
     """
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] for i in range(3))
@@ -65,7 +65,7 @@ def place_clear_of_faces(
 
 
 def split_connected(piece: Piece) -> list[Piece]:
-    """Split a piece into connected pieces, without the films that rounding leaves on a cut."""
+    """Split a piece into connected pieces, and remove the films that rounding leaves on a cut."""
     solids = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in solids]
 

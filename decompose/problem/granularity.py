@@ -8,9 +8,10 @@ from decompose.errors import DecomposeError
 from decompose.grid import GRANULARITY
 
 AUTO_GRANULARITY = 15
-MAX_ROOM_CELLS = 24  # a finer grid takes gigabytes
-MAX_CELLS = 60  # that a person may ask for
-CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
+MAX_ROOM_CELLS = 24  # maximum by default: a finer grid takes gigabytes
+MAX_CELLS = 60  # maximum that a person may request
+# Minimum number of cells of a part: with fewer, a layer of cells is too large a share of it.
+CELLS_PER_PART = 400
 
 
 def choose_granularity(granularity: str | int, printers: int, room_ratio: float = 1.0) -> int:

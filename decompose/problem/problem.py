@@ -47,14 +47,15 @@ class Problem:
     executor
         Executor for work that may run in parallel, threads are enough; None to run it serially.
     effort
-        Work done and the budget: a search without a natural end stops there with the best so far.
+        Work done and the budget: a search without an end of its own stops when it is spent, with the best
+        result so far.
     on_stage
-        Called with the name of each stage when it is over.
+        Called with the name of each stage when it ends.
     best_known_s
         Makespan of the best result so far: no bound is proven for a result that ends later.
     thorough
-        Shift the planes of other partitions of a grid besides its best, and shift moved planes again, as
-        far as the budget goes.
+        Shift the planes of other partitions of a grid besides the best one, and shift moved planes again,
+        within the budget.
     frame
         (3, 3) ``v_cut = frame @ v_model``: rotation of the model so far.
     """
@@ -99,7 +100,7 @@ class Problem:
         return replace(self, model=model, frame=rotation @ self.frame)
 
     def granularity(self, model: Model) -> int:
-        """Choose the cube root of the number of cells for a model in the frame of the cut."""
+        """Choose the granularity of the grid for a model in the frame of the cut."""
         room_ratio = max(model.extents_mm) / min(self.room_mm)
         return choose_granularity(self.options.granularity, len(self.printers), room_ratio)
 
@@ -112,7 +113,8 @@ class Problem:
         """Build the grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
-        self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))  # on its cells, and on those that divide them
+        # On its cells, and on the finer ones that divide them.
+        self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))
         overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
         return build_grid(vertices[faces], self.granularity(model), rules, plane_at)
@@ -124,7 +126,7 @@ class Problem:
         return boxes
 
     def start_proof(self, grid: Grid, boxes: BoxTables, partition: Sequence[Box]) -> Callable[[], float]:
-        """Start to prove a lower bound on the makespan of boxes, beside other work if there is an executor.
+        """Start to prove a lower bound on the makespan of boxes, in parallel if there is an executor.
 
         Returns
         -------
@@ -165,22 +167,23 @@ class Problem:
         return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
-        """Check whether to prove the bound for a result of these pieces: where it may be the best result."""
+        """Check whether a result of these pieces may be the best one, so that its bound has to be proven."""
         if not self.options.prove:
             return False
         ends_s = self.makespan_s(pieces)
-        return math.isfinite(ends_s) and ends_s <= self.best_known_s  # of two that end together one is chosen
+        # One of two results that end at the same time is chosen.
+        return math.isfinite(ends_s) and ends_s <= self.best_known_s
 
     def makespan_s(self, pieces: Sequence[Piece]) -> float:
         """Compute the time when the last piece ends, each truly posed, on its printer; inf for no fit.
 
-        The printers that they are cut for do not matter: it is the makespan of the result.
+        The printers for which the pieces are cut are ignored, as in the makespan of the result.
         """
         takers = self.assign_printers(pieces)
         if takers is None:
             return math.inf
         pairs = zip(self.find_poses(pieces), takers, strict=True)
-        return max(pose.price_s * taker.time_factor for pose, taker in pairs if pose is not None)
+        return max(pose.price_s * printer.time_factor for pose, printer in pairs if pose is not None)
 
     def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
         """Assign printers to pieces so that the last one ends soonest; None if they do not all fit."""
@@ -201,14 +204,14 @@ class Problem:
         return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
-        """Find the pose of each piece, once for a solid and its rooms, in parallel with an executor."""
+        """Find the pose of each piece, once for each solid and rooms; in parallel with an executor."""
         run = map if self.executor is None else self.executor.map
-        unposed = {
+        unposed_keys = {
             self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._poses
         }
-        self.effort.record(Work.PIECE_POSED, len(unposed))
-        self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed.values()))
-        self._poses.update(zip(unposed, run(self.find_pose, unposed.values()), strict=True))
+        self.effort.record(Work.PIECE_POSED, len(unposed_keys))
+        self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed_keys.values()))
+        self._poses.update(zip(unposed_keys, run(self.find_pose, unposed_keys.values()), strict=True))
         return [self._poses[self._make_posing(piece)] for piece in pieces]
 
     def _make_posing(self, piece: Piece) -> Posing:
@@ -265,7 +268,7 @@ def validate_problem(
 
 
 def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
-    """Refuse models longer than all printers' rooms in a row, along their diagonals."""
+    """Refuse models longer than the diagonals of all printers' rooms together."""
     reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
     if float(model.extents_mm.max()) <= reach_mm:
         return
@@ -273,7 +276,8 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
     for axis in range(3):
         order = spans[np.argsort(spans[:, 0, axis]), :, axis]
         before = np.maximum.accumulate(np.concatenate([[-np.inf], order[:-1, 1]]))
-        solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())  # without gaps
+        # If the parts filled the rooms without gaps.
+        solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())
         if solid_mm > reach_mm:
             part_count = math.ceil(solid_mm / reach_mm * len(printers))
             raise NoFit(

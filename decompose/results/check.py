@@ -20,10 +20,10 @@ from decompose.results.decomposition import Coverage, Part
 
 SURFACE_SHARE = 1e-6
 OVERLAP_MM3 = 1e-3
-CRUMB_SHARE = 1e-12  # of the model: rounding, not a hollow
+CRUMB_SHARE = 1e-12  # minimum volume of a hollow, as a share of the model: less is rounding
 STL_VOLUME_SHARE = 1e-5
 FIT_MM = 1e-6
-LAP_MM = 1e-6  # overlap of boxes that are joined, without which rounding leaves films between them
+LAP_MM = 1e-6  # overlap of boxes that are united, so that rounding leaves no films between them
 
 
 def check_result(
@@ -33,7 +33,7 @@ def check_result(
     printers: Sequence[PrinterRoom],
     min_wall_mm: float,
 ) -> Coverage:
-    """Check all rules but those of the files.
+    """Check all rules except those of the files.
 
     Parameters
     ----------
@@ -52,9 +52,7 @@ def check_result(
         The first rule that is broken, and the part.
     """
     rooms = {p.name: p for p in printers}
-    free_counts = Counter(
-        p.name for p in printers
-    )  # a printer is listed once for each round that it may print
+    free_counts = Counter(p.name for p in printers)  # a printer is listed once for each of its rounds
     for part in parts:
         check_part(part, rooms)
         free_counts[part.printer] -= 1
@@ -75,8 +73,8 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
     pieces = len(part.solid.pieces())
     if pieces != 1:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
-    printed, _ = part.printing_mesh()
-    width, depth, height = np.ptp(printed, axis=0) - FIT_MM
+    vertices_on_bed, _ = part.printing_mesh()
+    width, depth, height = np.ptp(vertices_on_bed, axis=0) - FIT_MM
     room = rooms.get(part.printer)
     if room is None or not room.fits(width, depth, height):
         raise GeometryError(
@@ -92,10 +90,10 @@ def check_overlap(parts: Sequence[Part]) -> float:
         hi = np.minimum(a.solid.bounds_mm[1], b.solid.bounds_mm[1])
         if (hi - lo).min() <= ON_PLANE_MM:
             continue
-        shared = a.solid.intersect(b.solid).volume_mm3
-        if shared > OVERLAP_MM3:
-            raise GeometryError(Rule.NO_OVERLAP, b.id, f"shares {shared:.3g} mm3 with {a.id}")
-        total += shared
+        shared_mm3 = a.solid.intersect(b.solid).volume_mm3
+        if shared_mm3 > OVERLAP_MM3:
+            raise GeometryError(Rule.NO_OVERLAP, b.id, f"shares {shared_mm3:.3g} mm3 with {a.id}")
+        total += shared_mm3
     return total
 
 
@@ -135,7 +133,7 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     if hollow is None or hollow_mm3 <= CRUMB_SHARE * model_mm3:
         return
     lo, hi = model.solid.bounds_mm
-    far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from any hollow than the limit
+    far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from all hollows than the limit
     outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
     if outside.gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
         return
@@ -149,7 +147,7 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
 
 
 def check_stl(path: Path, part: Part) -> None:
-    """Check that a written file holds the part: watertight, and of its volume.
+    """Check that a written file is watertight and has the volume of its part.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
     Returns
     -------
     Decomposition
-        With `Part.drilled` and `connectors`; the same where the options want neither pins nor marks.
+        With `Part.drilled` and `connectors`; unchanged if the options request neither pins nor marks.
     """
     options = decomposition.options
     if options.connectors.is_empty or len(decomposition.parts) < 2:
@@ -56,7 +56,9 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             connectors = _leave_out(connectors, faults, decomposition)
         else:
             raise DecomposeError("the rules of pins and marks are broken again and again")
-    except Exception as error:  # also of shapely and Qhull: the parts are valid without pins and marks
+    except (
+        Exception
+    ) as error:  # including errors of shapely and Qhull: the parts are valid without pins and marks
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}
@@ -85,7 +87,7 @@ def _compute_price_s(connectors: Connectors, part: int) -> float:
 def _leave_out(
     connectors: Connectors, faults: list[ConnectorFault], decomposition: Decomposition
 ) -> Connectors:
-    """Remove the connectors of faulty parts; if no part is named, all pins."""
+    """Remove the connectors of faulty parts; if a fault names no part, all pins."""
     for fault in faults:
         if fault.part is None:
             reason = f"no pins: {fault.problem} (rule {fault.rule})"

@@ -22,7 +22,7 @@ from decompose.printers import PrinterRoom
 
 SCHEMA = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
-ON_BED_MM = 2e-5  # single precision leaves the corners of a tilted face this far from its plane
+ON_BED_MM = 2e-5  # distance of the corners of a tilted face from its plane in single precision
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,17 +38,18 @@ class Part:
     printer
         Name of the printer that it is meant for.
     brim_width_mm, layer_0_expansion_mm
-        Chosen for the part; None: those of the quality.
+        Chosen for the part; None for the values of the quality.
     bed_face_hidden, tops_hidden
-        All that lies on the bed is cut, and is hidden once the parts are glued; all tops are.
+        Whether the faces on the bed, and all top faces, are cut faces, which are hidden once the parts are
+        glued.
     planes
         (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
     stands
         Whether it stays upright while it is printed in its pose.
     small_foot_mm2
-        Area of its first layer, if that is small for its height; else None.
+        Area of its first layer if it is small for the height; else None.
     drilled
-        The solid with its holes and marks, where it has any: the one that is printed.
+        The solid with its holes and marks, which is printed; None if it has neither.
     """
 
     id: str
@@ -80,12 +81,12 @@ class Part:
         """Return vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
         solid = self.printed.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.printed
         vertices, faces = solid.arrays()
-        placed = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
-        placed[np.abs(placed[:, 2]) < ON_BED_MM, 2] = 0.0
-        return placed, faces
+        placed_vertices = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
+        placed_vertices[np.abs(placed_vertices[:, 2]) < ON_BED_MM, 2] = 0.0
+        return placed_vertices, faces
 
     def stl_triangles(self) -> npt.NDArray[np.float32]:
-        """Return triangles (m, 3, 3) for an STL, simplified as far as it takes to keep them closed."""
+        """Return triangles (m, 3, 3) for an STL, simplified if that is necessary to keep them closed."""
         for tolerance_mm in STL_TOLERANCES_MM:
             corners = round_triangles(*self.printing_mesh(tolerance_mm))
             if corners is not None:
@@ -134,7 +135,7 @@ class Attempt:
     compute_s, effort_s
         Wall time; and the work that was counted, which is the same on every machine (`problem.Effort`).
     finished
-        Whether the budget was enough for the whole search.
+        Whether the search ended within the budget.
     """
 
     engine: Engine
@@ -149,7 +150,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutting:
-    """Boxes that the parts were cut from; with them the planes can be moved again (`decompose.relevel`).
+    """Boxes from which the parts were cut, for a second move of the planes (`decompose.relevel`).
 
     Attributes
     ----------
@@ -160,7 +161,7 @@ class Cutting:
     boxes_mm
         (parts, 2, 3) corners of the box that each part was cut from, in the frame of the cut.
     cut_for
-        The printer that each part was cut for; None: any.
+        The printer for which each part was cut; None for any.
     printers
         Printers that were free.
     prices_s
@@ -206,8 +207,8 @@ class Decomposition:
     connectors
         Pins and marks on the joints, from `connect_parts`.
     faults
-        Slivers, and parts that joints of enough glue do not hold. A result with any is rejected, except
-        from the baselines and with `--faithful`, which report them.
+        Slivers, and parts without joints of enough area. A result with faults is rejected, except those of
+        the baselines and with `--faithful`, which report them.
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
@@ -244,21 +245,21 @@ class Decomposition:
     cutting: Cutting | None = None
 
     def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
-        """Compute the share of the makespan that perfect balance would save, with the same total work.
+        """Compute the share of the makespan that a perfect balance of the same total work would save.
 
-        All printers would be busy to the end, each at its own speed.
+        With it all printers would work until the end, each at its own speed.
         """
         busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
         return 1.0 - busy_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """Return the figures of the result alone, for another process."""
+        """Return the result with its figures only, for another process."""
         return replace(
             self, parts=(), joints=(), assembly=Assembly(), seams=(), connectors=Connectors(), faults=()
         )
 
     def with_assembly(self) -> Decomposition:
-        """Return the result with its assembly planned; an order that its replay refutes is none.
+        """Return the result with its assembly planned; an order that fails in its replay is discarded.
 
         The seams are measured too; there are none if that fails.
         """
@@ -269,7 +270,7 @@ class Decomposition:
         try:
             seams = tuple(measure_seams(self.parts, self.joints))
         except (shapely.errors.ShapelyError, DecomposeError, ValueError):
-            seams = ()  # the parts are valid without their lengths
+            seams = ()  # the parts are valid without lengths of seams
         return replace(self, assembly=assembly, seams=seams)
 
     def seam_mm(self, joints: Iterable[int] | None = None) -> float:

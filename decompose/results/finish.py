@@ -27,7 +27,7 @@ from decompose.problem import GridFigures, Partition, Problem
 from decompose.results.check import check_result
 from decompose.results.decomposition import Coverage, Cutting, Decomposition, Part
 
-SPARE_SHARE = 0.97  # of the makespan: the price of a part errs by some per cent
+SPARE_SHARE = 0.97  # share of the makespan that a steadier pose may take: prices have errors of some per cent
 
 
 def finish_result(problem: Problem, partition: Partition, serial: tuple[float, float]) -> Decomposition:
@@ -41,7 +41,7 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
     Raises
     ------
     NoFit
-        The parts do not fit the printers, each on one of its own.
+        The parts do not fit the printers, each on another one.
     GeometryError
         The result breaks a geometry rule.
     """
@@ -78,12 +78,12 @@ def _build_decomposition(
 ) -> Decomposition:
     factors = {printer.name: printer.time_factor for printer in problem.printers}
     makespan_s = max(p.price_s * factors[p.printer] for p in parts)
-    touching = find_joints(parts)
+    cut_joints = find_joints(parts)
     rotation = partition.rotation @ problem.frame
     bound_s = bound_by_surface_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     restored_parts = tuple(_restore_frame(part, rotation) for part in parts)
-    joints = tuple(joint.move(_invert(rotation)) for joint in touching)
+    joints = tuple(joint.move(_invert(rotation)) for joint in cut_joints)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
@@ -100,17 +100,17 @@ def _build_decomposition(
         cells=grid.cells,
         joints=joints,
         cutting=cutting,
-        faults=tuple(find_faults(parts, problem.options.min_glue_mm2, touching)),
+        faults=tuple(find_faults(parts, problem.options.min_glue_mm2, cut_joints)),
     )
 
 
 def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     """Pose and number pieces, and give each a printer."""
     poses = [_require_pose(pose) for pose in problem.find_poses(pieces)]
-    takers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
-    if takers is None:
+    assigned_printers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
+    if assigned_printers is None:
         raise NoFit(f"{len(poses)} parts do not fit these printers, each on one of its own", len(poses))
-    poses = _find_steady_poses(problem, pieces, poses, takers)
+    poses = _find_steady_poses(problem, pieces, poses, assigned_printers)
     digits = max(2, len(str(len(pieces))))
     return [
         Part(
@@ -118,7 +118,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             solid=piece.solid,
             to_model=pose.to_model,
             price_s=pose.price_s,
-            printer=takers[i].name,
+            printer=assigned_printers[i].name,
             brim_width_mm=pose.brim_width_mm,
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
             bed_face_hidden=pose.bed_face_hidden,
@@ -132,29 +132,32 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
 
 
 def _find_steady_poses(
-    problem: Problem, pieces: Sequence[Piece], poses: Sequence[Pose], takers: Sequence[PrinterRoom]
+    problem: Problem, pieces: Sequence[Piece], poses: Sequence[Pose], assigned_printers: Sequence[PrinterRoom]
 ) -> list[Pose]:
-    """Find a steadier pose for each piece that ends before the slowest one on its printer (`takers`).
+    """Find a steadier pose for each piece that ends before the slowest one on its printer.
 
-    A printer of several rounds has no time to spare between them.
+    A printer with several rounds has no spare time between them.
     """
-    ratios = [piece.time_ratio * taker.time_factor for piece, taker in zip(pieces, takers, strict=True)]
+    ratios = [
+        piece.time_ratio * printer.time_factor
+        for piece, printer in zip(pieces, assigned_printers, strict=True)
+    ]
     ends_s = max(pose.price_s * ratio for pose, ratio in zip(poses, ratios, strict=True))
     rounds = Counter(printer.name for printer in problem.printers)
 
-    def find_pose(piece: Piece, fastest: Pose, taker: PrinterRoom, ratio: float) -> Pose:
-        spare_s = SPARE_SHARE * ends_s / ratio if rounds[taker.name] == 1 else 0.0
+    def find_pose(piece: Piece, fastest: Pose, printer: PrinterRoom, ratio: float) -> Pose:
+        spare_s = SPARE_SHARE * ends_s / ratio if rounds[printer.name] == 1 else 0.0
         vertices, faces = piece.solid.arrays()
         mesh = PartMesh(vertices, faces, find_cut_faces(vertices, faces, piece.planes))
-        rooms = (*problem.rooms_for(piece), taker)
+        rooms = (*problem.rooms_for(piece), printer)
         return find_steady_pose(mesh, rooms, problem.cost, fastest, steady_limit_s(fastest, spare_s))
 
     run = map if problem.executor is None else problem.executor.map
-    return list(run(find_pose, pieces, poses, takers, ratios))
+    return list(run(find_pose, pieces, poses, assigned_printers, ratios))
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
-    """Multiply the price of each pose by the ratio that a slicer has shown for its piece.
+    """Multiply the price of each pose by the ratio of sliced time to price of its piece.
 
     Parameters
     ----------

@@ -16,11 +16,11 @@ from decompose.arrays import Floats
 from decompose.geometry import Solid, choose_plane_axes
 
 LAYER_MM = 0.2
-REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # of a layer over the one below, without support
+REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # reach of a layer beyond the one below, without support
 RING_MM = 1.0  # shorter rings are dropped by the slicer
 SLACK_MM = 0.004  # rounding of sections
-LEVEL = 0.5  # part of the vertical in a direction from which a face is level rather than upright
-AIR_MM = 5.0  # of air that is added in front of an upright face, and around its tools
+LEVEL = 0.5  # minimum vertical component of the normal of a level face; others are upright
+AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
 def measure_ceiling_mm2(tools: Sequence[Floats], into: Floats, face_mm: float, up: Floats) -> float:
@@ -39,7 +39,7 @@ def measure_ceiling_mm2(tools: Sequence[Floats], into: Floats, face_mm: float, u
     """
     rise = float(into @ up)
     if rise < -LEVEL:
-        return 0.0  # it opens to the top, and only gets wider
+        return 0.0  # a hollow that opens upwards only gets wider
     corners_mm = np.concatenate(tools)
     bodies = [Solid.hull(tool) for tool in tools]
     if rise <= LEVEL:
@@ -67,7 +67,7 @@ def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> 
 
 
 def _cut_layer(hollow: Solid, frame: Floats, at_mm: float) -> shapely.Geometry:
-    """Cut a hollow at a height, as the slicer does: without rings that are too short."""
+    """Cut a hollow at a height without rings that are too short, as the slicer does."""
     rings = [ring for ring in hollow.section(frame, at_mm) if len(ring) > 2]
     outlines = [ring for ring in map(shapely.Polygon, rings) if ring.length >= RING_MM]
     if len(outlines) == 1:

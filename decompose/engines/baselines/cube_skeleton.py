@@ -44,8 +44,8 @@ from decompose.problem.fitting import (
     split_connected,
 )
 
-CELLS = 24  # cube root of the number of cells of the grid on which the model is hollowed
-TOUCH_MM2 = 1.0  # pieces that share less area are not neighbours
+CELLS = 24  # granularity of the grid on which the model is hollowed
+TOUCH_MM2 = 1.0  # minimum shared area of neighbours
 
 
 def cut_by_cube_skeleton(problem: Problem) -> Partition:
@@ -62,13 +62,13 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     rules = GridRules(options.min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
     grid = build_grid(vertices[faces], CELLS, rules)
     shell = hollow_model(model.solid, grid)
-    hollowed = bool(shell.cavity.any())
-    cube = find_largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
+    is_hollow = bool(shell.cavity.any())
+    cube = find_largest_cube(shell.cavity if is_hollow else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
     problem.on_stage("hollow")
     best = _cut_shell(problem, grid, shell, cube)
-    if cube is not None and hollowed and not faithful:
+    if cube is not None and is_hollow and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = move_planes_to(model.solid, grid, cube_mm)
@@ -163,11 +163,11 @@ class _Merging:
             solid = piece.solid
             seconds = float(price_axis_poses_s(*solid.arrays(), problem.cost).min())
             self.groups[i] = _Group([i], solid, seconds)
-        self.touching: dict[int, set[int]] = defaultdict(set)
+        self.touching_groups: dict[int, set[int]] = defaultdict(set)
         for joint in find_joints(pieces):
             if joint.area_mm2 >= TOUCH_MM2:
-                self.touching[joint.a].add(joint.b)
-                self.touching[joint.b].add(joint.a)
+                self.touching_groups[joint.a].add(joint.b)
+                self.touching_groups[joint.b].add(joint.a)
 
     def fits(self, a: int, b: int) -> bool:
         size_mm = self.groups[a].size_mm(self.groups[b])
@@ -176,22 +176,22 @@ class _Merging:
     def merge(self, a: int, b: int) -> bool:
         """Merge the second group into the first.
 
-        Return False if rounding keeps them apart on their cut, or if they would also meet along an
-        edge, so that an STL of them would not be closed.
+        Return False if they stay separate on their cut because of rounding, or if they would also meet along
+        an edge, so that an STL of them would not be closed.
         """
         first, second = self.groups[a], self.groups[b]
         solid = Solid.union([first.solid, second.solid])
         if len(solid.pieces()) > 1 or round_triangles(*solid.arrays()) is None:
-            self.touching[a].discard(b)
-            self.touching[b].discard(a)
+            self.touching_groups[a].discard(b)
+            self.touching_groups[b].discard(a)
             return False
         self.groups[a] = _Group(first.members + second.members, solid, first.seconds + second.seconds)
         del self.groups[b]
-        for neighbour in self.touching.pop(b):
-            self.touching[neighbour].discard(b)
+        for neighbour in self.touching_groups.pop(b):
+            self.touching_groups[neighbour].discard(b)
             if neighbour != a:
-                self.touching[neighbour].add(a)
-                self.touching[a].add(neighbour)
+                self.touching_groups[neighbour].add(a)
+                self.touching_groups[a].add(neighbour)
         return True
 
     def find_smallest(self, numbers: set[int]) -> int | None:
@@ -202,14 +202,16 @@ class _Merging:
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
             is_settled = False
             while not is_settled:
-                neighbour = self.find_smallest({i for i in self.touching[island] if self.fits(i, island)})
+                neighbour = self.find_smallest(
+                    {i for i in self.touching_groups[island] if self.fits(i, island)}
+                )
                 is_settled = neighbour is None or self.merge(neighbour, island)
 
     def pair_neighbours(self) -> None:
         """Pair each piece, the largest first, with its smallest single neighbour with which it fits."""
         unpaired = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
-            neighbour = self.find_smallest(self.touching[number] & unpaired)
+            neighbour = self.find_smallest(self.touching_groups[number] & unpaired)
             if number not in unpaired or neighbour is None or not self.fits(number, neighbour):
                 continue
             if self.merge(number, neighbour):
@@ -218,17 +220,19 @@ class _Merging:
     def merge_down_to(self, printers: int) -> None:
         """Merge the neighbours that print fastest until there are no more groups than printers.
 
-        Where too many groups remain that way, those with the least common bounding box are merged instead.
+        If too many groups remain, the groups with the smallest common bounding box are merged instead.
         """
-        groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
+        groups, neighbours = dict(self.groups), {i: set(others) for i, others in self.touching_groups.items()}
         self._merge_cheapest(printers, lambda a, b: a.seconds + b.seconds)
         if len(self.groups) > printers:
-            self.groups, self.touching = groups, defaultdict(set, neighbours)
+            self.groups, self.touching_groups = groups, defaultdict(set, neighbours)
             self._merge_cheapest(printers, lambda a, b: float(a.size_mm(b).prod()))
 
     def _merge_cheapest(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
         while len(self.groups) > printers:
-            pairs = [(a, b) for a in self.groups for b in self.touching[a] if a < b and self.fits(a, b)]
+            pairs = [
+                (a, b) for a in self.groups for b in self.touching_groups[a] if a < b and self.fits(a, b)
+            ]
             if not pairs:
                 return
             self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))

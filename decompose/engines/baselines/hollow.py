@@ -13,7 +13,7 @@ from decompose.pieces import list_box_planes
 
 Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
 
-MAX_GROWTH_CELLS = 2.0  # greatest growth of a cube on each side, as a multiple of a cell's longest side
+MAX_GROWTH_CELLS = 2.0  # maximum growth of a cube on each side, as a multiple of a cell's longest side
 ACCURACY_MM = 0.2  # accuracy of the cube's size
 MARGIN_MM = 0.01  # margin above the least wall, since distances are rounded
 ROUNDS = 2  # rounds of growth in every direction
@@ -55,9 +55,9 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
 
 
 def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
-    """Drop cells that meet others along an edge alone, where the remaining surface would touch itself.
+    """Remove cells that meet others only along an edge, where the remaining surface would touch itself.
 
-    Those of one box may be `kept`.
+    The cells of one box may be excepted (`kept`).
     """
     cells = cells.copy()
     kept_cells = np.zeros_like(cells) if kept_cells is None else kept_cells
@@ -101,10 +101,11 @@ def find_largest_cube(cells: Bools) -> Block | None:
     """Find the largest cube of cells, the one nearest to their middle; None if there are no cells."""
     if not cells.any():
         return None
-    edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)  # of the largest cube that ends at a cell
+    # Size of the largest cube that ends at each cell.
+    edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)
     for x, y, z in np.argwhere(cells).tolist():
-        before = edge[x : x + 2, y : y + 2, z : z + 2].ravel()[:7]
-        edge[x + 1, y + 1, z + 1] = 1 + before.min()
+        previous_sizes = edge[x : x + 2, y : y + 2, z : z + 2].ravel()[:7]
+        edge[x + 1, y + 1, z + 1] = 1 + previous_sizes.min()
     ends = np.argwhere(edge == edge.max())
     size = int(edge.max())
     middle = np.argwhere(cells).mean(axis=0) + 0.5
@@ -126,12 +127,11 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     far_mm = wall_mm + ACCURACY_MM
     outside = Solid.box(min_corner - far_mm, max_corner + far_mm).subtract(solid)
     cube = np.array([middle - half, middle + half])
-    directions: Floats = np.array(
-        [(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)]
-    )  # share of growth on the lower sides
+    # Share of growth on the lower sides.
+    directions: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])
 
-    def grow(direction: Floats, by_mm: float) -> Floats:
-        return np.array([cube[0] - direction * by_mm, cube[1] + (1.0 - direction) * by_mm])
+    def grow(direction: Floats, distance_mm: float) -> Floats:
+        return np.array([cube[0] - direction * distance_mm, cube[1] + (1.0 - direction) * distance_mm])
 
     def keeps_wall(box: Floats) -> bool:
         return outside.is_empty or outside.gap_mm(Solid.box(*box), wall_mm) >= wall_mm
@@ -176,9 +176,9 @@ def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Flo
     return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
 
 
-def _find_clear_place(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
-    """Find the nearest place within reach that is clear of all flat faces, or the furthest from any."""
-    places = np.linspace(at_mm, at_mm + by_mm, 41)
+def _find_clear_place(flats_mm: Floats, at_mm: float, reach_mm: float) -> float:
+    """Find the nearest place within reach that is clear of all flat faces, else the furthest from any."""
+    places = np.linspace(at_mm, at_mm + reach_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear_gaps = np.flatnonzero(gaps >= CLEAR_MM)
     return float(places[clear_gaps[0] if len(clear_gaps) else int(gaps.argmax())])

@@ -34,10 +34,11 @@ from decompose.problem.fitting import (
 TREE_DEPTH = 3  # depth of the tree of cuts
 DRAWN_PLANES = 5  # maximum number of planes that are kept from a draw for a part
 GOOD_PLANES = 3
-REFINING_SAMPLES = 25  # normals a round
-MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
-OFFSETS: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])  # of a block
-CRUMB_SHARE = 0.05  # of the mean part's volume, below which a part is not worth a printer
+REFINING_SAMPLES = 25  # number of normals in a round of the refinement
+MIN_SHARE = 1.0 / 1.5  # minimum volume of a half in the authors' program, as a share of the mean part's
+# Places of a plane about the boundary of a block, as a share of the block.
+OFFSETS: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])
+CRUMB_SHARE = 0.05  # minimum volume of a part, as a share of the mean part's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,14 +99,13 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     parts = form.cut_further(parts)
     problem.on_stage("greedy")
     pieces = tuple(piece for part in parts for piece in split_connected(part.piece))
-    refuse_misfits(
-        "symmetry", pieces, problem, sufficient_printers=None
-    )  # with more printers it makes more parts
+    # With more printers more parts would be made, so that no number is known to be enough.
+    refuse_misfits("symmetry", pieces, problem, sufficient_printers=None)
     return Partition(pieces, problem.model, np.eye(3))
 
 
 def _find_best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
-    """Find the leaves of the tree of cuts whose greatest price is least, for 0, 1, ... printers."""
+    """Find the leaves of the tree of cuts with the lowest maximum price, for 0, 1, ... printers."""
     best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
         return best
@@ -155,7 +155,7 @@ class _PublishedForm(_Form):
                 yield halves
 
     def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
-        """Cut a part into two halves, connected or not; none if one of them is too small."""
+        """Cut a part into two halves, connected or not; empty if one of them is too small."""
         halves = [self.part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)]
         is_even = len(halves) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in halves)
         return halves if is_even else []
@@ -211,7 +211,7 @@ class _CorrectedForm(_Form):
     def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or the one that exceeds the room most: normal and places.
 
-        The first divides it by a whole number of rooms, the others lie about it.
+        The first plane divides it by a whole number of rooms, the others lie near it.
         """
         lo, hi = solid.bounds_mm
         counts = count_blocks(hi - lo, self.problem.rooms)

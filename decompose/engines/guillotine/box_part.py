@@ -35,12 +35,12 @@ class BoxPart:
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
     def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
-        """Return the part with its pieces in these poses, inf seconds where one fits in none."""
+        """Return the part with its pieces in these poses; inf seconds if a piece has no pose."""
         fitting = tuple(pose for pose in poses if pose is not None)
         return replace(self, poses=fitting, seconds=find_slowest_s(self.pieces, poses))
 
     def is_like(self, other: BoxPart) -> bool:
-        """Check whether it has as many pieces as another, and none that is a sliver by comparison."""
+        """Check whether it has as many pieces as another part, none of them a sliver by comparison."""
         return len(self.pieces) == len(other.pieces) and self.min_mm >= min(SLIVER_MM, other.min_mm)
 
 
@@ -64,7 +64,7 @@ def find_longest_s(parts: Sequence[BoxPart]) -> float:
 def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
     """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
 
-    inf if it fits one of them only when rotated off the axes: the length is not known then.
+    inf if it fits one of them only when rotated off the axes, as the length is then not known.
     """
     spare_mm = np.full(3, math.inf)
     for room in rooms:

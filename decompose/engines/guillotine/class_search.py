@@ -3,7 +3,7 @@
 The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
 printer takes the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
 guillotine partitions and all ways to distribute their parts. The better one of the two is the result, so that
-nothing is lost where the classes are too coarse.
+the result is never worse where the classes are too coarse.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 
 Cut = Mapping[Box, Sequence[Piece]]
 
-MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
-MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # number of rounds of true prices, and of rejected partitions
-WORTHWHILE_SHARE = 0.995  # share of the makespan so far that a partition has to reach to be worth its search
-TOLERANCE = 0.003  # share of it to which the least makespan is found
-MAX_ADDED_PRINTERS = 32  # maximum number of printers that are added to a class where there are too few
+MAX_SUMS = 4e8  # maximum number of sums of the search for classes: some seconds for each limit
+MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds of true prices, and of rejected partitions
+WORTHWHILE_SHARE = 0.995  # a partition must promise less than this share of the makespan so far
+TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
+MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
 RETRY_RATIO = 1.01  # as in `exact_search`
 
 
@@ -76,13 +76,13 @@ def cut_by_guillotine(problem: Problem) -> Partition:
 
 def _assign_cut(problem: Problem, cut: Cut) -> Cut:
     """Assign printers to the pieces of boxes so that the last one ends soonest."""
-    takers = problem.assign_printers(_list_pieces(cut))
-    return cut if takers is None else _set_printers(cut, takers)
+    assigned_printers = problem.assign_printers(_list_pieces(cut))
+    return cut if assigned_printers is None else _set_printers(cut, assigned_printers)
 
 
-def _set_printers(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
+def _set_printers(cut: Cut, assigned_printers: Sequence[PrinterRoom]) -> Cut:
     """Give each piece its printer."""
-    printers = iter(takers)
+    printers = iter(assigned_printers)
     return {
         box: [replace(piece, printer=next(printers)) for piece in box_pieces]
         for box, box_pieces in cut.items()
@@ -100,12 +100,12 @@ def _compute_end_s(problem: Problem, cut: Cut) -> float:
 class _ClassSearch(ExactSearch):
     """The exact search for classes of printers, with true prices as in `ExactSearch`.
 
-    Prices that were corrected there for boxes on all printers are used here, too.
+    It also uses the prices that were corrected there for boxes on all printers.
     """
 
-    def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, min_s: float) -> None:
-        self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared.seconds))
-        self.tables = make_class_tables(problem, grid, shared, self.classes)
+    def __init__(self, problem: Problem, grid: Grid, shared_tables: BoxTables, min_s: float) -> None:
+        self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared_tables.seconds))
+        self.tables = make_class_tables(problem, grid, shared_tables, self.classes)
         super().__init__(problem, grid, self.tables[0], min_s)
         other_classes = zip(self.tables[1:], self.classes[1:], strict=True)
         self.solver = Partitioner(
@@ -113,7 +113,7 @@ class _ClassSearch(ExactSearch):
         )
 
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
-        """Search for partitions that truly end sooner than a time, the soonest last; none for one class."""
+        """Find partitions that end before a time by true prices, the soonest last; none for one class."""
         cuts: list[Cut] = []
         close_s = TOLERANCE * (below_s if math.isfinite(below_s) else self.min_s)
         if len(self.classes) == 1 or not self._may_succeed(WORTHWHILE_SHARE * below_s, close_s):
@@ -126,7 +126,7 @@ class _ClassSearch(ExactSearch):
             if limit_s is None:
                 break
             self.min_s = max(self.min_s, limit_s - close_s)
-            boxes = self.solver.chosen_boxes()
+            boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             rounds += 1
@@ -140,7 +140,7 @@ class _ClassSearch(ExactSearch):
         return cuts
 
     def _may_succeed(self, max_s: float, close_s: float) -> bool:
-        """Check whether such a partition might exist if every printer were the best one for each box."""
+        """Check whether such a partition could exist if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best)
@@ -157,10 +157,10 @@ class _ClassSearch(ExactSearch):
     def _assign_by_tables(self, boxes: Sequence[Box]) -> Cut:
         """Give each piece of boxes the printer that is best by the tables."""
         cut = {box: self.cut[box] for box in boxes}
-        takers = assign_bottleneck(self._look_up_seconds(boxes))
-        assert takers is not None  # the search found a way
+        assigned_printers = assign_bottleneck(self._look_up_seconds(boxes))
+        assert assigned_printers is not None  # the search has found an assignment
         printers = [printer for printer_class in self.classes for printer in printer_class.printers]
-        return _set_printers(cut, [printers[i] for i in takers])
+        return _set_printers(cut, [printers[i] for i in assigned_printers])
 
     def _look_up_seconds(self, boxes: Sequence[Box]) -> Floats:
         """Look up the time (pieces, printers) of each piece; printers in the order of the classes."""
@@ -195,11 +195,11 @@ class _ClassSearch(ExactSearch):
         """
         problem = self.problem
         times = self._look_up_seconds(list(cut))
-        takers = assign_bottleneck(times)
-        if takers is None:  # the cut for all printers may use boxes that this search has excluded
+        assigned_printers = assign_bottleneck(times)
+        if assigned_printers is None:  # the cut for all printers may use boxes that this search has excluded
             makespan_s = _compute_end_s(problem, cut)
         else:
-            makespan_s = float(times[range(len(takers)), takers].max())
+            makespan_s = float(times[range(len(assigned_printers)), assigned_printers].max())
         if problem.needs_proof(pieces):
             quickest = np.float32(problem.fastest_factor)
             tables = [problem.price_boxes(grid, [room]) for room in problem.rooms]
@@ -214,22 +214,22 @@ class _ClassSearch(ExactSearch):
         return GridFigures(makespan_s, min_s, grid.shape)
 
 
-def _make_too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
+def _make_too_few_error(problem: Problem, grid: Grid, shared_tables: BoxTables) -> NoFit | None:
     """Build the error with the number of printers of these kinds that would be enough; None if unknown.
 
     Tries more printers of the first class, of one other, or of both.
     """
-    max_sums = MAX_SUMS / len(shared.seconds)
+    max_sums = MAX_SUMS / len(shared_tables.seconds)
     classes = classify_printers([replace(printer, time_factor=1.0) for printer in problem.printers], max_sums)
-    tables = make_class_tables(problem, grid, shared, classes)
+    tables = make_class_tables(problem, grid, shared_tables, classes)
     counts_available = [printer_class.count for printer_class in classes]
     shortages: list[tuple[int, list[int]]] = []
     for grown_class in range(1, len(classes)):
         counts = _grow_counts(counts_available, grown_class, max_sums)
         other_classes = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], other_classes)
-        solver.solve(float(np.finfo(np.float32).max))  # below inf, which means no fit
-        for state, fewest in zip(*solver.class_shares(), strict=True):
+        solver.solve(float(np.finfo(np.float32).max))  # finite: inf means no fit
+        for state, fewest in zip(*solver.list_class_shares(), strict=True):
             shortage = [
                 max(0, int(n) - count) for n, count in zip((fewest, *state), counts_available, strict=True)
             ]
@@ -259,13 +259,13 @@ def _grow_counts(available: Sequence[int], grown_class: int, max_sums: float) ->
 
 
 def make_class_tables(
-    problem: Problem, grid: Grid, shared: BoxTables, classes: Sequence[PrinterClass]
+    problem: Problem, grid: Grid, shared_tables: BoxTables, classes: Sequence[PrinterClass]
 ) -> list[BoxTables]:
     """Build the tables of each class, times multiplied by its speed; `trimmed` and `pieces` are shared.
 
     Parameters
     ----------
-    shared
+    shared_tables
         Tables of the room that all printers have.
     """
     rooms: dict[object, BoxTables] = {}
@@ -274,12 +274,12 @@ def make_class_tables(
             continue
         is_smallest = all(room.fits(*box) for box in printer_class.boxes for room in problem.rooms)
         rooms[printer_class.boxes] = (
-            shared if is_smallest else problem.price_boxes(grid, [printer_class.room])
+            shared_tables if is_smallest else problem.price_boxes(grid, [printer_class.room])
         )
-    pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
+    pieces = np.maximum(shared_tables.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
     return [
         replace(
-            shared,
+            shared_tables,
             seconds=rooms[printer_class.boxes].seconds * np.float32(printer_class.time_factor),
             pieces=pieces,
         )

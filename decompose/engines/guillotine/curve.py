@@ -18,8 +18,8 @@ from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.grid import BoxTables
 
-TOLERANCE = 0.005  # share of a makespan to which it is known
-PARALLEL_SOLVES = 2  # solves in parallel; a fixed number, so that the result does not depend on the machine
+TOLERANCE = 0.005  # accuracy of a makespan, as a share of it
+PARALLEL_SOLVES = 2  # number of parallel solves; fixed, so that the result does not depend on the machine
 CLEAR_S = 120.0
 """A person's time to take a part off a bed and to clear the bed, an estimate."""
 ASSEMBLE_S = 216.0
@@ -51,7 +51,7 @@ class _Narrowing:
         """Solve for a limit; return it, the fleets that reach it, and the time when the last part ends."""
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
-        states, fewest = solver.class_shares()
+        states, fewest = solver.list_class_shares()
         fewest_by_state = {
             tuple(state): int(fewest_parts)
             for state, fewest_parts in zip(states.tolist(), fewest, strict=True)
@@ -62,13 +62,13 @@ class _Narrowing:
         ends_s = solver.longest_s() if feasible.any() and not self._others else limit_s
         return limit_s, feasible, ends_s
 
-    def learn(self, limit_s: float, feasible: Bools, ends_s: float) -> None:
-        """Narrow the bounds of every number by the result of a solve."""
+    def narrow_bounds(self, limit_s: float, feasible: Bools, ends_s: float) -> None:
+        """Narrow the bounds of every number of printers by the result of a solve."""
         self.reached_s[feasible] = np.minimum(self.reached_s[feasible], ends_s)
         self.refuted_s[~feasible] = np.maximum(self.refuted_s[~feasible], limit_s)
 
     def next_limits(self) -> list[float]:
-        """Choose the next limits to solve for, in the widest gaps; none if all are narrow."""
+        """Choose the next limits to solve for, in the widest gaps; empty if all gaps are narrow."""
         is_reached = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
         for low, high in zip(
@@ -102,7 +102,7 @@ def compute_makespan_curve(
     run = map if executor is None else executor.map
     while limits:
         for points in run(narrowing.solve, limits):
-            narrowing.learn(*points)
+            narrowing.narrow_bounds(*points)
         limits = narrowing.next_limits()
     counts, reached_s = fleets.sum(axis=1).tolist(), narrowing.reached_s.tolist()
     return tuple(CurvePoint(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
@@ -111,7 +111,7 @@ def compute_makespan_curve(
 def find_knee(
     points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
 ) -> CurvePoint:
-    """Find the point where printing plus a person's handling of every part takes the least time.
+    """Find the point with the least time for printing plus a person's handling of every part.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def find_knee(
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_s: float = 0.0) -> CurvePoint:
-    """Find the fewest printers that finish within a time; the fastest number where none do.
+    """Find the fewest printers that finish within a time; the fastest number if none does.
 
     Parameters
     ----------
@@ -136,10 +136,10 @@ def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float, handling_
         A person's time for each part, after the last one is printed; a single part needs none.
     """
 
-    def end_s(point: CurvePoint) -> float:
+    def compute_end_s(point: CurvePoint) -> float:
         return point.makespan_s + (handling_s * point.printers if point.printers > 1 else 0.0)
 
-    feasible = [point for point in points if end_s(point) <= within_s]
+    feasible = [point for point in points if compute_end_s(point) <= within_s]
     if feasible:
         return min(feasible, key=lambda point: point.printers)
-    return min(points, key=lambda point: (end_s(point), point.printers))
+    return min(points, key=lambda point: (compute_end_s(point), point.printers))

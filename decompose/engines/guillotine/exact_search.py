@@ -1,6 +1,7 @@
 """The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost.
 
-The loss by guillotine cuts and by the grid is then reduced: boxes are cut again, and planes leave the grid.
+Afterwards the loss by guillotine cuts and by the grid is reduced: boxes are cut again, and planes leave the
+grid.
 """
 
 from __future__ import annotations
@@ -22,15 +23,16 @@ from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_ROUNDS = 8  # of true prices for the chosen boxes, and a new choice
-MAX_REJECTIONS = 40  # choices given up for a sliver or a weak joint
-RETRY_RATIO = 1.01  # a true makespan of more than this share of the tables' is worth another round
-TOLERANCE_S = 1.0  # to which the least makespan by the tables is found
-SEARCH_SHARE = 0.75  # of the budget, besides what is reserved; the rest is left for windows
-LATE_STEP = 0.02  # share of the makespan by which its limit grows when that is used up and nothing is found
-LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)  # share of the way to the least makespan with one printer less
-MAX_LATER_RATIO = 1.06  # of the least makespan, if there is none for one printer less
-CLOSE_RATIO = 1.03  # of the makespan to beat: a result that ends later is not improved further
+MAX_ROUNDS = 8  # maximum number of rounds: true prices for the chosen boxes, and a new choice
+MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
+RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
+TOLERANCE_S = 1.0  # accuracy of the minimum makespan by the tables
+SEARCH_SHARE = 0.75  # share of the unreserved budget; the rest is for windows
+LATE_STEP = 0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
+# Limits between the minimum makespans with this number of printers and with one less.
+LOOSER_LIMIT_SHARES = (0.1, 0.25, 0.4)
+MAX_LATER_RATIO = 1.06  # maximum limit over the minimum makespan, if one printer less is not enough
+CLOSE_RATIO = 1.03  # a result is improved only if it is below this multiple of the makespan to beat
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
@@ -43,7 +45,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     """
     grid, boxes, bound_s = build_tables(problem)
     engine = ExactSearch(problem, grid, boxes, bound_s)
-    is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # whatever the planes gain
+    is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # even if the planes gain by it
     problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
     partition = engine.run()
     problem.effort.reserved_s = 0.0
@@ -84,11 +86,12 @@ class ExactSearch:
 
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
         self.problem, self.grid, self.boxes = problem, grid, boxes
-        self.min_s, self.is_near = bound_s, False  # near once a makespan is known: prices only grow
+        self.min_s = bound_s
+        self.is_near = False  # whether the minimum is near the last one: prices only grow
         self.solver = Partitioner(boxes)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
-        self.rejections: list[str] = []  # the fault of each choice that was given up
+        self.rejections: list[str] = []  # the fault of each rejected choice
 
     def run(self) -> dict[Box, list[Piece]]:
         """Search for the partition that truly ends soonest; its boxes, and their pieces."""
@@ -99,7 +102,7 @@ class ExactSearch:
         while True:
             is_late = effort.spent_s >= until_s
             if is_late:
-                effort.cut_short = True  # from here on any partition will do
+                effort.cut_short = True  # from here on any partition is accepted
                 if best:
                     break
             close_s = max(TOLERANCE_S, LATE_STEP * self.min_s) if is_late else TOLERANCE_S
@@ -111,7 +114,7 @@ class ExactSearch:
             self.min_s = max(self.min_s, makespan_s if is_late else makespan_s - close_s)
             if makespan_s >= best_s:
                 break
-            boxes = self.solver.chosen_boxes()
+            boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             rounds += 1
@@ -148,7 +151,7 @@ class ExactSearch:
                 yield {box: self.cut[box] for box in boxes}
 
     def _solve_within(self, limit_s: float) -> list[Box]:
-        """Find a partition of about the least work whose true times keep a limit; empty without one."""
+        """Find a partition with about the least work whose true times keep a limit; empty if none does."""
         best: list[Box] = []
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
@@ -158,7 +161,7 @@ class ExactSearch:
             self.problem.effort.record(Work.SUM, self.solver.sums - before)
             if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
-            boxes = self.solver.chosen_boxes()
+            boxes = self.solver.list_chosen_boxes()
             if self._correct_piece_counts(boxes) or self._forbid_faulty(boxes):
                 continue
             longest_s = self._compute_true_makespan_s(boxes)
@@ -176,7 +179,7 @@ class ExactSearch:
         return min_s
 
     def _improve(self, best: list[Box]) -> list[Box]:
-        """Find the best partition near this one, truly priced, not bound to guillotine cuts."""
+        """Find the best partition near this one by true prices, not limited to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
             if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
@@ -236,7 +239,7 @@ class ExactSearch:
                 f"{self.rejections[-1]}: take more printers, a greater --longest-side, or (farm "
                 "decompose) a lower --min-glue"
             )
-        printers_needed = self.solver.solve(sys.float_info.max)  # below inf, which means no fit
+        printers_needed = self.solver.solve(sys.float_info.max)  # finite: inf means no fit
         if printers_needed >= UNREACHABLE:
             min_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
             return NoFit(

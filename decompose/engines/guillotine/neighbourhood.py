@@ -1,8 +1,9 @@
-"""Neighbourhood search: a partition is improved where it is slowest, not bound to guillotine cuts.
+"""Neighbourhood search: a partition is improved where it is slowest, not limited to guillotine cuts.
 
-The slowest box and a few about it, a window, are cut again between all the others, with no more parts, so
-that the slowest of them ends sooner. Their union need not be a box. A move of one face, a slab that goes from
-one box to the next, two boxes merged and split elsewhere: all are such windows.
+A window is the slowest box with a few boxes near it. It is cut again into at most as many parts, so that the
+slowest of them ends sooner; all other boxes stay. The union of its boxes need not be a box. Windows include
+the move of one face, a slab that passes from one box to the next, and two boxes that are merged and split
+elsewhere.
 
 The tables of a window are those of the grid, but only the cells of its own boxes are to be covered, and a box
 that meets another part is not allowed. The search over guillotine cuts of a window is exact; besides, the
@@ -20,30 +21,36 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.grid import Box, BoxTables, Shape, box_index, index_of, interval
+from decompose.grid import Box, BoxTables, Shape, box_index, compute_index, interval
 from decompose.jit import jit
 from decompose.problem import Effort, Work
 
-MAX_WINDOWS = 200  # solved in one search
-MAX_BOXES_IN_WINDOW = 5  # boxes in a window
-MAX_NEIGHBOURS = 10  # neighbours of a box in its windows, the quickest first
-MAX_WINDOWS_OF_A_BOX = 24  # windows about one box, those with the most slack first
-MAX_BOXES = 150_000  # boxes of all sizes in a window: larger windows take too long
-MAX_TIME_RATIO = 0.999  # a window has to end sooner than this share of its time
-TOLERANCE = 0.002  # share of the time to which the least makespan is found
+MAX_WINDOWS = 200  # maximum number of windows solved in one search
+MAX_BOXES_IN_WINDOW = 5  # maximum number of boxes in a window
+MAX_NEIGHBOURS = 10  # maximum number of neighbours of a box in its windows, the quickest first
+MAX_WINDOWS_OF_A_BOX = 24  # maximum number of windows about one box, those with the most slack first
+MAX_BOXES = 150_000  # maximum number of boxes of all sizes in a window's tables
+MAX_TIME_RATIO = 0.999  # a window's new time must be below this share of its time
+TOLERANCE = 0.002  # accuracy of the minimum makespan, as a share of it
 
-Pinwheel = tuple[int, int, int, int, int, int]  # axis that it is extruded along, mirrored, p1, p2, q1, q2
+Pinwheel = tuple[int, int, int, int, int, int]  # axis of extrusion, whether it is mirrored, p1, p2, q1, q2
 
 
 @jit
 def _cut_in_two(box: Box, shape: Shape) -> tuple[int, int]:
-    """Find the two boxes that make up a box of two cells or more: all but its last layer, and that layer."""
+    """Find the two boxes that form a box of two cells or more: its last layer, and all others."""
     x0, y0, z0, x1, y1, z1 = box
     if z1 - z0 > 1:
-        return index_of((x0, y0, z0, x1, y1, z1 - 1), shape), index_of((x0, y0, z1 - 1, x1, y1, z1), shape)
+        return compute_index((x0, y0, z0, x1, y1, z1 - 1), shape), compute_index(
+            (x0, y0, z1 - 1, x1, y1, z1), shape
+        )
     if y1 - y0 > 1:
-        return index_of((x0, y0, z0, x1, y1 - 1, z1), shape), index_of((x0, y1 - 1, z0, x1, y1, z1), shape)
-    return index_of((x0, y0, z0, x1 - 1, y1, z1), shape), index_of((x1 - 1, y0, z0, x1, y1, z1), shape)
+        return compute_index((x0, y0, z0, x1, y1 - 1, z1), shape), compute_index(
+            (x0, y1 - 1, z0, x1, y1, z1), shape
+        )
+    return compute_index((x0, y0, z0, x1 - 1, y1, z1), shape), compute_index(
+        (x1 - 1, y0, z0, x1, y1, z1), shape
+    )
 
 
 @jit
@@ -59,7 +66,7 @@ def _join_ends(
     trimmed: npt.NDArray[np.int32],
     ends: npt.NDArray[np.int16],
     parts: tuple[int, int],
-    joined: npt.NDArray[np.int16],
+    joined_ends: npt.NDArray[np.int16],
 ) -> bool:
     """Join the ends of the two parts of a box; False if there is nothing to be covered in either.
 
@@ -71,20 +78,20 @@ def _join_ends(
         (boxes, 6) int16 ends of the box about the cells to be covered.
     parts
         Indices of the two parts.
-    joined
+    joined_ends
         (6,) filled in.
     """
     lower, upper = parts
     if trimmed[lower] < 0 and trimmed[upper] < 0:
         return False
     if trimmed[lower] < 0:
-        joined[:] = ends[upper]
+        joined_ends[:] = ends[upper]
     elif trimmed[upper] < 0:
-        joined[:] = ends[lower]
+        joined_ends[:] = ends[lower]
     else:
         for k in range(3):
-            joined[k] = min(ends[lower, k], ends[upper, k])
-            joined[k + 3] = max(ends[lower, k + 3], ends[upper, k + 3])
+            joined_ends[k] = min(ends[lower, k], ends[upper, k])
+            joined_ends[k + 3] = max(ends[lower, k + 3], ends[upper, k + 3])
     return True
 
 
@@ -115,11 +122,11 @@ def _fill_tables(
     grid_seconds, grid_pieces = grid_tables
     seconds, trimmed, pieces = tables
     wx, wy, wz = shape = own.shape
-    ends = np.zeros((len(seconds), 6), np.int16)  # of the box about the cells to be covered
+    ends = np.zeros((len(seconds), 6), np.int16)  # the price of the box about the cells to be covered
     for dx, dy, dz in np.ndindex(wx, wy, wz):
         for x0, y0, z0 in np.ndindex(wx - dx, wy - dy, wz - dz):
             x1, y1, z1 = x0 + dx + 1, y0 + dy + 1, z0 + dz + 1
-            box = index_of((x0, y0, z0, x1, y1, z1), shape)
+            box = compute_index((x0, y0, z0, x1, y1, z1), shape)
             e = ends[box]
             if dx == 0 and dy == 0 and dz == 0:
                 if not own[x0, y0, z0]:
@@ -127,9 +134,9 @@ def _fill_tables(
                 e[0], e[1], e[2], e[3], e[4], e[5] = x0, y0, z0, x1, y1, z1
             elif not _join_ends(trimmed, ends, _cut_in_two((x0, y0, z0, x1, y1, z1), shape), e):
                 continue
-            trimmed[box] = index_of((e[0], e[1], e[2], e[3], e[4], e[5]), shape)
+            trimmed[box] = compute_index((e[0], e[1], e[2], e[3], e[4], e[5]), shape)
             if trimmed[box] == box and _count_cells(others, (x0, y0, z0, x1, y1, z1)) == 0:
-                on_grid = index_of((x + x0, y + y0, z + z0, x + x1, y + y1, z + z1), grid_shape)
+                on_grid = compute_index((x + x0, y + y0, z + z0, x + x1, y + y1, z + z1), grid_shape)
                 seconds[box] = grid_seconds[on_grid]
                 pieces[box] = grid_pieces[on_grid]
 
@@ -158,36 +165,36 @@ def _count_fewest_in_pinwheel(
     for axis in range(3):
         p_axis, q_axis = (axis + 1) % 3, (axis + 2) % 3
         p, q = sizes[p_axis], sizes[q_axis]
-        sp, sq = strides[p_axis], strides[q_axis]
+        p_stride, q_stride = strides[p_axis], strides[q_axis]
         full_index = interval(0, sizes[axis], sizes[axis]) * strides[axis]
         for p1 in range(1, p - 1):
             for p2 in range(p1 + 1, p):
                 for q1 in range(1, q - 1):
                     for q2 in range(q1 + 1, q):
-                        low, high = interval(0, q1, q) * sq, interval(q2, q, q) * sq
-                        lower, upper = interval(0, q2, q) * sq, interval(q1, q, q) * sq
-                        middle = interval(p1, p2, p) * sp + interval(q1, q2, q) * sq
+                        low, high = interval(0, q1, q) * q_stride, interval(q2, q, q) * q_stride
+                        lower, upper = interval(0, q2, q) * q_stride, interval(q1, q, q) * q_stride
+                        middle = interval(p1, p2, p) * p_stride + interval(q1, q2, q) * q_stride
                         centre = np.int64(counts[full_index + middle])
-                        n = centre + counts[full_index + interval(0, p2, p) * sp + low]
-                        n += counts[full_index + interval(p2, p, p) * sp + lower]
-                        n += counts[full_index + interval(p1, p, p) * sp + high]
-                        n += counts[full_index + interval(0, p1, p) * sp + upper]
+                        n = centre + counts[full_index + interval(0, p2, p) * p_stride + low]
+                        n += counts[full_index + interval(p2, p, p) * p_stride + lower]
+                        n += counts[full_index + interval(p1, p, p) * p_stride + high]
+                        n += counts[full_index + interval(0, p1, p) * p_stride + upper]
                         if n < best[0]:
                             best = (n, axis, 0, p1, p2, q1, q2)
-                        n = centre + counts[full_index + interval(p1, p, p) * sp + low]
-                        n += counts[full_index + interval(0, p1, p) * sp + lower]
-                        n += counts[full_index + interval(0, p2, p) * sp + high]
-                        n += counts[full_index + interval(p2, p, p) * sp + upper]
+                        n = centre + counts[full_index + interval(p1, p, p) * p_stride + low]
+                        n += counts[full_index + interval(0, p1, p) * p_stride + lower]
+                        n += counts[full_index + interval(0, p2, p) * p_stride + high]
+                        n += counts[full_index + interval(p2, p, p) * p_stride + upper]
                         if n < best[0]:
                             best = (n, axis, 1, p1, p2, q1, q2)
     return best
 
 
-def list_pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
+def list_pinwheel_boxes(shape: tuple[int, int, int], pinwheel: Pinwheel) -> list[Box]:
     """List the five boxes of a pinwheel that fills a grid; the last one is in the middle."""
-    axis, mirrored, p1, p2, q1, q2 = wheel
+    axis, is_mirrored, p1, p2, q1, q2 = pinwheel
     p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
-    if mirrored:
+    if is_mirrored:
         flat = [(p1, p, 0, q1), (0, p1, 0, q2), (0, p2, q2, q), (p2, p, q1, q), (p1, p2, q1, q2)]
     else:
         flat = [(0, p2, 0, q1), (p2, p, 0, q2), (p1, p, q2, q), (0, p1, q1, q), (p1, p2, q1, q2)]
@@ -201,14 +208,14 @@ def list_pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Bo
 
 
 class Window:
-    """Some boxes of a partition, to be cut again between the others.
+    """Some boxes of a partition, which are cut again while the others stay.
 
     Parameters
     ----------
     boxes
         The tables of the grid.
     boxes_inside, others
-        Boxes of the partition that are cut again, and all the rest.
+        Boxes of the partition that are cut again, and all others.
     """
 
     def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], others: Iterable[Box]) -> None:
@@ -216,26 +223,28 @@ class Window:
         self._lo, hi = inside[:, :3].min(axis=0), inside[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
-        covered = self._mark_cells(inside)
+        is_covered = self._mark_cells(inside)
         x_offset, front, bottom = self._lo.tolist()
-        for cell in np.argwhere(covered):
+        for cell in np.argwhere(is_covered):
             x, y, z = (self._lo + cell).tolist()
-            covered[tuple(cell)] = boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
+            is_covered[tuple(cell)] = (
+                boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
+            )
         boxes_outside = np.array(list(others)).reshape(-1, 6)
         boxes_outside = boxes_outside[
             (boxes_outside[:, :3] < hi).all(axis=1) & (boxes_outside[:, 3:] > self._lo).all(axis=1)
         ]
-        foreign = self._mark_cells(boxes_outside).astype(np.int64)
-        sums = np.pad(foreign, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+        is_foreign = self._mark_cells(boxes_outside).astype(np.int64)
+        sums = np.pad(is_foreign, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
         total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
         seconds = np.full(total, np.inf, np.float32)
         trimmed = np.full(total, -1, np.int32)
         pieces = np.ones(total, np.int16)
         on_grid = (boxes.seconds, boxes.pieces)
         place = ((x_offset, front, bottom), boxes.shape)
-        _fill_tables(covered, sums, place, on_grid, (seconds, trimmed, pieces))
+        _fill_tables(is_covered, sums, place, on_grid, (seconds, trimmed, pieces))
         self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
-        self._wheel: Pinwheel | None = None
+        self._pinwheel: Pinwheel | None = None
 
     @property
     def boxes(self) -> int:
@@ -258,34 +267,35 @@ class Window:
     def fewest_parts(self, limit_s: float) -> int:
         """Find the fewest parts that each take at most limit_s; `UNREACHABLE` or more for none."""
         by_cuts = self._solver.solve(limit_s, ties=True)
-        count, *wheel = _count_fewest_in_pinwheel(self._solver.counts, *self.shape)
-        axis, mirrored, p1, p2, q1, q2 = wheel
-        self._wheel = (axis, mirrored, p1, p2, q1, q2) if count < by_cuts else None
+        count, *pinwheel = _count_fewest_in_pinwheel(self._solver.counts, *self.shape)
+        axis, is_mirrored, p1, p2, q1, q2 = pinwheel
+        self._pinwheel = (axis, is_mirrored, p1, p2, q1, q2) if count < by_cuts else None
         return min(by_cuts, int(count))
 
-    def chosen_boxes(self) -> list[Box]:
+    def list_chosen_boxes(self) -> list[Box]:
         """List the boxes of the last solution, in the cells of the grid."""
-        if self._wheel is None:
-            boxes = self._solver.chosen_boxes()
+        if self._pinwheel is None:
+            boxes = self._solver.list_chosen_boxes()
         else:
-            arms = list_pinwheel_boxes(self.shape, self._wheel)
-            boxes = [box for arm in arms for box in self._solver.chosen_boxes(arm)]
+            arms = list_pinwheel_boxes(self.shape, self._pinwheel)
+            boxes = [box for arm in arms for box in self._solver.list_chosen_boxes(arm)]
         x, y, z = self._lo.tolist()
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in boxes]
 
     def solve(self, parts: int, below_s: float, min_s: float) -> list[Box] | None:
-        """Cut the window into at most `parts` parts, all faster than below_s, about as fast as possible.
+        """Cut the window into at most `parts` parts that all take less than below_s, about as fast as
+        possible.
 
         The search does not go below min_s.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
         if self.fewest_parts(high) > parts:
             return None
-        best, low = self.chosen_boxes(), min_s
+        best, low = self.list_chosen_boxes(), min_s
         while high - low > TOLERANCE * high:
             middle = (low + high) / 2.0
             if self.fewest_parts(middle) <= parts:
-                best, high = self.chosen_boxes(), middle
+                best, high = self.list_chosen_boxes(), middle
             else:
                 low = middle
         return best
@@ -307,31 +317,31 @@ def improve_locally(
     partition
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
-        Maximum number of pieces; at least the present one.
+        Maximum number of pieces; at least that of the partition.
     effort
         Budget from which the work is taken.
     """
     effort = effort or Effort()
     parts = list(partition)
-    failed: set[frozenset[Box]] = set()
+    failed_windows: set[frozenset[Box]] = set()
     groups = _list_groups(boxes, parts)
     for _ in range(max_windows):
-        group = next((g for g in groups if g not in failed), None)
+        group = next((g for g in groups if g not in failed_windows), None)
         if group is None or effort.is_spent():
             break
         spare = printers - _count_pieces(boxes, parts)
-        remaining = [box for box in parts if box not in group]
+        other_boxes = [box for box in parts if box not in group]
         times = [_find_seconds(boxes, box) for box in group]
-        window = Window(boxes, group, remaining)
+        window = Window(boxes, group, other_boxes)
         replacement = window.solve(
             _count_pieces(boxes, group) + spare, MAX_TIME_RATIO * max(times), 0.5 * float(np.mean(times))
         )
         effort.record(Work.BOX_PRICED, window.boxes)
         effort.record(Work.SUM, window.sums)
         if replacement is None:
-            failed.add(group)
+            failed_windows.add(group)
         else:
-            parts = remaining + replacement
+            parts = other_boxes + replacement
             groups = _list_groups(boxes, parts)
     return parts
 

@@ -1,12 +1,12 @@
 """Exact solver of the engine `guillotine`: the partition by recursive axis cuts that ends soonest.
 
-For a time T the fewest parts that cover all needed cells of a box are: none if it has no needed cell; one
-where it costs at most T and is one piece; else the best sum over all cuts across it. Bisection over T gives
+For a time T the minimum number of parts that cover all needed cells of a box is: 0 if it has no needed cell;
+1 if it costs at most T and is one piece; else the minimum sum over all cuts across it. Bisection over T gives
 the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek
 2012, in three dimensions and with a cost that is not additive.)
 
-Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
-cuts: the three are digits of one whole number, `_make_key`, whose sum is minimised.
+Among partitions with equally few parts the one with the least sum of times is taken, then the one with the
+least area of cuts: the three are digits of one whole number, `_make_key`, whose sum is minimised.
 
 Unequal printers are in classes. At a time T the number of printers of one class that a box needs is a
 function of the numbers of each other class that it may use; a cut adds the functions of its two sides, over
@@ -34,8 +34,8 @@ from decompose.engines.guillotine.recursion import (
 )
 from decompose.grid import Box, BoxTables, box_at, box_index, count_cuts
 
-LIMIT_GROWTH = 4.0  # factor on the steps by which a limit grows until it is reached
-MAX_TIED = 120_000_000  # values of all states, beyond which ties are not broken, to save memory
+LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
+MAX_TIED = 120_000_000  # maximum number of values in all states with which ties are broken, to save memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,8 @@ class Partitioner:
         """Find the fewest printers of the first class with which each part costs at most limit_s.
 
         Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
-        With `ties`, choose among these solutions that of least work, then that of the least area of cuts.
+        With `ties`, choose among these solutions the one with the least work, then with the least area of
+        cuts.
         """
         self._limit_s = limit_s
         size = len(self.boxes.seconds)
@@ -89,7 +90,7 @@ class Partitioner:
 
     @property
     def can_break_ties(self) -> bool:
-        """Check whether there is memory to choose among partitions of as few parts."""
+        """Check whether there is enough memory to choose among partitions with equally few parts."""
         return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
     def _fill(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
@@ -113,14 +114,14 @@ class Partitioner:
     def counts(self) -> npt.NDArray[np.int16]:
         """Fewest parts (boxes,) of each box in the last solution, by the index of the box.
 
-        Besides the parts that go to all others, if there are any.
+        If there are other classes, the parts for all of their printers are not counted.
         """
         value = self._value[-len(self.boxes.seconds) :]
         if value.dtype == np.int64:
             return (value // PART).astype(np.int16)
         return value.astype(np.int16, copy=False)
 
-    def class_shares(self) -> tuple[Ints, Ints]:
+    def list_class_shares(self) -> tuple[Ints, Ints]:
         """List usable numbers (m, classes) of the others, and the fewest (m,) of the first class with each.
 
         Of the last solution; `UNREACHABLE` or more where there is none.
@@ -130,25 +131,25 @@ class Partitioner:
         fewest = value // PART if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
-    def chosen_boxes(self, within: Box | None = None) -> list[Box]:
+    def list_chosen_boxes(self, within: Box | None = None) -> list[Box]:
         """List the boxes of the last solution, all or those of one box, in the order of the cuts."""
-        chosen: list[Box] = []
+        chosen_boxes: list[Box] = []
         stack = [(within or self._root, len(self._states) - 1)]
         while stack:
             outer, state = stack.pop()
             box = self._trim(outer)
             if box is None:
                 continue
-            if self._value_of(box, state) == self._value_uncut(box, state):
-                chosen.append(box)
+            if self._find_value(box, state) == self._compute_uncut_value(box, state):
+                chosen_boxes.append(box)
             else:
                 stack.extend(self._cut(box, state))
-        return chosen
+        return chosen_boxes
 
-    def _value_of(self, box: Box, state: int) -> int:
+    def _find_value(self, box: Box, state: int) -> int:
         return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
 
-    def _value_uncut(self, box: Box, state: int) -> int:
+    def _compute_uncut_value(self, box: Box, state: int) -> int:
         """Compute the value of a box as one part."""
         index = box_index(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype)
@@ -157,7 +158,7 @@ class Partitioner:
 
     def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
         """Find the first cut that reaches the value of a box: its far and near side, with their states."""
-        value = self._value_of(box, state)
+        value = self._find_value(box, state)
         shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
@@ -165,7 +166,7 @@ class Partitioner:
                 lower[axis + 3] = upper[axis] = plane
                 far, near = _make_box(upper), _make_box(lower)
                 for a, b in shares:
-                    if self._value_of(near, a) + self._value_of(far, b) == value:
+                    if self._find_value(near, a) + self._find_value(far, b) == value:
                         return (far, b), (near, a)
         raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
 
@@ -182,10 +183,10 @@ class Partitioner:
         *,
         is_near: bool = False,
     ) -> float | None:
-        """Find the least limit (to tolerance_s) at which a number of printers of the first class is enough.
+        """Find the lowest limit (to tolerance_s) at which a number of printers of the first class is enough.
 
-        Keeps its solution. None if there is no limit, or none up to max_s. Where the least limit is
-        probably near min_s (`is_near`), limits above it are tried first, in steps that grow.
+        The solution is kept. None if there is no limit, or none up to max_s. If the lowest limit is
+        probably near min_s (`is_near`), limits above it are tested first, in growing steps.
         """
         tables = (self.boxes, *(other.boxes for other in self.others))
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
@@ -193,14 +194,14 @@ class Partitioner:
             max_s, max((float(seconds.max()) for seconds in finite if len(seconds)), default=-math.inf)
         )
         low, step_s = max(0.0, min_s), tolerance_s
-        reached = False
-        while is_near and not reached and low + step_s < high:
-            reached = self.solve(low + step_s) <= printers
-            if reached:
+        is_reached = False
+        while is_near and not is_reached and low + step_s < high:
+            is_reached = self.solve(low + step_s) <= printers
+            if is_reached:
                 high = self._find_reached_s(low + step_s)
             else:
                 low, step_s = low + step_s, LIMIT_GROWTH * step_s
-        if high < 0.0 or (not reached and self.solve(high) > printers):
+        if high < 0.0 or (not is_reached and self.solve(high) > printers):
             return None
         while high - low > tolerance_s:
             middle = (low + high) / 2.0
@@ -212,12 +213,12 @@ class Partitioner:
         return high
 
     def _find_reached_s(self, limit_s: float) -> float:
-        """Find the limit that the last solution, for this limit, truly needs."""
+        """Find the lowest limit that the last solution keeps."""
         return limit_s if self.others else min(limit_s, self.longest_s())
 
     def longest_s(self) -> float:
         """Find the time of the costliest box of the last solution on a printer of the first class."""
-        return self.boxes.longest_s(self.chosen_boxes())
+        return self.boxes.longest_s(self.list_chosen_boxes())
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:

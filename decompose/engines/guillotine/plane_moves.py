@@ -1,8 +1,8 @@
 """Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
 Two faces that lie on each other move together. Where four boxes meet along an edge (or two do, crosswise),
-one of the two planes there has to go through: the faces on both sides of the edge also move together, or a
-corner would be left open or belong to two boxes.
+one of the two planes there has to be continuous: the faces on both sides of the edge also move together, or
+a corner would be left open or belong to two boxes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.optimize import linprog
 from decompose.arrays import Bools, Floats, Ints
 from decompose.grid import SAME_MM, Box, NeededCells
 
-MOVE_S_MM = 0.05  # least gain in s for each mm of a move, so that no face moves without a gain
+MOVE_S_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
 
 
 def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
@@ -71,26 +71,26 @@ def _slice_cells(box: Ints) -> tuple[slice, ...]:
 def group_faces(boxes_mm: Floats) -> Ints:
     """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 if a face is fixed.
 
-    A face is fixed where its group has no two faces on each other: no volume passes between boxes there. All
+    A face is fixed if no two faces of its group lie on each other, as no volume could pass between boxes. All
     faces of a group have the same axis and the same coordinate.
     """
     count = len(boxes_mm)
     groups = _Groups(count * 6)
     lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
     overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
-    shared = np.zeros(count * 6, dtype=np.bool_)
+    is_shared = np.zeros(count * 6, dtype=np.bool_)
     for axis in range(3):
         across = [i for i in range(3) if i != axis]
         on = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
         for i, j in np.argwhere(on & (overlap[:, :, across] > SAME_MM).all(axis=2)):
             groups.join(_number_face(i, 1, axis), _number_face(j, 0, axis))
-            shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
+            is_shared[[_number_face(i, 1, axis), _number_face(j, 0, axis)]] = True
     for i, j, axes in _find_crossings(boxes_mm, overlap):
         pairs = [(_find_facing(boxes_mm, i, j, axis), _find_facing(boxes_mm, j, i, axis)) for axis in axes]
         if all(groups.find(a) != groups.find(b) for a, b in pairs):
             groups.join(*min(pairs, key=lambda pair: groups.size(*pair)))
     labels = np.array([groups.find(face) for face in range(count * 6)])
-    moves = np.isin(labels, labels[shared])
+    moves = np.isin(labels, labels[is_shared])
     _, number = np.unique(labels[moves], return_inverse=True)
     labels[:] = np.where(moves, 0, -1)
     labels[moves] = number.reshape(-1)
@@ -153,7 +153,7 @@ def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
     by_mm
         (groups,) shifts.
     """
-    by = np.append(by_mm, 0.0)  # the last is for the faces that are fixed: group -1
+    by = np.append(by_mm, 0.0)  # the last entry is for the fixed faces: group -1
     return np.asarray(boxes_mm + by[groups])
 
 
@@ -224,7 +224,7 @@ class ShiftLimits:
 def solve_plane_shifts(
     seconds: Floats, slopes: Floats, groups: Ints, limits: ShiftLimits
 ) -> tuple[Floats, float]:
-    """Solve for the shift of each group with the least makespan, as if every part's time were linear.
+    """Compute the shift of each group with the least makespan, as if every part's time were linear.
 
     Parameters
     ----------

@@ -48,22 +48,22 @@ from decompose.print_time import Pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.problem import WORK_NS, Problem, Work
 
-Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
+Face = tuple[int, ...]  # face of a box: its side, 0 or 1, and its axis
 
-PROBE_MM = 3.0  # move of a face inwards to measure the time that it saves
+PROBE_MM = 3.0  # inward move of a face to measure the time that it saves
 REACH = 0.9  # share of a cell by which a plane may move in total
-FIRST_STEP = 0.5  # share of `REACH`
-TRIAL_MM = 0.4  # a group that cannot move this far by itself is not moved
+FIRST_STEP = 0.5  # length of the first step, as a share of `REACH`
+TRIAL_MM = 0.4  # minimum free move of a group that is moved
 ROUNDS, STEPS_PER_ROUND = 4, 8
-STEP_REDUCTION = 0.6  # factor on the length of the next step after one without a gain
-NOISE_MM = 2.0  # moves shorter than this show little: supports, and so times, change by jumps
-MIN_GAIN = 0.0015  # share of the makespan that a step has to promise
-MIN_TOTAL_GAIN = 0.003  # share that a search has to gain, so that another one starts from its result
-PLANE_DIGITS = 6  # of a plane that moved, in mm
+STEP_REDUCTION = 0.6  # ratio of the next step to a step without a gain
+NOISE_MM = 2.0  # minimum move from which a slope is corrected: supports, and so times, change by jumps
+MIN_GAIN = 0.0015  # minimum gain that a step has to promise, as a share of the makespan
+MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
+PLANE_DIGITS = 6  # decimals of the place of a moved plane, in mm
 MIN_MOVE_MM = 0.02
-MAX_COVERED = 20_000_000  # fine cells times boxes in the test of the covering
-MAX_SOLUTIONS = 4  # solutions of a step, each around more planes that flat faces stop
-MEAN_PRICINGS = 10  # times that each part of a search is priced: for its slopes, and after its moves
+MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes in the test of the covering
+MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
+MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for its slopes, and after its moves
 
 
 def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
@@ -80,9 +80,9 @@ def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]
         As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
         was in one box is in one box or, if it need not be printed (`grid.needed_cells`), in none.
     """
-    filled = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
+    grown_boxes = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
-        problem, grid, np.array([grid.bounds_mm(box) for box in filled]), list(cut.values())
+        problem, grid, np.array([grid.bounds_mm(box) for box in grown_boxes]), list(cut.values())
     )
 
 
@@ -99,7 +99,7 @@ def shift_box_planes(
     """Move the planes of boxes (n, 2, 3) in mm, on a grid or not, with the pieces in each.
 
     A face that was stopped, or whose best place was out of reach, may be free after the others have moved. So
-    planes are moved again from the result, as long as the gain is large enough.
+    the planes of the result are moved again, as long as the gain is large enough.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class _PlaneShift:
         self.reach_mm = (REACH * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
-        self.near = [  # clipped solids that no face ever leaves
+        self.nearby_solids = [  # solids clipped to boxes that no face leaves
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 
@@ -182,7 +182,7 @@ class _PlaneShift:
                 break
             new = self._pose(draft, best)
             if sort_times_s(new) >= sort_times_s(best):
-                if not self._bar_faces(best, new, find_longest_s(best)):
+                if not self._stop_faces(best, new, find_longest_s(best)):
                     break
             elif self._has_faults(new):
                 self.reach_mm = self.reach_mm / 2.0
@@ -196,7 +196,7 @@ class _PlaneShift:
     def _record_effort(self, parts: Sequence[int]) -> None:
         """Record the work of cutting parts, by number, and of pricing them in their poses."""
         self.problem.effort.record(Work.PIECE_MEASURED, len(parts))
-        self.problem.effort.record(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
+        self.problem.effort.record(Work.FACE_MEASURED, sum(self.nearby_solids[i].faces for i in parts))
 
     def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         return bool(
@@ -204,11 +204,11 @@ class _PlaneShift:
         )
 
     def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
-        """Take some steps, each part in its pose; returns the same parts where no step is worth it."""
+        """Make some steps with each part in its pose; return the same parts if no step gains enough."""
         step_mm = FIRST_STEP * self.reach_mm
         for _ in range(STEPS_PER_ROUND):
-            boxes, promised_s = self._step(parts, slopes, step_mm)
-            if promised_s > (1.0 - MIN_GAIN) * find_longest_s(parts):
+            boxes, expected_s = self._solve_step(parts, slopes, step_mm)
+            if expected_s > (1.0 - MIN_GAIN) * find_longest_s(parts):
                 break
             if not self.cells.is_partition(boxes):
                 step_mm *= STEP_REDUCTION
@@ -218,20 +218,22 @@ class _PlaneShift:
                 _update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
             if sort_times_s(new) < sort_times_s(parts):
                 parts = new
-            elif not self._bar_faces(parts, new):
+            elif not self._stop_faces(parts, new):
                 step_mm *= STEP_REDUCTION
         return parts
 
-    def _bar_faces(self, parts: Sequence[BoxPart], new: Sequence[BoxPart], limit_s: float = math.inf) -> bool:
+    def _stop_faces(
+        self, parts: Sequence[BoxPart], new: Sequence[BoxPart], limit_s: float = math.inf
+    ) -> bool:
         """Stop faces whose moves make parts break, not fit, or take as long as a limit.
 
-        Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
-        may be much slower.
+        Where supports begin to touch a cut face, or the brim becomes too narrow, another pose is the best
+        one, and may be much slower.
 
         Returns
         -------
         bool
-            Whether any of them was free: then the next step is a different one.
+            Whether any of these faces was free, so that the next step differs.
         """
         before = self.free.copy()
         for i, (old, part) in enumerate(zip(parts, new, strict=True)):
@@ -245,20 +247,20 @@ class _PlaneShift:
         return bool((self.free != before).any())
 
     def _find_breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
-        """Find the faces whose move alone breaks a part into pieces, or makes it too thin."""
-        self.problem.effort.record(Work.FACE_CUT, len(faces) * self.near[i].faces)
-        breaking = []
+        """Find the faces that, moved alone, break a part into pieces or make it too thin."""
+        self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].faces)
+        breaking_faces = []
         for face in faces:
             box = part.box_mm.copy()
             box[face] += by_mm[face]
             if not self._cut(i, box).is_like(part):
-                breaking.append(face)
-        return breaking
+                breaking_faces.append(face)
+        return breaking_faces
 
-    def _step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """Find the best places of the boxes, as if the slopes were exact, and the makespan that they promise.
+    def _solve_step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
+        """Compute the best places of the boxes, and their makespan, as if the slopes were exact.
 
-        A plane that a flat face stops short of its best place stays there, and the others are solved again.
+        A plane that a flat face stops before its best place is fixed there, and the others are solved again.
         """
         start_boxes_mm = np.array([part.box_mm for part in parts])
         places = self._measure_places(start_boxes_mm)
@@ -272,20 +274,20 @@ class _PlaneShift:
         longer_mm = np.array([find_spare_length_mm(part.size_mm, self._list_rooms(part)) for part in parts])
         shorter_mm = np.maximum(0.0, start_boxes_mm[:, 1] - start_boxes_mm[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
-        boxes_mm, promised_s = start_boxes_mm, math.inf
+        boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
             by_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
-            if not math.isfinite(min_s):  # no solution with all of these stopped: the one before is taken
+            if not math.isfinite(min_s):  # no solution with all of these stopped: the previous one is taken
                 break
-            promised_s = min_s
+            expected_s = min_s
             boxes_mm = self._keep_clear(start_boxes_mm, move_groups(start_boxes_mm, self.groups, by_mm))
             moved_mm = self._measure_places(boxes_mm) - places
             moved_planes = np.abs(moved_mm - by_mm) > MIN_MOVE_MM
             if not moved_planes.any():
                 break
             low_mm[moved_planes] = high_mm[moved_planes] = moved_mm[moved_planes]
-        return boxes_mm, promised_s
+        return boxes_mm, expected_s
 
     def _measure_places(self, boxes_mm: Floats) -> Floats:
         """Find the coordinate (groups,) of each group."""
@@ -294,13 +296,13 @@ class _PlaneShift:
         return places
 
     def _keep_clear(self, places_mm: Floats, boxes_mm: Floats) -> Floats:
-        """Stop every plane short of flat faces, and do not move it by less than a minimum."""
+        """Stop every plane before flat faces, and leave it where it would move by less than a minimum."""
         old, new = self._measure_places(places_mm), self._measure_places(boxes_mm)
         for group in range(len(old)):
             if abs(new[group] - old[group]) < MIN_MOVE_MM:
                 new[group] = old[group]
             new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
-            if new[group] != old[group]:  # groups that go to one plane get exactly the same place
+            if new[group] != old[group]:  # groups that move to one plane get exactly the same place
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], places_mm)
 
@@ -308,7 +310,7 @@ class _PlaneShift:
         return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
 
     def _cut(self, i: int, box_mm: Floats) -> BoxPart:
-        pieces = cut_box(self.near[i], *box_mm)
+        pieces = cut_box(self.nearby_solids[i], *box_mm)
         before = self.start[i].pieces
         if len(pieces) == len(before):
             pieces = [
@@ -318,7 +320,7 @@ class _PlaneShift:
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
     def _pose(self, parts: list[BoxPart], before: Sequence[BoxPart] = ()) -> list[BoxPart]:
-        """Find the best poses of parts; those that have not moved since `before` keep theirs."""
+        """Find the best poses of parts; parts that have not moved since `before` keep their poses."""
         unmoved_parts = {i: part for i, part in enumerate(before) if (part.box_mm == parts[i].box_mm).all()}
         moved_numbers = [i for i in range(len(parts)) if i not in unmoved_parts]
         poses = iter(self.problem.find_poses([piece for i in moved_numbers for piece in parts[i].pieces]))
@@ -327,7 +329,7 @@ class _PlaneShift:
         return [unmoved_parts[i] for i in range(len(parts))]
 
     def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
-        """Cut parts again where their boxes moved, and find new poses where the old ones do not fit."""
+        """Cut the parts whose boxes moved, and find new poses where the old ones do not fit."""
         moved_parts = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._record_effort(moved_parts)
         run = map if self.problem.executor is None else self.problem.executor.map
@@ -343,14 +345,14 @@ class _PlaneShift:
         best = iter(self.problem.find_poses(unposed))
         new = list(parts)
         for i, (part, poses) in zip(moved_parts, recut, strict=True):
-            with_poses = [next(best) if pose is None else pose for pose in poses]
-            new[i] = part.with_poses(with_poses) if with_poses else part
+            all_poses = [next(best) if pose is None else pose for pose in poses]
+            new[i] = part.with_poses(all_poses) if all_poses else part
         return new
 
     def _cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part again, with its pieces in their old poses; None for a pose that does not fit.
 
-        No poses where the part broke into pieces.
+        No poses if the part breaks into pieces.
         """
         new = self._cut(i, box_mm)
         if not new.is_like(part):
@@ -378,12 +380,12 @@ class _PlaneShift:
                 continue
             box = part.box_mm.copy()
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
-            trimmed = self._cut(i, box)
-            if len(trimmed.pieces) == len(part.pieces):
+            trimmed_part = self._cut(i, box)
+            if len(trimmed_part.pieces) == len(part.pieces):
                 seconds_before = [
-                    self._measure(*pair) for pair in zip(trimmed.pieces, part.poses, strict=True)
+                    self._measure(*pair) for pair in zip(trimmed_part.pieces, part.poses, strict=True)
                 ]
-                now_s = find_slowest_s(trimmed.pieces, seconds_before)
+                now_s = find_slowest_s(trimmed_part.pieces, seconds_before)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 

@@ -15,7 +15,8 @@ from decompose.printers import PrinterRoom
 
 Room = tuple[tuple[float, float, float], ...]
 
-MAX_LOSS_SHARE = 0.003  # share of the throughput of all printers that may be lost when two classes become one
+# Maximum loss of throughput when two classes become one, as a share of that of all printers.
+MAX_LOSS_SHARE = 0.003
 ROOM_VALUE = 0.05  # value of a printer's larger room, as a share of the printer's throughput
 
 
@@ -35,7 +36,7 @@ class PrinterClass:
 
     @property
     def room(self) -> PrinterRoom:
-        """Room and speed that every printer of the class has at least."""
+        """Minimum room and speed of all printers of the class."""
         return PrinterRoom("", self.boxes, self.time_factor)
 
     @property
@@ -50,7 +51,7 @@ class PrinterClass:
 
 
 def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[PrinterClass]:
-    """Classify printers, the largest class first; one class where they are about equal.
+    """Classify printers, the largest class first; one class if all are about equal.
 
     Parameters
     ----------
@@ -68,8 +69,8 @@ def classify_printers(printers: Sequence[PrinterRoom], max_sums: float) -> list[
         )
         if loss > limit and count_sums([member.count for member in classes]) <= max_sums:
             break
-        merged = _merge(classes[a], classes[b])
-        classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged]
+        merged_class = _merge(classes[a], classes[b])
+        classes = [*(member for i, member in enumerate(classes) if i not in (a, b)), merged_class]
     return sorted(classes, key=lambda member: (-member.count, member.boxes, member.time_factor))
 
 
@@ -80,9 +81,11 @@ def count_sums(counts: Sequence[int]) -> int:
 
 def _compute_lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
     """Compute the throughput that two classes lose when they become one."""
-    merged = _merge(a, b)
-    rooms = sum(one.throughput for one in (a, b) if one.boxes != merged.boxes)
-    return a.throughput + b.throughput - merged.throughput + ROOM_VALUE * rooms
+    merged_class = _merge(a, b)
+    rooms = sum(
+        printer_class.throughput for printer_class in (a, b) if printer_class.boxes != merged_class.boxes
+    )
+    return a.throughput + b.throughput - merged_class.throughput + ROOM_VALUE * rooms
 
 
 def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:
@@ -94,8 +97,13 @@ def _find_shared_room(a: Room, b: Room) -> Room:
     """Find the boxes that fit two rooms, without those that lie in others."""
     if a == b:
         return a
-    shared = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}
+    shared_boxes = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}
     inside = {
-        box for box in shared for other in shared if box != other and all(map(float.__le__, box, other))
+        box
+        for box in shared_boxes
+        for other in shared_boxes
+        if box != other and all(map(float.__le__, box, other))
     }
-    return tuple(box for box in dict.fromkeys((*a, *b, *sorted(shared))) if box in shared - inside)
+    return tuple(
+        box for box in dict.fromkeys((*a, *b, *sorted(shared_boxes))) if box in shared_boxes - inside
+    )

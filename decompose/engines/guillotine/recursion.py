@@ -9,7 +9,7 @@ from decompose.arrays import Ints
 from decompose.grid import interval
 from decompose.jit import jit
 
-UNREACHABLE = 16_000  # more parts than any fleet has printers; twice as many fit an int16
+UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits an int16
 PART = 1 << 46  # digit of the parts in a key
 SECOND_DIGIT = 1 << 20  # digit of the seconds, rounded; the rest counts the area of the cuts
 AREA_MM2 = 64.0  # unit of that area
@@ -31,13 +31,13 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
     sums
         (m, 3) int64: a state, and the states of the near and of the far side that make it up.
     """
-    out_at, near_at, far_at = start
+    out_index, near_index, far_index = start
     for k in range(len(sums)):
-        begin = sums[k, 0] * size + out_at
+        begin = sums[k, 0] * size + out_index
         least = value[begin : begin + count]
-        begin = sums[k, 1] * size + near_at
+        begin = sums[k, 1] * size + near_index
         near = value[begin : begin + count]
-        begin = sums[k, 2] * size + far_at
+        begin = sums[k, 2] * size + far_index
         far = value[begin : begin + count]
         for i in range(len(least)):
             total = near[i] + far[i]
@@ -49,9 +49,9 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
 def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None:
     """Lower every box, in place, to its least sum over all guillotine partitions.
 
-    Boxes of one length along an axis are next to each other: those of the same sides are added at once, at
-    all places; along z after a transposition that puts z before y. A box larger than its needed cells is no
-    special case: a cut takes off parts of value 0 there.
+    Boxes of one length along an axis are adjacent in the tables: boxes with the same sides are added at once,
+    at all places; along z after a transposition that puts z before y. A box larger than its needed cells is
+    no special case: a cut takes off parts of value 0 there.
 
     Parameters
     ----------

@@ -25,8 +25,8 @@ from decompose.geometry import (
 from decompose.grid import CLEAR_MM, find_flat_coordinates
 from decompose.print_time import POSE_ROTATIONS
 
-MAX_TURNED_OVERHANG_SHARE = 0.95  # share of the original overhang: where more remains, a model is not turned
-ON_BED_MM = 1e-3  # a face as low as this lies on the bed
+MAX_TURNED_OVERHANG_SHARE = 0.95  # a model is turned only if at most this share of its overhang remains
+ON_BED_MM = 1e-3  # maximum height of a face that lies on the bed
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def _find_box_frame(vertices: Floats, axis: int) -> Floats:
     With an axis from 0 to 2 only turns about it, which leave a plane of symmetry where it is.
     """
     if axis < 0:
-        to_box: Any = oriented_bounds  # its package has no types for it
+        to_box: Any = oriented_bounds  # trimesh has no types for it
         return _find_min_turn(to_box(vertices, ordered=False)[0][:3, :3])
     x, y = (axis + 1) % 3, (axis + 2) % 3
     angle = find_smallest_rectangle(find_convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))

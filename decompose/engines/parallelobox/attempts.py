@@ -1,6 +1,6 @@
-"""Metaheuristic: the best of many attempts, over falling numbers of seeds with several draws of each.
+"""Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws of each.
 
-Fewer seeds leave more printers to the void fill, so that it more often has enough of them.
+With fewer seeds more printers are left for the void fill, so that they are enough more often.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class SeedSource:
     Attributes
     ----------
     points
-        (n, 3) vertices in mm, no two the same. Where they are fewer than the seeds, the centres of the
-        boundary cells are taken.
+        (n, 3) distinct vertices in mm. If they are fewer than the seeds, the centres of the boundary cells
+        are taken instead.
     grid
         Over the model.
     barred
@@ -68,7 +68,7 @@ class SeedSource:
 
 
 def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run: Run = map) -> list[Seeds]:
-    """Draw the seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
+    """Draw the seeds from which blocks grow: `tries` draws of each number from `printers` down to 1.
 
     Parameters
     ----------
@@ -83,17 +83,17 @@ def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run
     """
     draws = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
 
-    def draw_one(draw: tuple[int, int]) -> Seeds:
+    def draw_set(draw: tuple[int, int]) -> Seeds:
         return draw_seeds(source, draw[0], np.random.default_rng([seed, *draw]))
 
-    with threadpool_limits(1):  # threads of k-means would sum in an order that varies
-        return list(run(draw_one, draws))
+    with threadpool_limits(1):  # with threads, k-means would sum in varying order
+        return list(run(draw_set, draws))
 
 
 def run_attempts(
     seed_sets: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
 ) -> list[BlockPartition]:
-    """Run attempts and return those that cover the model: least parallel score, then fewest parts first.
+    """Run attempts and return those that cover the model, by rising parallel score, then number of parts.
 
     Parameters
     ----------
@@ -103,23 +103,23 @@ def run_attempts(
         Reading of the score, low or high.
     """
 
-    def attempt_one(seeds: Seeds) -> BlockPartition | None:
+    def make_attempt(seeds: Seeds) -> BlockPartition | None:
         return _run_attempt(seeds, terrain, printers, score)
 
-    results = [result for result in run(attempt_one, seed_sets) if result is not None]
+    results = [result for result in run(make_attempt, seed_sets) if result is not None]
     return sorted(results, key=lambda a: (a.longest, a.parts))
 
 
 def _run_attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
     """Make one attempt; None if it needs more parts than there are printers."""
     blocks, owner = grow_blocks(seeds, terrain, score)
-    filled = fill_voids(blocks, owner, terrain, printers - _count_parts(blocks, terrain))
-    if filled is None or _count_parts(filled, terrain) > printers:
+    all_blocks = fill_voids(blocks, owner, terrain, printers - _count_parts(blocks, terrain))
+    if all_blocks is None or _count_parts(all_blocks, terrain) > printers:
         return None
-    boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in filled.tolist()]
+    boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in all_blocks.tolist()]
     shape = terrain.shape
     longest = max(float(terrain.printing[box_index(box, shape)]) for box in boxes)
-    return BlockPartition(tuple(boxes), longest, _count_parts(filled, terrain))
+    return BlockPartition(tuple(boxes), longest, _count_parts(all_blocks, terrain))
 
 
 def _count_parts(blocks: Ints, terrain: Terrain) -> int:
@@ -127,22 +127,21 @@ def _count_parts(blocks: Ints, terrain: Terrain) -> int:
     return int(terrain.pieces[indices].sum())
 
 
-def _find_centres(points: Floats, count: int, draw: int) -> Floats:
+def _find_centres(points: Floats, count: int, random_state: int) -> Floats:
     """Find the centres (count, 3) of k-means clusters of points (n, 3), from a random state."""
     with warnings.catch_warnings():
-        # Without /dev/shm joblib has no semaphores, and warns about it; k-means needs none.
+        # Without /dev/shm joblib lacks semaphores and warns, although k-means does not need them.
         warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
-        from sklearn.cluster import (
-            KMeans,
-        )  # a third of the time to load this package; only this engine needs it
+        # Slow to import, and needed by this engine only.
+        from sklearn.cluster import KMeans
     centres: Floats = (
-        KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
+        KMeans(count, init="k-means++", n_init=1, random_state=random_state).fit(points).cluster_centers_
     )
     return centres
 
 
 def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list[Box]:
-    """Draw cells to grow blocks from, all of them boundary cells and no two the same.
+    """Draw the cells from which blocks grow: distinct boundary cells.
 
     Parameters
     ----------
@@ -160,8 +159,8 @@ def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list
     centres = np.stack([middles[axis][boundary[:, axis]] for axis in range(3)], axis=1)
     if len(points) < count:
         points = centres
-    draw = int(rng.integers(2**31))
-    means = _find_centres(points, count, draw)
+    random_state = int(rng.integers(2**31))
+    means = _find_centres(points, count, random_state)
     is_available = np.ones(len(boundary), dtype=np.bool_)
     seeds: list[Box] = []
     for centroid in means:

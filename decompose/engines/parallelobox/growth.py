@@ -1,9 +1,9 @@
-"""Block growth: seed blocks of cells grow, a layer at a time, until they cover all that they can.
+"""Block growth: blocks of cells grow from seeds, one layer at a time, until none can grow.
 
 The cheapest block that can grow grows next, in the direction whose score is best: ``|P + O|`` of the grown
 block and its nearness to other blocks. The paper calls higher scores better (section "Objective"), although
 P and O are costs: `Score` has both readings. A direction is forbidden where the grown block would leave the
-grid, not fit its printer, gain no needed cell, take a cell that has an owner, or fall into more pieces.
+grid, not fit its printer, gain no needed cell, take a cell that has an owner, or consist of more pieces.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Ints
 from decompose.engines.parallelobox.terrain import Terrain
-from decompose.grid import Box, index_of
+from decompose.grid import Box, compute_index
 from decompose.jit import jit
 from decompose.options import Score
 
@@ -25,7 +25,7 @@ FREE, BARRED = -1, -2
 @jit
 def _find_block_index(block: Ints, shape: tuple[int, int, int]) -> int:
     """Compute the index of a block (6,) int64 among all boxes of a grid."""
-    return index_of((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
+    return compute_index((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
 
 
 @jit
@@ -90,7 +90,7 @@ def _compute_proximity(blocks: Ints, number: int, direction: int, cells: int) ->
     """Compute S_prox: 0.5 where another block in front touches, 1 if none is within the grid's length.
 
     The gap is the L1 distance of the centres less half the sizes, as in the paper. The paper's program
-    divides it by the grid's length and adds 0.5: else a touching block would bar every growth.
+    divides it by the grid's length and adds 0.5; otherwise a touching block would prevent all growth.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _grow(
     tables
         `seconds`, `pieces`, `printing` and `overhang` of `Terrain`, (boxes,) each.
     high
-        Take the highest score for the best; else the lowest.
+        Whether the highest score is the best; otherwise the lowest is.
     """
     seconds, pieces, printing, overhang = tables
     nx, ny, nz = owner.shape
@@ -216,17 +216,17 @@ def _fill(
                 if owner[x, y, z] != -1 or not needed[x, y, z]:
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
-                index = index_of((x, y, z, x + 1, y + 1, z + 1), owner.shape)
+                index = compute_index((x, y, z, x + 1, y + 1, z + 1), owner.shape)
                 parts += pieces[index]
                 if parts > max_blocks or not np.isfinite(seconds[index]):
                     return False, blocks[:seeds_used]
-                growing = True
-                while growing:
-                    growing = False
+                can_grow = True
+                while can_grow:
+                    can_grow = False
                     for direction in (3, 0, 4, 1, 5, 2):
                         if find_grown_index(block, direction, owner, needed, seconds, pieces) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
-                            growing = True
+                            can_grow = True
                 claim_cells(block, number + seeds_used, owner)
                 blocks[seeds_used] = block
                 seeds_used += 1

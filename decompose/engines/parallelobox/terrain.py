@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
-from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, index_of
+from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, compute_index
 from decompose.jit import jit
 
 SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
@@ -58,8 +58,10 @@ class Terrain:
 
 def make_time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     """Build the terrain where P is the print time in the best pose, with supports, and O is 0."""
-    none = np.zeros(len(boxes.seconds), np.float32)
-    return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
+    zero_overhangs = np.zeros(len(boxes.seconds), np.float32)
+    return Terrain(
+        grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, zero_overhangs
+    )
 
 
 def make_paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
@@ -127,7 +129,7 @@ def _compute_paper_prices(
                                 area += cut_y[x0, y, z0]
                                 area += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
                                 area += cut_z[x0, y0, z]
-                            box = index_of((x0, y0, z0, x1, y1, z1), (nx, ny, nz))
+                            box = compute_index((x0, y0, z0, x1, y1, z1), (nx, ny, nz))
                             printing[box] = speed * (s[0] + area)
                             overhang[box] = s[2:8].min()
     return printing, overhang

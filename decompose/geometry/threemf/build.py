@@ -18,9 +18,9 @@ from decompose.geometry.threemf.model_part import (
 )
 from decompose.geometry.threemf.package import Package, resolve_path
 
-MAX_DEPTH = 64  # components in components
+MAX_DEPTH = 64  # maximum depth of components in components
 MAX_INSTANCES = 10_000
-MAX_TRIANGLES = 20_000_000  # where no memory limit is given
+MAX_TRIANGLES = 20_000_000  # maximum number if no memory limit is given
 
 _SOLID = "model"  # the only type of object that is printed; others are supports and surfaces
 
@@ -64,9 +64,9 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     if not size.triangles:
         raise ModelEmpty(f"{name}: its build places no triangles; export the model again")
     with np.errstate(over="ignore", invalid="ignore"):  # checked by the caller
-        placed = list(build.place(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
-        triangles = np.concatenate(placed) * UNITS_MM[unit]
-    return triangles, tuple(_list_notes(build, part, len(placed), unit))
+        placed_triangles = list(build.place(root, part.items, np.vstack((np.eye(3), np.zeros(3)))))
+        triangles = np.concatenate(placed_triangles) * UNITS_MM[unit]
+    return triangles, tuple(_list_notes(build, part, len(placed_triangles), unit))
 
 
 def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> Iterator[str]:
@@ -78,9 +78,9 @@ def _list_notes(build: _Build, root: ModelPart, instances: int, unit: str) -> It
         yield f"Left out {root.unprinted_items} of its objects, marked as not to be printed."
     if build.other_kinds:
         yield f"Left out objects of the type {', '.join(sorted(build.other_kinds))}."
-    unplaced = build.count_unplaced()
-    if unplaced:
-        yield f"Left out {unplaced} of its objects, which its build does not place."
+    unplaced_count = build.count_unplaced()
+    if unplaced_count:
+        yield f"Left out {unplaced_count} of its objects, which its build does not place."
     if build.package.has_modifiers():
         yield (
             "Warning: a slicer marked volumes of it as modifiers, negative or supports; they are read as "
@@ -98,7 +98,7 @@ class _Size:
 
 @dataclass(slots=True)
 class _Build:
-    """Objects of all parts of a package, read when they are first needed."""
+    """Objects of all parts of a package, read on first use."""
 
     name: str
     package: Package
@@ -106,7 +106,7 @@ class _Build:
     unit: str = ""
     other_kinds: set[str] = field(default_factory=set)
     _parts: dict[str, ModelPart] = field(default_factory=dict)
-    _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None: being measured
+    _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None while it is measured
 
     def part(self, path: str) -> ModelPart:
         """Return a model part, with the unit of the first."""
@@ -149,7 +149,7 @@ class _Build:
         return size
 
     def _find(self, path: str, reference: Reference) -> tuple[tuple[str, str], ObjectRecord]:
-        """Find the object of a reference in a part, and its place among all."""
+        """Find the object of a reference in a part, and its key among all objects."""
         target = resolve_path(reference.path) if reference.path else path
         record = self.part(target).objects.get(reference.object_id)
         if record is None:
@@ -186,12 +186,12 @@ class _Build:
                 f"{self.name}: a triangle has a corner that is not in its list; export it again"
             ) from None
         triangles = triangles @ transform[:3] + transform[3]
-        # A mirrored object would be inside out.
-        mirrored = np.linalg.det(transform[:3]) < 0
-        return np.asarray(triangles[:, ::-1] if mirrored else triangles)
+        # Without this, a mirrored object would be inside out.
+        is_mirrored = np.linalg.det(transform[:3]) < 0
+        return np.asarray(triangles[:, ::-1] if is_mirrored else triangles)
 
     def count_unplaced(self) -> int:
-        """Count the solid objects with a mesh that nothing places."""
+        """Count the solid objects with a mesh that are not placed."""
         return sum(
             record.kind == _SOLID and record.face_count > 0 and (path, number) not in self._sizes
             for path, part in self._parts.items()

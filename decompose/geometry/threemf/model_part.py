@@ -16,7 +16,7 @@ from decompose.arrays import Floats, Ints
 from decompose.errors import ModelTooDetailed, ModelUnreadable
 from decompose.geometry.threemf.package import make_parser, parse_chunks
 
-MAX_OTHER_TAGS = 1_000_000  # such as colours
+MAX_OTHER_TAGS = 1_000_000  # maximum number of tags of other kinds, such as colours
 UNITS_MM = {
     "micron": 0.001,
     "millimeter": 1.0,
@@ -208,7 +208,7 @@ class _Reader:
             self._object.components.append(_read_reference(attributes))
 
     def _add_item(self, attributes: Mapping[str, str]) -> None:
-        if attributes.get("printable", "1") in ("0", "false"):  # as slicers write it
+        if attributes.get("printable", "1") in ("0", "false"):  # the form that slicers write
             self.part.unprinted_items += 1
         else:
             self.part.items.append(_read_reference(attributes))

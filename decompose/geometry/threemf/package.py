@@ -16,9 +16,9 @@ from xml.parsers import expat
 from decompose.errors import ModelUnreadable
 
 MAX_ENTRIES = 10_000
-ANY_RATIO_BYTES = 64 * 2**20  # unpacked, up to which a part may be packed to any ratio
-MAX_RATIO = 100  # unpacked to packed bytes; XML of meshes has 4 to 40
-MAX_BYTES = 2 * 2**30  # unpacked, of all parts that are read
+FREE_RATIO_BYTES = 64 * 2**20  # unpacked size up to which any ratio is allowed
+MAX_RATIO = 100  # maximum ratio of unpacked to packed bytes; XML of meshes has 4 to 40
+MAX_BYTES = 2 * 2**30  # maximum unpacked size of all parts that are read
 MAX_RELATIONS_BYTES = 2**20
 CHUNK_BYTES = 2**18
 
@@ -62,7 +62,7 @@ class Package:
         self._entries = {_make_key(entry.filename): entry for entry in self._zip.infolist()}
 
     def find_model(self) -> str:
-        """Find the name of the part that holds the model, by the package's relations."""
+        """Find the name of the part with the model, by the package's relations."""
         targets: list[str] = []
 
         def add_target(tag: str, attributes: dict[str, str]) -> None:
@@ -87,15 +87,15 @@ class Package:
         entry = self._entries.get(_make_key(part))
         if entry is None:
             raise ModelUnreadable(f"{self._name}: its part {_quote(part)} is missing; export it again")
-        size, packed = entry.file_size, max(1, entry.compress_size)
+        size, packed_size = entry.file_size, max(1, entry.compress_size)
         self._unpacked_bytes += size
         if (
             size > max_bytes
             or self._unpacked_bytes > MAX_BYTES
-            or (size > ANY_RATIO_BYTES and size > packed * MAX_RATIO)
+            or (size > FREE_RATIO_BYTES and size > packed_size * MAX_RATIO)
         ):
             raise ModelUnreadable(
-                f"{self._name}: its part {_quote(part)} unpacks from {packed / 1e6:.1f} MB to "
+                f"{self._name}: its part {_quote(part)} unpacks from {packed_size / 1e6:.1f} MB to "
                 f"{size / 1e6:.0f} MB, which no model does; export it again"
             )
         if entry.flag_bits & 1:
@@ -134,7 +134,7 @@ def _quote(part: str) -> str:
 
 
 def make_parser(name: str) -> expat.XMLParserType:
-    """Make an XML parser, with namespace and tag in one word, that refuses document types and entities."""
+    """Make an XML parser that prefixes tags with their namespace and refuses document types and entities."""
     parser = expat.ParserCreate(namespace_separator=" ")
 
     def refuse(*_: object) -> None:

@@ -199,7 +199,7 @@ def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
 
 
 def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(package, "ANY_RATIO_BYTES", 2**16)
+    monkeypatch.setattr(package, "FREE_RATIO_BYTES", 2**16)
     blank = model_xml([object_xml(1, BOX)], ['objectid="1"']).replace("<build>", " " * 2**22 + "<build>")
     assert "unpacks from" in read_refusal(package_bytes(blank))
     assert "entries" in read_refusal(package_bytes(blank) + package._ENTRY * 20_000)

@@ -36,7 +36,7 @@ def feasible(boxes: BoxTables, limit_s: float) -> list[Box]:
     """Make a partition by guillotine cuts with the fewest parts at a high limit, far from the best."""
     solver = Partitioner(boxes)
     assume(solver.solve(limit_s) < UNREACHABLE)
-    return solver.chosen_boxes()
+    return solver.list_chosen_boxes()
 
 
 @settings(max_examples=60, deadline=None)
@@ -66,7 +66,7 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
     fewest = window.fewest_parts(limit_s)
     assert min(fewest, UNREACHABLE) <= Partitioner(boxes).solve(limit_s)
     if fewest < UNREACHABLE:
-        chosen = window.chosen_boxes()
+        chosen = window.list_chosen_boxes()
         assert count(boxes, chosen) == fewest
         assert (cover(shape, chosen)[needed] == 1).all()
         assert max(sort_times_s(boxes, chosen)) <= limit_s

@@ -66,7 +66,7 @@ def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share:
         assert result == expected
     if result >= UNREACHABLE:
         return
-    chosen = solver.chosen_boxes()
+    chosen = solver.list_chosen_boxes()
     assert sum(int(boxes.pieces[box_index(b, shape)]) for b in chosen) == result
     cover = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in chosen:
@@ -86,7 +86,7 @@ def test_ties_are_broken_by_work_then_by_cut_area(shape: Shape, seed: int, share
     solver = Partitioner(boxes)
     if solver.solve(limit, ties=True) >= UNREACHABLE:
         return
-    at = [box_index(box, shape) for box in solver.chosen_boxes()]
+    at = [box_index(box, shape) for box in solver.list_chosen_boxes()]
     worth = (
         sum(int(boxes.pieces[i]) for i in at),
         sum(round(boxes.seconds[i]) for i in at),
@@ -121,7 +121,7 @@ def test_minimum_makespan_is_independent_of_the_lower_bound(
         None if found is None else pytest.approx(found, abs=2e-3)
     )
     if found is not None:
-        assert len(near.chosen_boxes()) <= printers
+        assert len(near.list_chosen_boxes()) <= printers
 
 
 def shares_by_recursion(
@@ -189,14 +189,14 @@ def test_unequal_printers_match_an_exhaustive_distribution(
             continue
         at = [
             box_index(box, shape)
-            for box in solver.chosen_boxes()
+            for box in solver.list_chosen_boxes()
             for _ in range(classes[0].pieces[box_index(box, shape)])
         ]
         printers = [classes[0]] * expected + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
         ]
         cover = np.zeros(shape, int)
-        for x0, y0, z0, x1, y1, z1 in solver.chosen_boxes():
+        for x0, y0, z0, x1, y1, z1 in solver.list_chosen_boxes():
             cover[x0:x1, y0:y1, z0:z1] += 1
         assert cover.max(initial=0) <= 1
         assert (cover[needed] == 1).all()

@@ -182,13 +182,13 @@ def test_only_broken_parts_are_recut_to_find_the_face(cone: Solid, cost: CostMod
     search, parts = start_shift(task)
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
-    assert search._bar_faces(parts, [slower, parts[1]], parts[0].seconds)
+    assert search._stop_faces(parts, [slower, parts[1]], parts[0].seconds)
     assert task.effort.done[Work.FACE_CUT] == 0
     search.free[:] = True
     broken = replace(slower, pieces=slower.pieces * 2, seconds=np.inf)
-    assert search._bar_faces(parts, [broken, parts[1]])
-    assert task.effort.done[Work.FACE_CUT] == search.near[0].faces
-    assert not search._bar_faces(parts, [broken, parts[1]])  # it is barred already
+    assert search._stop_faces(parts, [broken, parts[1]])
+    assert task.effort.done[Work.FACE_CUT] == search.nearby_solids[0].faces
+    assert not search._stop_faces(parts, [broken, parts[1]])  # it is barred already
 
 
 def test_new_pose_is_computed_once_and_recorded(
