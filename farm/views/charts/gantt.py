@@ -14,9 +14,9 @@ from farm.text import format_moment
 from farm.views.charts.axis import Mark, TimeAxis
 
 _WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
-    1000,
+    1040,
     22,
-    110,
+    150,
     36,
     24,
 )  # px; a time label needs half its width at the right
@@ -83,6 +83,8 @@ class Gantt:
     ----------
     key
         Kinds of bars in the chart.
+    axis
+        Width of the printers' names; half a time stands between them and the first bar.
     """
 
     height: int
@@ -90,6 +92,7 @@ class Gantt:
     rows: tuple[Row, ...]
     key: tuple[str, ...]
     width: int = _WIDTH
+    axis: int = _LEFT - 40
     top: int = _TOP
     bar_height: int = _ROW - 5
 

@@ -8,15 +8,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from markupsafe import Markup
+
 from farm.web.pages.rendering import load_template
+from farm.web.pages.sentences import format_commands
 
 Text = tuple[tuple[str, str], ...]
 """Words, and names of objects to link: in each pair, one is empty."""
 
 _STYLE = (
-    "body{font:1rem/1.5 sans-serif;max-width:60rem;margin:auto;padding:1rem;color:#222;background:#fff}"
+    ":root{color-scheme:light dark;--text:#222;--back:#fff;--line:#ccc;--link:#174ea6}"
+    "@media(prefers-color-scheme:dark){:root{--text:#e8eaed;--back:#15171a;--line:#3a3f46;--link:#8ab4f8}}"
+    "body{font:1rem/1.5 sans-serif;max-width:60rem;margin:auto;padding:1rem}"
+    "body{color:var(--text);background:var(--back)}"
+    "a{color:var(--link)}"
     "*{overflow-wrap:anywhere}"
-    "h2{font-size:1.1rem;border-top:1px solid #ccc;padding-top:.8rem}code{font-family:monospace}"
+    "h2{font-size:1.1rem;border-top:1px solid var(--line);padding-top:.8rem}code{font-family:monospace}"
+    "th{overflow-wrap:normal}"
     "td,th{text-align:left;vertical-align:top;padding:.1rem 1rem .1rem 0}dd{margin-left:1.5rem}"
 )
 _STYLE_HASH = base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()
@@ -40,7 +48,7 @@ class _Operation:
     id: str
     method: str
     path: str
-    text: str
+    text: Markup
     role: str | None
     parameters: Sequence[_Parameter]
     bodies: Sequence[tuple[str, Text]]
@@ -61,7 +69,7 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
     return load_template("api.html").render(
         title=info["title"],
         version=info["version"],
-        description=info["description"],
+        description=format_commands(info["description"]),
         document=address,
         style=_STYLE,
         operations=list(_list_operations(document)),
@@ -76,7 +84,7 @@ def _list_operations(document: Mapping[str, Any]) -> Iterator[_Operation]:
                 id=operation["operationId"],
                 method=verb.upper(),
                 path=path,
-                text=operation.get("description") or f"{operation['summary']}.",
+                text=format_commands(operation.get("description") or f"{operation['summary']}."),
                 role=operation.get("x-role"),
                 parameters=[
                     _Parameter(p["name"], p["in"], p.get("required", False), describe_schema(p["schema"]))

@@ -62,7 +62,8 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
 def may_report_assembly(job: api.JobView, role: Role) -> bool:
     """Return whether a reader may say how long it took to glue the parts of a job."""
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
-    return is_printed and len(job.parts) > 1 and role.allows(Role.PRINT)
+    is_cut = len(job.parts) > len({part.copy_number for part in job.parts})
+    return is_printed and is_cut and role.allows(Role.PRINT)
 
 
 def list_part_actions(

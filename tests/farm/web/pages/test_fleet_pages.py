@@ -14,8 +14,9 @@ from farm.http import EventStreams
 from farm.model import AgentSnapshot, FilamentState, Link, Moment, PrintState, Role, Still
 from farm.state import events as ev
 from farm.web import make_web_app
-from make_books import apply_events
+from make_books import apply_events, make_end_event
 from network_farm import HOST, NetworkFarm
+from planned_job import plan_job
 
 
 @pytest.fixture
@@ -72,6 +73,20 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
     picture = busy_farm.browse("GET", "/jobs/1/stills/print-1-failure.png", busy_farm.open_session())
     assert (picture.headers["content-type"], picture.content) == ("image/png", b"\x89PNG")
     assert 'action="/printers/a/cleared"' not in page  # it prints the next plate
+
+
+def test_printer_page_asks_for_a_verdict_on_a_part_that_was_printed_alone(farm):
+    controller, is_asked, now_s = farm.controller, [], farm.clock.now_s
+    plan_job(farm)
+    for state in (PrintState.FAILED, PrintState.DONE):
+        attempt = controller.books.open_print_on("a")
+        controller.handle(make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0))
+        page = read(farm, "/printers/a")
+        assert 'action="/printers/a/cleared"' in page
+        is_asked.append('name="bad"' in page)
+        cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
+        controller.handle(cleared)
+    assert is_asked == [False, True]
 
 
 @pytest.mark.parametrize(

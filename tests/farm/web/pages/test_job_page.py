@@ -280,3 +280,18 @@ def test_own_gcode_is_shown_with_size_layers_and_time():
     assert list_gcode_figures(books.job(1), books.plates_of(job)) == []
     page = render(replace(data_of(books), gcode=figures))
     assert "<dt>Layers</dt><dd>10</dd>" in page
+
+
+def test_gluing_is_asked_only_about_a_model_that_was_cut():
+    data, path = data_of(night_books(), state=JobState.PRINTED), "/jobs/1/assembled"
+    assert path in paths_of(render(data))
+    copies = [part.model_copy(update={"copy_number": n}) for n, part in enumerate(data.job.parts, 1)]
+    whole = replace(data, job=data.job.model_copy(update={"parts": copies}))
+    assert path not in paths_of(render(whole))
+
+
+def test_printers_stay_in_view_beside_the_timeline():
+    page = render(data_of(night_books()))
+    names, _, bars = page.partition('class="gantt names"')[2].partition('class="wide"')
+    assert re.findall(r">(um2-\d+)<title", names) == [f"um2-0{n}" for n in range(1, 6)]
+    assert not re.findall(r">um2-\d+</text>", bars.partition("</svg>")[0])
