@@ -50,7 +50,7 @@ class JobTimes:
     makespan_s
         Parallel printing time: actual, or expected from present data.
     end_s
-        Time at which it ended, or is expected to.
+        Time at which it ended, or is expected to; None while it is paused.
     speedup
         Ratio of the time on a single large printer to the makespan.
     utilisation
@@ -84,7 +84,8 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
             makespan_s = (
                 elapsed_s + _estimate_growth_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
             )
-        end_s = None if remaining_s is None else context.now_s + remaining_s
+        if remaining_s is not None and not _waits_for_resume(context, job, plates):
+            end_s = context.now_s + remaining_s
     reached_s = sum(map(compute_duration_s, prints))
     return JobTimes(
         runs=runs,
@@ -151,6 +152,12 @@ def _estimate_remaining_s(context: ViewContext, plates: Sequence[Plate]) -> floa
     A waiting plate ends according to the forecast, or as if it started now if there is no forecast.
     """
     return max((_estimate_plate_remaining_s(context, plate) for plate in plates), default=0.0)
+
+
+def _waits_for_resume(context: ViewContext, job: Job, plates: Sequence[Plate]) -> bool:
+    """Return whether a plate waits until a person resumes it, so that its end is not known."""
+    waiting_plates = (p for p in plates if context.books.plate_state(p) is PlateState.WAITING)
+    return any(job.paused or plate.paused for plate in waiting_plates)
 
 
 def _estimate_plate_remaining_s(context: ViewContext, plate: Plate) -> float:

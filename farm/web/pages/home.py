@@ -185,7 +185,9 @@ def _describe_task(
             text = f"Approve {text}"
         case "stopped":
             text = f"Decide on {text}, which the emergency stop ended"
-        case "alarm" | "farm":
+        case "alarm":
+            text = todo.text[:1].upper() + todo.text[1:]
+        case "farm":
             text = todo.text
         case "host":  # of hundreds of printers, perhaps: none has a button of its own
             return Task(key, todo.code, text, [])

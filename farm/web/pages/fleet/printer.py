@@ -11,6 +11,7 @@ from drivers.messages import WireLine
 from drivers.printers import PROFILES
 from farm.views.dashboard import PrinterPage
 from farm.web.notes import Note, Reader
+from farm.web.pages.home import is_hot
 from farm.web.pages.rendering import Farm, render_page
 
 UPKEEP = {
@@ -40,7 +41,7 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
     """
     path = f"/printers/{page.printer.name}"
     title = PROFILES[page.model].title if page.model in PROFILES else page.model
-    values = {"page": page, "title": title, "upkeep_words": UPKEEP}
+    values = {"page": page, "title": title, "upkeep_words": UPKEEP, "is_hot": is_hot(page.printer)}
     return render_page("printer.html", farm, path, reader, note, **values)
 
 

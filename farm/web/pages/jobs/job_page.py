@@ -30,6 +30,8 @@ _FILES = {
 }
 _MODEL = "assembly.glb"
 _PICTURE = "assembly.png"
+_FIGURES_OF_PLATES = ("plates printed", "wasted")
+"""Figures that say nothing about a job without plates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +127,10 @@ def summarise_job(job: api.JobView, timeline: api.Timeline | None) -> str:
         return "Every part is printed: take the parts off and say which are good."
     if job.state == JobState.DONE:
         return "Every part is printed and good."
-    return f"It {'was cancelled' if job.state == JobState.CANCELLED else 'has failed'}: {job.reason or '-'}."
+    if job.state == JobState.CANCELLED:
+        return f"It was cancelled: {job.reason or '-'}."
+    advice = "" if job.plates else " Correct that, then submit it again."
+    return f"It has failed: {job.reason or '-'}.{advice}"
 
 
 def _describe_plan(job: api.JobView, timeline: api.Timeline | None) -> str:
@@ -155,7 +160,7 @@ def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
         if name == "submitted":
             by = f" by {job.submitted_by}" if job.submitted_by else ""
             yield name, Markup("{}{}").format(format_time_element(job.submitted, job.now), by)
-        elif text != "-":
+        elif text != "-" and (job.plates or name not in _FIGURES_OF_PLATES):
             yield name, format_sentence(Sentence(text, times))
 
 

@@ -36,6 +36,8 @@ class PartRow:
         Durations: planned; of the open print by its progress; of the last print that was done.
     why
         Reason for which it waits or failed; empty if there is none.
+    warnings
+        What its slice may not print as modelled.
     """
 
     id: str
@@ -51,6 +53,7 @@ class PartRow:
     reached: str
     filament: str
     why: Sentence
+    warnings: Sequence[str]
     actions: tuple[Action, ...]
 
 
@@ -98,6 +101,7 @@ def list_part_rows(
                 reached=_describe_reached(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 why=_explain(plate, last_print),
+                warnings=plate.warnings,
                 actions=tuple(list_part_actions(job, part, beds.get(part.id), role)),
             )
         )
@@ -149,7 +153,7 @@ def _describe_reached(last_print: api.PrintView | None, expected_s: float) -> st
 
 
 def _explain(plate: api.PlateStatus, last: api.PrintView | None) -> Sentence:
-    reasons = [*plate.warnings]
+    reasons: list[str] = []
     if last is not None and not plate.printing:
         reasons += [text for text in (last.reason or last.why or last.fault,) if text]
     if plate.hold is None:

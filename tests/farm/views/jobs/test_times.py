@@ -118,3 +118,11 @@ def test_job_of_older_books_has_one_run():
     job = type(books.job(1)).model_validate(stored)
     assert job.reopenings == ()
     assert len(list(list_runs(job, books.prints_of_job(job), DAY_S))) == 1
+
+
+def test_end_of_a_paused_job_is_not_known_while_a_plate_waits(done):
+    waiting = apply_events(done, ev.ReprintRequested(at_s=DAY_S, plate="1/01", why="lost", by="ann"))[0]
+    paused = apply_events(waiting, ev.JobPaused(at_s=DAY_S, job=1, wanted=True, by="ann"))[0]
+    resumed = apply_events(paused, ev.JobPaused(at_s=DAY_S, job=1, wanted=False, by="ann"))[0]
+    ends_s = [times(books, DAY_S).end_s for books in (waiting, paused, resumed)]
+    assert ends_s == [DAY_S + 100.0, None, DAY_S + 100.0]

@@ -89,6 +89,18 @@ def test_printer_page_asks_for_a_verdict_on_a_part_that_was_printed_alone(farm):
     assert is_asked == [False, True]
 
 
+def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
+    alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
+    cold = {"nozzle_c": 21.0, "bed_c": 20.0, "heaters_off": True}
+    for changes, signs in ((alarm, (1, 1, 0)), (cold, (0, 0, 1))):
+        facts = {"link": Link.FAULT, "reason": "inspect it", **changes}
+        farm.controller.on_snapshot(AgentSnapshot(printer="a", **facts))
+        farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="so"))
+        page = read(farm, "/printers/a")
+        found = [page.count(text) for text in ("task urgent", "231 °C, not seen off", "<details open>")]
+        assert tuple(found) == signs
+
+
 @pytest.mark.parametrize(
     ("role", "actions"),
     [

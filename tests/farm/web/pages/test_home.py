@@ -77,7 +77,7 @@ def test_heat_without_a_print_is_told_in_words_before_everything_else(status, ch
 
 
 TASKS = [
-    (api.Todo(code="alarm", printers=["um2-1"], text="go to um2-1 now: hot"), "go to um2-1 now: hot", ()),
+    (api.Todo(code="alarm", printers=["um2-1"], text="go to um2-1 now: hot"), "Go to um2-1 now: hot", ()),
     (api.Todo(code="farm", printers=[], text="free space", jobs=[1]), "Free space", ()),
     (
         api.Todo(code="outage", printers=["um2-1"], text=""),

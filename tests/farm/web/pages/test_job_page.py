@@ -295,3 +295,21 @@ def test_printers_stay_in_view_beside_the_timeline():
     names, _, bars = page.partition('class="gantt names"')[2].partition('class="wide"')
     assert re.findall(r">(um2-\d+)<title", names) == [f"um2-0{n}" for n in range(1, 6)]
     assert not re.findall(r">um2-\d+</text>", bars.partition("</svg>")[0])
+
+
+def test_why_a_part_failed_is_not_hidden_among_warnings_about_its_slice():
+    data = data_of(night_books())
+    warned = [plate.model_copy(update={"warnings": ["thin", "tall"]}) for plate in data.job.plates]
+    warned_data = replace(data, job=data.job.model_copy(update={"plates": warned}))
+    failed = rows_of(warned_data)["p04"]
+    assert (failed.why.text, failed.warnings) == ("it does not get warm", ["thin", "tall"])
+    page = render(warned_data)
+    assert page.index("it does not get warm") < page.index("thin; tall</details>", page.index('id="p04"'))
+
+
+def test_job_that_could_not_be_planned_says_what_to_do_next_without_empty_figures():
+    data = data_of(night_books(), state=JobState.FAILED, reason="it is not a solid", plates=[], parts=[])
+    page = render(data)
+    assert "It has failed: it is not a solid. Correct that, then submit it again." in page
+    assert "Plates printed" not in page
+    assert "Wasted" not in page
