@@ -127,7 +127,8 @@ class Measures:
         def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
             commit(store, event, before, after)
             start_s = time.thread_time()
-            texts = [entity.model_dump_json() for entity in list_changed_entities(before, after)]
+            changed_entities = list_changed_entities(before, after)
+            texts = [entity.model_dump_json(exclude_defaults=True) for entity in changed_entities]
             size = len(event.model_dump_json()) + sum(map(len, texts))
             self.commit_bytes.append(size)
             self._starts = self._starts or isinstance(event, ev.PlateAssigned)

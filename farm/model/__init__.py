@@ -5,7 +5,7 @@ seconds, lengths millimetres, temperatures degrees Celsius.
 """
 
 from farm.model.agent import AgentPrint, AgentSnapshot, Link
-from farm.model.entity import FORMER_NAMES, Entity
+from farm.model.entity import FORMER_NAMES, Entity, share_field_set
 from farm.model.hold import Hold, HoldCode, ShortReel, TextTime
 from farm.model.job import (
     Gluing,
@@ -64,4 +64,5 @@ __all__ = [
     "TextTime",
     "Verdict",
     "compute_assembly_ratio",
+    "share_field_set",
 ]

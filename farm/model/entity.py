@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import TypeVar
+
 from pydantic import AliasChoices, AliasGenerator, BaseModel, ConfigDict
 
+E = TypeVar("E", bound="Entity")
 FORMER_NAMES = {
     "attention_reason": "look",
     "attention_since_s": "look_s",
@@ -31,3 +35,20 @@ class Entity(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accept_names)
     )
+
+
+def share_field_set(entity: E) -> E:
+    """Let an entity, and those in its fields, share the set of their fields with all of their class.
+
+    Pydantic keeps a set for each instance, which takes as much memory as the fields of a plate.
+    """
+    for value in vars(entity).values():
+        if isinstance(value, Entity):
+            share_field_set(value)
+    object.__setattr__(entity, "__pydantic_fields_set__", _find_field_set(type(entity)))
+    return entity
+
+
+@cache
+def _find_field_set(kind: type[Entity]) -> set[str]:
+    return set(kind.model_fields)

@@ -38,7 +38,7 @@ EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
 _LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
-    WHERE json_extract(printer.body, '$.bed') <> 'clear' AND json_extract(p.body, '$.ended_s') = (
+    WHERE json_extract(printer.body, '$.bed') IS NOT 'clear' AND json_extract(p.body, '$.ended_s') = (
         SELECT max(json_extract(q.body, '$.ended_s')) FROM print AS q
         WHERE json_extract(q.body, '$.printer') = printer.id
     )

@@ -14,7 +14,7 @@ from typing import Self, TypeVar
 from pydantic import ValidationError
 
 from farm.errors import FarmError
-from farm.model import Entity, Key
+from farm.model import Entity, Key, share_field_set
 from farm.state.books import Books, list_changed_entities, list_removed_keys, locate_entity
 from farm.state.event_rows import READ_EVENTS, READ_UPKEEP, EventRow, make_row
 from farm.state.events import BooksRestored, Event
@@ -135,7 +135,7 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
     entities = []
     for key, body in rows:
         try:
-            entities.append(kind.model_validate_json(body))
+            entities.append(share_field_set(kind.model_validate_json(body)))
         except ValidationError as error:
             raise StoreError(
                 f"the database cannot be read: {TABLES[kind]} {key}, {describe_first_error(error.errors())}; "
@@ -148,7 +148,8 @@ class Store:
     """Database of the books. Every method may raise StoreError.
 
     Each entity is a row of its kind's table, with its fields as JSON: the books are read at start and live in
-    memory, so that only the records define the fields.
+    memory, so that only the records define the fields. Those at their defaults, which must not change, are
+    left out.
     """
 
     def __init__(self, path: Path) -> None:
@@ -287,7 +288,7 @@ class Store:
                 (event.at_s, type(event).__name__, event.model_dump_json()),
             ).lastrowid
             for entity in list_changed_entities(before, after):
-                body = entity.model_dump_json()
+                body = entity.model_dump_json(exclude_defaults=True)
                 self._db.execute(
                     f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
                     (str(locate_entity(entity)[1]), body, zlib.crc32(body.encode())),

@@ -204,3 +204,35 @@ def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
                 books = after
         assert store.load() == books and store.find_last_event() == len(events)
         assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
+
+
+def test_rows_leave_defaults_out_and_complete_rows_are_read_too(tmp_path):
+    path, books = tmp_path / "farm.db", Books()
+    with Store(path) as store:
+        for event in (
+            *make_fleet_events(),
+            ev.JobSubmitted(at_s=0.0, job=make_job()),
+            ev.PlanningStarted(at_s=0.0, job=1),
+            make_plan_event(),
+        ):
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+        assert store.load() == books
+        (body,) = store._db.execute("SELECT body FROM plate WHERE id = '1/01'").fetchone()
+        assert "sliced_s" in body and "replaced_by" not in body and "null" not in body
+        for name, plate in books.plates.items():  # as farm 0.1 writes them
+            text = plate.model_dump_json()
+            row = (text, zlib.crc32(text.encode()), name)
+            store._db.execute("UPDATE plate SET body = ?, crc = ? WHERE id = ?", row)
+    assert read_books(path)[0] == books
+
+
+def test_entities_that_are_read_share_the_set_of_their_fields(tmp_path):
+    with Store(tmp_path / "farm.db") as store:
+        books, _ = apply_events(Books(), *make_fleet_events())
+        store.commit(make_fleet_events()[0], Books(), books)
+        first, second, *_ = store.load().printers.values()
+    assert first.model_fields_set is second.model_fields_set
+    copy = first.model_copy(update={"maintenance": "oil"})
+    assert copy.maintenance == "oil" and second.maintenance is None and "maintenance" in copy.model_fields_set
