@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from decompose.grid.box_index import Box, Shape, box_at, box_index, compute_index, interval
+from decompose.grid.box_index import (
+    Box,
+    Shape,
+    box_at,
+    box_index,
+    compute_index,
+    find_interval_ends,
+    interval,
+)
 from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
 from decompose.grid.grid import (
@@ -40,6 +48,7 @@ __all__ = [
     "count_cuts",
     "fill_grid",
     "find_flat_coordinates",
+    "find_interval_ends",
     "interval",
     "price_boxes",
     "refine_cells",

@@ -48,6 +48,7 @@ def box_at(index: int, shape: Shape) -> Box:
     return x0, y0, z0, x1, y1, z1
 
 
+@jit
 def find_interval_ends(interval: int, n: int) -> tuple[int, int]:
     """Find the ends of an interval of n cells by its index: the inverse of `interval`."""
     length = 1

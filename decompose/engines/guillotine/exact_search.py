@@ -88,7 +88,7 @@ class ExactSearch:
         self.problem, self.grid, self.boxes = problem, grid, boxes
         self.min_s = bound_s
         self.is_near = False  # whether the minimum is near the last one: prices only grow
-        self.solver = Partitioner(boxes)
+        self.solver = Partitioner(boxes, executor=problem.executor)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
         self.rejections: list[str] = []  # the fault of each rejected choice

@@ -6,7 +6,7 @@ the least makespan for a number of printers. (Hierarchical bipartition HIER-OPT 
 2012, in three dimensions and with a cost that is not additive.)
 
 Among partitions with equally few parts the one with the least sum of times is taken, then the one with the
-least area of cuts: the three are digits of one whole number, `_make_key`, whose sum is minimised.
+least area of cuts: the three are digits of one whole number, `recursion.make_key`, whose sum is minimised.
 
 Unequal printers are in classes. At a time T the number of printers of one class that a box needs is a
 function of the numbers of each other class that it may use; a cut adds the functions of its two sides, over
@@ -16,8 +16,10 @@ all ways to divide the printers between them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,9 +32,10 @@ from decompose.engines.guillotine.recursion import (
     Table,
     fill_counts,
     fill_keys,
-    solve_recursion,
+    lower_boxes,
 )
-from decompose.grid import Box, BoxTables, box_at, box_index, count_cuts
+from decompose.engines.guillotine.ties import find_tied_keys
+from decompose.grid import Box, BoxTables, box_at, box_index, count_cuts, interval
 
 LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
 MAX_TIED = 120_000_000  # maximum number of values in all states with which ties are broken, to save memory
@@ -60,13 +63,20 @@ class Partitioner:
     With `others`, a part may also go to one of them. There is a state for each number of printers of every
     other class that may be used; for each box and state the fewest of the first class are known, so that the
     search is exact over all ways to distribute the parts. The cost grows with the square of the states.
+
+    With an executor, half of each solve is done there; threads are enough.
     """
 
-    def __init__(self, boxes: BoxTables, others: Sequence[OtherClass] = ()) -> None:
+    def __init__(
+        self, boxes: BoxTables, others: Sequence[OtherClass] = (), executor: Executor | None = None
+    ) -> None:
         self.boxes = boxes
         self.others = tuple(others)
+        self._executor = executor
         self._states, self._sums = list_class_states([other.count for other in others])
         self._value: Table = np.zeros(0, np.int16)
+        self._has_ties = False  # to be broken when boxes are chosen
+        self._keys: dict[int, int] | None = None  # of the boxes that may be chosen, where ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
         self.sums = 0  # number of sums in all solves so far
@@ -78,20 +88,31 @@ class Partitioner:
         With `ties`, choose among these solutions the one with the least work, then with the least area of
         cuts.
         """
-        self._limit_s = limit_s
-        size = len(self.boxes.seconds)
-        total = len(self._states) * size
-        self._value = np.empty(total, np.int64) if ties else np.empty(total, np.int16)
-        for state in range(len(self._states)):
-            self._fill(state, slice(0, size), self._value[state * size : (state + 1) * size])
-        solve_recursion(self._value, self._sums, *self.boxes.shape)
+        self._limit_s, self._keys = limit_s, None
+        dense = ties and bool(self.others)  # keys of all boxes, as there are ties between states too
+        total = len(self._states) * len(self.boxes.seconds)
+        self._value = np.empty(total, np.int64) if dense else np.empty(total, np.int16)
+        for length in range(1, self.boxes.shape[0] + 1):
+            _run_halves(self._executor, partial(self._solve_length, length), self.boxes.shape[0] - length + 1)
         self.sums += len(self._sums) * count_cuts(self.boxes.shape)
-        return min(int(self.counts[box_index(self._root, self.boxes.shape)]), UNREACHABLE)
+        self._has_ties = ties and not dense
+        return min(int(self.list_class_shares()[1][-1]), UNREACHABLE)
+
+    def _solve_length(self, length: int, first: int, end: int) -> None:
+        """Solve the boxes of one length along x that begin from a cell `first` to a cell `end`, half-open."""
+        nx, ny, nz = self.boxes.shape
+        size, layer = len(self.boxes.seconds), ny * (ny + 1) // 2 * (nz * (nz + 1) // 2)
+        start = interval(0, length, nx)
+        indices = slice((start + first) * layer, (start + end) * layer)
+        for state in range(len(self._states)):
+            value = self._value[state * size : (state + 1) * size]
+            self._fill(state, indices, value[indices])
+        lower_boxes(self._value, self._sums, self.boxes.shape, length, first, end)
 
     @property
     def can_break_ties(self) -> bool:
         """Check whether there is enough memory to choose among partitions with equally few parts."""
-        return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
+        return not self.others or len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
     def _fill(self, state: int, indices: slice, value: npt.NDArray[Any]) -> None:
         """Fill in the values of the boxes at these indices, uncut, in a state."""
@@ -119,7 +140,7 @@ class Partitioner:
         value = self._value[-len(self.boxes.seconds) :]
         if value.dtype == np.int64:
             return (value // PART).astype(np.int16)
-        return value.astype(np.int16, copy=False)
+        return np.asarray(value)
 
     def list_class_shares(self) -> tuple[Ints, Ints]:
         """List usable numbers (m, classes) of the others, and the fewest (m,) of the first class with each.
@@ -134,7 +155,12 @@ class Partitioner:
     def list_chosen_boxes(self, within: Box | None = None) -> list[Box]:
         """List the boxes of the last solution, all or those of one box, in the order of the cuts."""
         chosen_boxes: list[Box] = []
-        stack = [(within or self._root, len(self._states) - 1)]
+        root = within or self._root
+        if self._has_ties:
+            self._keys = find_tied_keys(
+                self.boxes, self.counts, self._limit_s, box_index(root, self.boxes.shape)
+            )
+        stack = [(root, len(self._states) - 1)]
         while stack:
             outer, state = stack.pop()
             box = self._trim(outer)
@@ -147,12 +173,16 @@ class Partitioner:
         return chosen_boxes
 
     def _find_value(self, box: Box, state: int) -> int:
-        return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
+        """Find the value of a box in the last solution; a value that no box reaches where none is known."""
+        index = box_index(box, self.boxes.shape)
+        if self._keys is not None:
+            return self._keys.get(int(self.boxes.trimmed[index]), UNREACHABLE * PART)
+        return int(self._value[state * len(self.boxes.seconds) + index])
 
     def _compute_uncut_value(self, box: Box, state: int) -> int:
         """Compute the value of a box as one part."""
         index = box_index(box, self.boxes.shape)
-        value = np.empty(1, self._value.dtype)
+        value = np.empty(1, self._value.dtype if self._keys is None else np.int64)
         self._fill(state, slice(index, index + 1), value)
         return int(value[0])
 
@@ -219,6 +249,20 @@ class Partitioner:
     def longest_s(self) -> float:
         """Find the time of the costliest box of the last solution on a printer of the first class."""
         return self.boxes.longest_s(self.list_chosen_boxes())
+
+
+def _run_halves(executor: Executor | None, work: Callable[[int, int], None], count: int) -> None:
+    """Call work for the halves of `count` items, one in an executor; a half that it has not begun, here."""
+    middle = (count + 1) // 2
+    if executor is None or middle == count:
+        work(0, count)
+        return
+    second = executor.submit(work, middle, count)
+    work(0, middle)
+    if second.cancel():
+        work(middle, count)
+    else:
+        second.result()
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:

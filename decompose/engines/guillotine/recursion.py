@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Ints
-from decompose.grid import interval
+from decompose.grid import Shape, interval
 from decompose.jit import jit
 
 UNREACHABLE = 16_000  # more parts than any fleet has printers; twice this number fits an int16
@@ -46,12 +46,13 @@ def _update_min(value: Table, size: int, start: tuple[int, int, int], count: int
 
 
 @jit
-def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None:
-    """Lower every box, in place, to its least sum over all guillotine partitions.
+def lower_boxes(value: Table, sums: Ints, shape: Shape, length: int, first: int, end: int) -> None:
+    """Lower boxes of one length along x, in place, to their least sums over all guillotine partitions.
 
-    Boxes of one length along an axis are adjacent in the tables: boxes with the same sides are added at once,
-    at all places; along z after a transposition that puts z before y. A box larger than its needed cells is
-    no special case: a cut takes off parts of value 0 there.
+    All shorter boxes have to be lowered before; those of one length do not depend on each other. Boxes of one
+    length along an axis are adjacent in the tables: boxes with the same sides are added at once, at all
+    places; along z after a transposition that puts z before y. A box larger than its needed cells is no
+    special case: a cut takes off parts of value 0 there.
 
     Parameters
     ----------
@@ -59,49 +60,43 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
         (states * boxes,) int16 counts or int64 keys of the uncut boxes, state after state; lowered in place.
     sums
         (m, 3) int64 of `partitioner.list_class_states`.
-    nx, ny, nz
+    shape
         Cells of the grid.
+    length
+        Cells of the boxes along x.
+    first, end
+        Where the boxes begin along x, half-open.
     """
+    nx, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     layer = ty * tz
     size = nx * (nx + 1) // 2 * layer
     states = len(value) // size
     transposed = np.empty(states * ny * tz, value.dtype)
-    for dx in range(1, nx + 1):
-        for x0 in range(nx - dx + 1):
-            first = interval(x0, x0 + dx, nx) * layer
-            for x in range(x0 + 1, x0 + dx):
-                a, b = interval(x0, x, nx) * layer, interval(x, x0 + dx, nx) * layer
-                _update_min(value, size, (first, a, b), layer, sums)
-            for dy in range(1, ny + 1):
-                rows = ny - dy + 1
-                start = first + interval(0, dy, ny) * tz
-                for cut in range(1, dy):
-                    a, b = first + interval(0, cut, ny) * tz, first + interval(cut, dy, ny) * tz
-                    _update_min(value, size, (start, a, b), rows * tz, sums)
-                block = rows * tz
-                for state in range(states):
-                    offset = state * size + start
-                    _rotate(
-                        value[offset : offset + block],
-                        transposed[state * block : (state + 1) * block],
-                        rows,
-                        tz,
-                    )
-                for dz in range(2, nz + 1):
-                    places = (nz - dz + 1) * rows
-                    up = interval(0, dz, nz) * rows
-                    for cut in range(1, dz):
-                        a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
-                        _update_min(transposed, block, (up, a, b), places, sums)
-                for state in range(states):
-                    offset = state * size + start
-                    _rotate(
-                        transposed[state * block : (state + 1) * block],
-                        value[offset : offset + block],
-                        tz,
-                        rows,
-                    )
+    for x0 in range(first, end):
+        start = interval(x0, x0 + length, nx) * layer
+        for x in range(x0 + 1, x0 + length):
+            a, b = interval(x0, x, nx) * layer, interval(x, x0 + length, nx) * layer
+            _update_min(value, size, (start, a, b), layer, sums)
+        for dy in range(1, ny + 1):
+            rows = ny - dy + 1
+            block = rows * tz
+            row = start + interval(0, dy, ny) * tz
+            for cut in range(1, dy):
+                a, b = start + interval(0, cut, ny) * tz, start + interval(cut, dy, ny) * tz
+                _update_min(value, size, (row, a, b), block, sums)
+            for state in range(states):
+                at, to = state * size + row, state * block
+                _rotate(value[at : at + block], transposed[to : to + block], rows, tz)
+            for dz in range(2, nz + 1):
+                places = (nz - dz + 1) * rows
+                up = interval(0, dz, nz) * rows
+                for cut in range(1, dz):
+                    a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
+                    _update_min(transposed, block, (up, a, b), places, sums)
+            for state in range(states):
+                at, to = state * size + row, state * block
+                _rotate(transposed[to : to + block], value[at : at + block], tz, rows)
 
 
 @jit
@@ -139,7 +134,7 @@ def fill_counts(
 
 
 @jit
-def _make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
+def make_key(seconds: float, pieces: int, cut_mm2: float) -> int:
     """Compute the key of an uncut box: parts, seconds and area of cuts as digits of one number."""
     key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND_DIGIT + round(cut_mm2 / AREA_MM2)
     return key
@@ -171,6 +166,6 @@ def fill_keys(
         if trimmed[box] < 0:
             value[box] = 0
         elif seconds[box] <= limit_s:
-            value[box] = _make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+            value[box] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
         else:
             value[box] = UNREACHABLE * PART

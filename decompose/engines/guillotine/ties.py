@@ -1,0 +1,106 @@
+"""Choice among partitions of as few parts: that of least work, then that of the least area of cuts.
+
+Few boxes are in any partition of the fewest parts. They are listed from the whole downwards, by cuts whose
+sides add up to the fewest, and their keys (`recursion.make_key`) are summed upwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Ints
+from decompose.engines.guillotine.recursion import PART, UNREACHABLE, make_key
+from decompose.grid import BoxTables, Shape, find_interval_ends, interval
+from decompose.jit import jit
+
+
+@jit
+def _fill_sides(box: int, shape: Shape, sides: Ints) -> int:
+    """Fill in the near and far side (cuts, 2) of every cut across a box, as indices; return their number."""
+    _, ny, nz = shape
+    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    strides = (ty * tz, tz, 1)
+    intervals = (box // (ty * tz), box // tz % ty, box % tz)
+    count = 0
+    for axis in range(3):
+        low, high = find_interval_ends(intervals[axis], shape[axis])
+        fixed = box - intervals[axis] * strides[axis]
+        for plane in range(low + 1, high):
+            sides[count, 0] = fixed + interval(low, plane, shape[axis]) * strides[axis]
+            sides[count, 1] = fixed + interval(plane, high, shape[axis]) * strides[axis]
+            count += 1
+    return count
+
+
+@jit
+def _list_tied_boxes(
+    counts: npt.NDArray[np.int16], trimmed: npt.NDArray[np.int32], shape: Shape, root: int
+) -> Ints:
+    """List the boxes (k,) in any partition of a trimmed box into the fewest parts, by index, sides first."""
+    sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
+    stack, listed = [root], {root}
+    while stack:
+        box = stack.pop()
+        if counts[box] < 2:
+            continue
+        for cut in range(_fill_sides(box, shape, sides)):
+            near, far = sides[cut]
+            if counts[near] + counts[far] == counts[box]:
+                for side in (int(trimmed[near]), int(trimmed[far])):
+                    if side not in listed:
+                        listed.add(side)
+                        stack.append(side)
+    return np.sort(np.array(list(listed)))  # a box has a higher index than its sides
+
+
+@jit
+def _sum_keys(
+    limit_s: float,
+    tables: tuple[
+        npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16], npt.NDArray[np.float32]
+    ],
+    counts: npt.NDArray[np.int16],
+    shape: Shape,
+    listed: Ints,
+) -> Ints:
+    """Compute the least key (k,) of each listed box; tables are the four of `BoxTables`."""
+    seconds, trimmed, pieces, cut_mm2 = tables
+    sides = np.empty((shape[0] + shape[1] + shape[2], 2), np.int64)
+    keys = np.full(len(listed), UNREACHABLE * PART)
+    for i in range(len(listed)):
+        box = listed[i]
+        if seconds[box] <= limit_s:
+            keys[i] = make_key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+        if counts[box] < 2:
+            continue
+        for cut in range(_fill_sides(box, shape, sides)):
+            near, far = sides[cut]
+            if counts[near] + counts[far] == counts[box]:
+                key = keys[np.searchsorted(listed, trimmed[near])]
+                keys[i] = min(keys[i], key + keys[np.searchsorted(listed, trimmed[far])])
+    return keys
+
+
+def find_tied_keys(
+    boxes: BoxTables, counts: npt.NDArray[np.int16], limit_s: float, root: int
+) -> dict[int, int]:
+    """Find the least key of every box that is in a partition into the fewest parts, by its index.
+
+    Parameters
+    ----------
+    boxes
+        The tables.
+    counts
+        (boxes,) fewest parts of each box.
+    limit_s
+        The time that each part may take.
+    root
+        Index of the box that is partitioned; none is found where it cannot be, or need not be.
+    """
+    if not 0 < counts[root] < UNREACHABLE:
+        return {}
+    listed = _list_tied_boxes(counts, boxes.trimmed, boxes.shape, int(boxes.trimmed[root]))
+    tables = (boxes.seconds, boxes.trimmed, boxes.pieces, boxes.cut_mm2)
+    keys = _sum_keys(limit_s, tables, counts, boxes.shape, listed)
+    return dict(zip(listed.tolist(), keys.tolist(), strict=True))
