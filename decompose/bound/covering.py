@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid import Box, BoxTables, Shape, box_index, compute_index
+from decompose.bound.largest_boxes import find_largest_boxes
+from decompose.grid import BoxTables
 from decompose.jit import jit
 
-Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
-
 RESTARTS, STEPS = 60, 100  # maximum number of restarts, and number of steps between them
+ACTIVE_SHARE = 0.9  # share of its most weight from which a box may get a share before the next restart
 TOLERANCE = 1e-4  # the search stops when the fewest boxes exceed the printers by this share
 BOUND_TOLERANCE = 1e-3  # the search stops when the bounds on the fewest boxes differ by this share
 
@@ -43,59 +43,6 @@ class Covering:
     weights: Floats
     boxes: npt.NDArray[np.int16]
     shares: Floats
-
-
-@jit
-def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
-    """Check whether a box that is one layer larger can replace a box, within the limit and in no more pieces.
-
-    tables: as in `_find_largest_boxes`. limit_s: the time. box: half-open, in a grid of `shape` cells.
-    """
-    seconds, trimmed, pieces = tables
-    index = compute_index(box, shape)
-    is_replaceable = False
-    for face in range(6):
-        x0, y0, z0, x1, y1, z1 = box
-        larger = index
-        while larger == index:  # a layer without needed cells changes nothing
-            x0, y0, z0 = x0 - (face == 0), y0 - (face == 1), z0 - (face == 2)
-            x1, y1, z1 = x1 + (face == 3), y1 + (face == 4), z1 + (face == 5)
-            if min(x0, y0, z0) < 0 or x1 > shape[0] or y1 > shape[1] or z1 > shape[2]:
-                break
-            larger = trimmed[compute_index((x0, y0, z0, x1, y1, z1), shape)]
-        if larger != index and seconds[larger] <= limit_s:
-            is_replaceable = is_replaceable or pieces[larger] <= pieces[index]
-    return is_replaceable
-
-
-@jit
-def _find_largest_boxes(tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16]) -> int:
-    """Fill in the boxes within the limit that no box one layer larger replaces; return their number.
-
-    Parameters
-    ----------
-    tables
-        `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`, (boxes,) each.
-    boxes
-        (k, 6) int16, with room for all boxes within the limit.
-    """
-    seconds, trimmed, _ = tables
-    nx, ny, nz = shape
-    count = 0
-    for x0 in range(nx):
-        for x1 in range(x0 + 1, nx + 1):
-            for y0 in range(ny):
-                for y1 in range(y0 + 1, ny + 1):
-                    for z0 in range(nz):
-                        for z1 in range(z0 + 1, nz + 1):
-                            box = compute_index((x0, y0, z0, x1, y1, z1), shape)
-                            if not seconds[box] <= limit_s or trimmed[box] != box:
-                                continue
-                            if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
-                                boxes[count, 0], boxes[count, 1], boxes[count, 2] = x0, y0, z0
-                                boxes[count, 3], boxes[count, 4], boxes[count, 5] = x1, y1, z1
-                                count += 1
-    return count
 
 
 @jit
@@ -246,6 +193,25 @@ def _advance(p: _Programme, work: _Workspace, balance: float, current: _Iterate,
 
 
 @jit
+def _advance_active(p: _Programme, work: _Workspace, balance: float, current: _Iterate) -> _Iterate:
+    """Make `STEPS` steps with the boxes that may get a share in them; return the mean of the iterates.
+
+    These have a share, or hold almost as much weight as they may. The bounds on the fewest boxes are of all.
+    """
+    _sum_in_boxes(current.weights, p.corners, work.sums, work.in_box)
+    active = np.flatnonzero((current.shares > 0.0) | (work.in_box > ACTIVE_SHARE * p.pieces))
+    programme = _Programme(p.needed, p.corners[active], p.pieces[active], p.content[active], p.overlap)
+    iterate = _Iterate(current.shares[active], current.weights)
+    mean = _Iterate(np.zeros(len(active)), np.zeros(p.needed.shape))
+    for _ in range(STEPS):
+        _advance(programme, work, balance, iterate, mean)
+    current.shares[active] = iterate.shares
+    shares = np.zeros(len(p.pieces))
+    shares[active] = mean.shares
+    return _Iterate(shares, mean.weights)
+
+
+@jit
 def _find_feasibility_divisors(p: _Programme, work: _Workspace, iterate: _Iterate) -> tuple[float, float]:
     """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
 
@@ -278,9 +244,7 @@ def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -
     balance = 0.05 * len(p.pieces) / p.needed.sum()
     for _ in range(RESTARTS):
         old = _Iterate(current.shares.copy(), current.weights.copy())
-        mean = _Iterate(np.zeros(len(p.pieces)), np.zeros(p.needed.shape))
-        for _ in range(STEPS):
-            _advance(p, work, balance, current, mean)
+        mean = _advance_active(p, work, balance, current)
         closest, restart = np.inf, mean
         for iterate in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
             heaviest_box, least_covered_cell = _find_feasibility_divisors(p, work, iterate)
@@ -358,9 +322,11 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     Covering
         If a needed cell is in no box within the time there is no covering, and all weight is on that cell.
     """
-    largest = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
+    total = int((boxes.seconds <= limit_s).sum())
+    largest, indices = np.zeros((total, 6), np.int16), np.zeros(total, np.int64)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    largest = largest[: _find_largest_boxes(tables, limit_s, boxes.shape, largest)].copy()
+    count = find_largest_boxes(tables, limit_s, boxes.shape, largest, indices)
+    largest = largest[:count].copy()
     corners = _find_corners(largest.astype(np.int64), boxes.shape)
     overlap = np.zeros(needed.shape)
     _sum_over_cells(np.ones(len(largest)), corners, np.zeros([n + 1 for n in boxes.shape]), overlap)
@@ -371,8 +337,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
             largest,
             np.zeros(len(largest)),
         )
-    indices = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in largest.tolist()]
-    pieces = boxes.pieces[indices].astype(np.float64)
+    pieces = boxes.pieces[indices[:count]].astype(np.float64)
     best = _solve(needed, corners, pieces, overlap, printers, weights.copy())
     return Covering(best.weights, largest, best.shares)
 

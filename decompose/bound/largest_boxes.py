@@ -1,0 +1,68 @@
+"""Largest boxes within a time: those that no larger one can replace in a covering."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Ints
+from decompose.grid import Box, Shape, compute_index
+from decompose.jit import jit
+
+Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
+
+
+@jit
+def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
+    """Check whether a box that is one layer larger can replace a box, within the limit and in no more pieces.
+
+    tables: as in `find_largest_boxes`. limit_s: the time. box: half-open, in a grid of `shape` cells.
+    """
+    seconds, trimmed, pieces = tables
+    index = compute_index(box, shape)
+    is_replaceable = False
+    for face in range(6):
+        x0, y0, z0, x1, y1, z1 = box
+        larger = index
+        while larger == index:  # a layer without needed cells changes nothing
+            x0, y0, z0 = x0 - (face == 0), y0 - (face == 1), z0 - (face == 2)
+            x1, y1, z1 = x1 + (face == 3), y1 + (face == 4), z1 + (face == 5)
+            if min(x0, y0, z0) < 0 or x1 > shape[0] or y1 > shape[1] or z1 > shape[2]:
+                break
+            larger = trimmed[compute_index((x0, y0, z0, x1, y1, z1), shape)]
+        if larger != index and seconds[larger] <= limit_s:
+            is_replaceable = is_replaceable or pieces[larger] <= pieces[index]
+    return is_replaceable
+
+
+@jit
+def find_largest_boxes(
+    tables: Tables, limit_s: float, shape: Shape, boxes: npt.NDArray[np.int16], indices: Ints
+) -> int:
+    """Fill in the boxes within the limit that no box one layer larger replaces; return their number.
+
+    Parameters
+    ----------
+    tables
+        `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`, (boxes,) each.
+    boxes, indices
+        (k, 6) int16 and (k,) int64, with room for all boxes within the limit.
+    """
+    seconds, trimmed, _ = tables
+    nx, ny, nz = shape
+    count = 0
+    for x0 in range(nx):
+        for x1 in range(x0 + 1, nx + 1):
+            for y0 in range(ny):
+                for y1 in range(y0 + 1, ny + 1):
+                    for z0 in range(nz):
+                        for z1 in range(z0 + 1, nz + 1):
+                            box = compute_index((x0, y0, z0, x1, y1, z1), shape)
+                            if not seconds[box] <= limit_s or trimmed[box] != box:
+                                continue
+                            if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
+                                boxes[count, 0], boxes[count, 1], boxes[count, 2] = x0, y0, z0
+                                boxes[count, 3], boxes[count, 4], boxes[count, 5] = x1, y1, z1
+                                indices[count] = box
+                                count += 1
+    return count
