@@ -36,7 +36,8 @@ SCALE = 120
 PATIENCE_S = 900.0
 WIDTHS_PX = (390, 1280, 1920)
 THEMES = ("light", "dark")
-HIGHEST_PX = 4000
+HIGHEST_PX = {"api": 1200}  # the beginning of a page as long as that shows how it reads
+DEFAULT_HIGHEST_PX = 4000
 COLOURS = 256
 LOGIN = "login"
 PAGES = {
@@ -219,7 +220,9 @@ async def take_pictures(stage: Stage, zone: str, profile: Path, names: list[str]
                         continue
                     await browser.open(stage.make_link() if name == LOGIN else base + PAGES[name])
                     await asyncio.sleep(1.0 if name in ("job", "submit") else 0.3)  # scripts draw
-                    await save(browser, width_px, PICTURES / picture)
+                    await save(
+                        browser, width_px, PICTURES / picture, HIGHEST_PX.get(name, DEFAULT_HIGHEST_PX)
+                    )
                     stage.record(picture)
         for message in browser.messages:
             print(f"the browser says: {message}")
@@ -236,13 +239,13 @@ async def resize(browser: Chromium, width_px: int, height_px: int) -> None:
     )
 
 
-async def save(browser: Chromium, width_px: int, path: Path) -> None:
-    """Save a picture of the whole page with few colours, as the repository keeps it."""
+async def save(browser: Chromium, width_px: int, path: Path, highest_px: int) -> None:
+    """Save a picture of the page, down to a height, with few colours, as the repository keeps it."""
     height_px = await browser.evaluate("document.documentElement.scrollHeight")
     overflow_px = await browser.evaluate("document.documentElement.scrollWidth") - width_px
     if overflow_px > 0:
         print(f"{path.name}: {overflow_px} px wider than the window")
-    clip = {"x": 0, "y": 0, "width": width_px, "height": min(HIGHEST_PX, height_px), "scale": 1}
+    clip = {"x": 0, "y": 0, "width": width_px, "height": min(highest_px, height_px), "scale": 1}
     shot = await browser.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
     picture = Image.open(io.BytesIO(base64.b64decode(shot["data"]))).convert("RGB")
     picture.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
