@@ -8,10 +8,21 @@ import pytest
 
 from accessibility import AXE, find_faults, read
 from chromium import CHROMIUM, Chromium
-from farm.model import AgentSnapshot, Hold, HoldCode, Link, Role, TextTime
+from farm.model import (
+    AgentSnapshot,
+    FilamentState,
+    Hold,
+    HoldCode,
+    Link,
+    PrintState,
+    Role,
+    TextTime,
+    Verdict,
+)
 from farm.state import events as ev
+from make_books import make_end_event
 from network_farm import HOST, NetworkFarm
-from planned_job import plan_job
+from planned_job import plan_job, submit_model
 from served_farm import serve
 
 pytestmark = [
@@ -59,6 +70,46 @@ def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone
         for path in (*PAGES, link):
             await browser.open(base + path)
             assert set(await read(browser, HOSTS)) <= {base.removeprefix("http://")}, path
+            if faults := await find_faults(browser):
+                found[path] = faults
+        assert found == {}
+
+    browse(tmp_path, act)
+
+
+OUTCOMES = (
+    (PrintState.FAILED, None),
+    (PrintState.DONE, Verdict.GOOD),
+    (PrintState.DONE, Verdict.BAD),
+    (PrintState.DONE, None),
+)
+
+
+def print_outcomes(farm):
+    """Print a part for each outcome; then one printer has an alarm, and a job is paused."""
+    controller, now_s = farm.controller, farm.clock.now_s
+    cleared = ev.BedCleared(at_s=now_s, printer="a", by="ann", filament=FilamentState.PARKED)
+    controller.handle(cleared, ev.JobApproved(at_s=now_s, job=1, by="ann"))
+    for state, verdict in OUTCOMES:
+        attempt = controller.books.open_print_on("a")
+        reason = "the nozzle got cold" if state is PrintState.FAILED else None
+        ended = make_end_event(attempt.id, state, at_s=now_s, started_s=now_s - 60.0, reason=reason)
+        controller.handle(ended)
+        if state is PrintState.FAILED or verdict is not None:
+            controller.handle(cleared.model_copy(update={"verdict": verdict or Verdict.GOOD}))
+    alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
+    controller.on_snapshot(AgentSnapshot(printer="a", link=Link.FAULT, reason="inspect it", **alarm))
+    number = submit_model(farm, by="bob")
+    controller.handle(ev.JobPaused(at_s=now_s, job=number, wanted=True, by="bob"))
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="make pages")
+def test_pages_with_every_outcome_and_an_alarm_are_accessible(tmp_path):
+    async def act(farm, browser, base):
+        print_outcomes(farm)
+        found = {}
+        for path in ("/", "/jobs/1", "/jobs/2", "/timeline", "/printers/a", "/history"):
+            await browser.open(base + path)
             if faults := await find_faults(browser):
                 found[path] = faults
         assert found == {}
