@@ -58,7 +58,7 @@ from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage import Store, StoreError
 from farm.state.transitions import apply
-from farm.views import ViewContext
+from farm.views import JobCache, ViewContext
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +94,7 @@ class Controller:
         self._effects: Effects | None = None
         self._replanning = ReplanCoordinator()
         self.forecast = ForecastCache(clock, lambda: self.books, self.expected_situation)
+        self._job_cache = JobCache()
         self._next_change_s = -math.inf  # -inf: schedule at the next tick
         self._later_starts: Sequence[Assignment] = ()  # that the last run left: the next begins with them
 
@@ -395,4 +396,5 @@ class Controller:
             warnings=self.telemetry.list_warnings(state.root),
             plate_holds=self.plate_holds(),
             job_holds=self.planning.holds,
+            jobs=self._job_cache,
         )

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from pydantic import AliasChoices, AliasGenerator, BaseModel, ConfigDict
 
-E = TypeVar("E", bound="Entity")
+M = TypeVar("M", bound=BaseModel)
 FORMER_NAMES = {
     "attention_reason": "look",
     "attention_since_s": "look_s",
@@ -37,18 +37,18 @@ class Entity(BaseModel):
     )
 
 
-def share_field_set(entity: E) -> E:
-    """Let an entity, and those in its fields, share the set of their fields with all of their class.
+def share_field_set(model: M) -> M:
+    """Let a model, and those in its fields, share the set of their fields with all of their class.
 
     Pydantic keeps a set for each instance, which takes as much memory as the fields of a plate.
     """
-    for value in vars(entity).values():
-        if isinstance(value, Entity):
+    for value in vars(model).values():
+        if isinstance(value, BaseModel):
             share_field_set(value)
-    object.__setattr__(entity, "__pydantic_fields_set__", _find_field_set(type(entity)))
-    return entity
+    object.__setattr__(model, "__pydantic_fields_set__", _find_field_set(type(model)))
+    return model
 
 
 @cache
-def _find_field_set(kind: type[Entity]) -> set[str]:
+def _find_field_set(kind: type[BaseModel]) -> set[str]:
     return set(kind.model_fields)

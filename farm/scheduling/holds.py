@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState, Plate
@@ -152,6 +153,28 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
 _MAX_NAMES = 4  # most printers that a sentence names; further ones are counted
 
 
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Printers that match the same plates, with what holds for all of these plates.
+
+    Attributes
+    ----------
+    names
+        The printers.
+    idle
+        Those that are idle and clear, and get no other plate now, by name.
+    busy
+        Hold for busy printers; None if none is busy.
+    first
+        Why the first printer that takes no plate takes none; None if all can.
+    """
+
+    names: frozenset[str]
+    idle: tuple[str, ...]
+    busy: Hold | None
+    first: Hold | None
+
+
 class HoldReasons:
     """Finds the reason why a plate waits, in one situation.
 
@@ -183,9 +206,7 @@ class HoldReasons:
         fleet = situation.fleet
         self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
         self._capabilities = tuple(dict.fromkeys(printer.capabilities for printer in fleet.values()))
-        self._matching: dict[tuple[Capabilities, ...], tuple[str, ...]] = {}  # by mismatches
-        self._busy_holds: dict[tuple[str, ...], Hold | None] = {}
-        self._idle_of: dict[tuple[str, ...], tuple[str, ...]] = {}
+        self._groups: dict[tuple[Capabilities, ...], _Group] = {}  # by mismatches
         self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - assigned_printers
 
     def make_job_limit_hold(self) -> Hold:
@@ -201,45 +222,44 @@ class HoldReasons:
             for capabilities in self._capabilities
             if not plate.requirements.matches(capabilities)
         )
-        if mismatches not in self._matching:
-            self._matching[mismatches] = tuple(
-                n for n, p in self._situation.fleet.items() if p.capabilities not in mismatches
-            )
-        names = self._matching[mismatches]
-        if not names:
+        group = self._groups.get(mismatches)
+        if group is None:
+            group = self._groups[mismatches] = self._make_group(mismatches)
+        if not group.names:
             requirements = plate.requirements.describe() or "no requirements"
             return Hold(
                 code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {requirements}"
             )
         needs = plate.requirements.describe(mismatches) if mismatches else ""
-        hold = self._find_shared_hold(plate, names)
+        hold = self._find_shared_hold(plate, group)
         return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
 
-    def _find_shared_hold(self, plate: WaitingPlate, names: tuple[str, ...]) -> Hold:
+    def _make_group(self, mismatches: tuple[Capabilities, ...]) -> _Group:
+        fleet = self._situation.fleet
+        names = tuple(name for name, printer in fleet.items() if printer.capabilities not in mismatches)
+        obstacles = (hold for name in names if (hold := self._obstacles[name]) is not None)
+        idle = tuple(name for name in names if name in self._idle)
+        return _Group(frozenset(names), idle, self._make_busy_hold(names), next(obstacles, None))
+
+    def _find_shared_hold(self, plate: WaitingPlate, group: _Group) -> Hold:
         rules, now_s = self._situation.rules, self._situation.now_s
         if plate.not_before_s is not None and plate.not_before_s > now_s:
             return rules.hold_until_start(plate.not_before_s, now_s)  # no printer would start it now
         reel_hold: Hold | None = None
-        for name in self._list_idle(names):
+        for name in group.idle:
             hold = self._find_printer_hold(plate, name)
             if hold is not None and hold.code is not HoldCode.REEL_TOO_SHORT:
                 return hold  # ends by itself
             reel_hold = reel_hold or hold
-        busy = self._find_busy_hold(names)
+        busy = group.busy
         if busy is not None:
             return (
                 busy.model_copy(update={"text": f"{busy.text}; {reel_hold.text}", "reel": reel_hold.reel})
                 if reel_hold
                 else busy
             )
-        planned_hold = self._obstacles.get(plate.planned) if plate.planned in names else None
-        first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
-        return planned_hold or reel_hold or first or _make_all_taken_hold()
-
-    def _list_idle(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        if names not in self._idle_of:
-            self._idle_of[names] = tuple(name for name in names if name in self._idle)
-        return self._idle_of[names]
+        planned_hold = self._obstacles.get(plate.planned) if plate.planned in group.names else None
+        return planned_hold or reel_hold or group.first or _make_all_taken_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not go to an idle and clear printer; None if another plate got it."""
@@ -261,13 +281,8 @@ class HoldReasons:
             )
         return None
 
-    def _find_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
-        """Return the hold for busy printers, with its end and how to start earlier."""
-        if names not in self._busy_holds:
-            self._busy_holds[names] = self._make_busy_hold(names)
-        return self._busy_holds[names]
-
     def _make_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
+        """Make the hold for busy printers, with its end and how to start earlier."""
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:

@@ -9,6 +9,7 @@ from farm.views.accounting import compute_duration_s
 from farm.views.context import ViewContext
 from farm.views.events import describe_event
 from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
+from farm.views.job_cache import JobCache
 from farm.views.jobs import describe_job, describe_jobs, describe_timeline
 from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
@@ -16,6 +17,7 @@ from farm.views.printers import describe_printer
 from farm.views.tasks import list_tasks
 
 __all__ = [
+    "JobCache",
     "Notice",
     "ViewContext",
     "compute_duration_s",

@@ -12,6 +12,7 @@ from farm.model import AgentPrint, AgentSnapshot, Hold, Job, Link, PlanProgress,
 from farm.paths import StateFolder
 from farm.scheduling import estimate_remaining_s
 from farm.state import Books
+from farm.views.job_cache import JobCache
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,7 @@ class ViewContext:
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
     plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # why plates wait, now
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
+    jobs: JobCache = field(default_factory=JobCache)
 
     def plate_hold(self, plate: Plate) -> Hold | None:
         """Return why a plate waits; None if it does not."""

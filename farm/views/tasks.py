@@ -22,7 +22,7 @@ from farm.model import (
     PrintState,
     TextTime,
 )
-from farm.state import Books, find_possibly_complete_print, find_stopped_print, name_part
+from farm.state import Books, PlateState, find_possibly_complete_print, find_stopped_print, name_part
 from farm.text import format_count, format_mass, format_recent
 from farm.views.context import ViewContext
 from farm.views.host_losses import describe_lost_hosts, list_lost_printers
@@ -278,10 +278,14 @@ def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
 def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
     """List the jobs with parts that `farm estop` stopped, until a person decides on them."""
     parts: dict[int, list[str]] = {}
-    for plate in books.waiting_plates():
+    paused_plates = (plate for plate in books.plates.values() if plate.paused)
+    for plate in paused_plates:
+        is_waiting = books.plate_state(plate) is PlateState.WAITING
+        if not is_waiting or books.jobs[plate.job].state is not JobState.PRINTING:
+            continue
         if find_stopped_print(plate, books.prints_of(plate)) is not None:
             parts.setdefault(plate.job, []).extend(plate.parts)
-    for job, names in parts.items():
+    for job, names in sorted(parts.items()):
         if len(names) == 1:
             subject = f"part {names[0]}"
             choice = (

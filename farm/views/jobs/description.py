@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
 from farm.model import (
+    Hold,
     HoldCode,
     Job,
     JobState,
@@ -16,10 +17,12 @@ from farm.model import (
     Still,
     Verdict,
     compute_assembly_ratio,
+    share_field_set,
 )
 from farm.state import Books
 from farm.views.accounting import summarise_job
 from farm.views.context import ViewContext
+from farm.views.job_cache import JobContents
 from farm.views.jobs.times import Run, measure_assembly, measure_times
 
 _TEMPORARY_HOLDS = {
@@ -46,8 +49,9 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
 def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.JobView:
     books = context.books
     plates = list(books.plates_of(job))
-    files = None if job.pruned_s is not None else str(context.state.files)
-    summary = summarise_job(books, job)
+    contents = context.jobs.find(books, job.id, lambda: _make_contents(context, job, plates))
+    contents.plates = _update_holds(context, contents.plates)
+    summary = contents.summary
     times = measure_times(context, job)
     glue = measure_assembly(job, times.end_s, assembly_ratio)
     return api.JobView(
@@ -64,8 +68,8 @@ def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
         options=job.options,
-        parts=[_make_part_view(context, name, files) for name in job.parts],
-        plates=[_make_plate_view(context, plate, files) for plate in plates],
+        parts=contents.parts,
+        plates=contents.plates,
         repairs=list(job.repairs),
         scale=job.scale,
         plan=job.plan,
@@ -97,6 +101,30 @@ def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.
         glued=job.gluing is not None,
         submitted_to_assembled_s=None if glue.end_s is None else glue.end_s - job.submitted_s,
     )
+
+
+def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> JobContents:
+    files = None if job.pruned_s is not None else str(context.state.files)
+    return JobContents(
+        parts=[share_field_set(_make_part_view(context, name, files)) for name in job.parts],
+        plates=[share_field_set(_make_plate_view(context, plate, files)) for plate in plates],
+        summary=summarise_job(context.books, job),
+    )
+
+
+def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
+    """Return the views of plates with their present holds; the same view where that has not changed."""
+    updated_views: list[api.PlateStatus] = []
+    old: Hold | None = None
+    new: Hold | None = None  # equal to `old`: most plates of a job share a hold, which is compared once
+    for view in views:
+        hold = context.plate_holds.get(view.id)
+        if (view.hold is old and hold is new) or view.hold == hold:
+            old, new = view.hold, hold
+            updated_views.append(view)
+        else:
+            updated_views.append(view.model_copy(update={"hold": hold}))
+    return updated_views
 
 
 def _make_run_view(context: ViewContext, run: Run) -> api.RunView:
@@ -200,7 +228,7 @@ def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> a
         cached=plate.cached,
         warnings=list(plate.warnings),
         printing=any(not attempt.state.ended for attempt in context.books.prints_of(plate)),
-        hold=context.plate_hold(plate),
+        hold=None,
     )
 
 

@@ -11,6 +11,7 @@ from farm.views.accounting import compute_duration_s, is_wasted
 from farm.views.context import ViewContext
 
 _UNFINISHED = (PlateState.WAITING, PlateState.PRINTING)
+_PlateInState = tuple[Plate, PlateState]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,8 @@ class JobTimes:
 
 def measure_times(context: ViewContext, job: Job) -> JobTimes:
     """Measure the times of a job."""
-    plates, prints = list(context.books.plates_of(job)), context.books.prints_of_job(job)
+    prints = context.books.prints_of_job(job)
+    plates = [(plate, context.books.plate_state(plate)) for plate in context.books.plates_of(job)]
     runs = tuple(list_runs(job, prints, context.now_s))
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     elapsed_s = sum(run.length_s for run in runs) if runs else None
@@ -81,10 +83,8 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
     elif not job.state.ended:  # the time of a failed or cancelled job is meaningless
         makespan_s = job.expected_s
         if elapsed_s is not None:
-            makespan_s = (
-                elapsed_s + _estimate_growth_s(context, plates, runs, remaining_s or 0.0) or job.expected_s
-            )
-        if remaining_s is not None and not _waits_for_resume(context, job, plates):
+            makespan_s = elapsed_s + _estimate_growth_s(plates, runs, remaining_s or 0.0) or job.expected_s
+        if remaining_s is not None and not _waits_for_resume(job, plates):
             end_s = context.now_s + remaining_s
     reached_s = sum(map(compute_duration_s, prints))
     return JobTimes(
@@ -120,10 +120,10 @@ def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
 
 
 def _compute_utilisation(
-    books: Books, job: Job, plates: Sequence[Plate], runs: Sequence[Run], makespan_s: float
+    books: Books, job: Job, plates: Sequence[_PlateInState], runs: Sequence[Run], makespan_s: float
 ) -> float | None:
     """Return the printing time of a job's plates over that of the printers used in each run."""
-    unfinished_plates = [p for p in plates if books.plate_state(p) in _UNFINISHED]
+    unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED]
     successes = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
     ended_runs = [run for run in runs if not run.open]
@@ -136,32 +136,29 @@ def _compute_utilisation(
     return busy_s / available_s if available_s else None
 
 
-def _estimate_growth_s(
-    context: ViewContext, plates: Sequence[Plate], runs: Sequence[Run], remaining_s: float
-) -> float:
+def _estimate_growth_s(plates: Sequence[_PlateInState], runs: Sequence[Run], remaining_s: float) -> float:
     """Estimate the seconds that the runs will last longer: a new one begins when its first print starts."""
     if any(run.open for run in runs):
         return remaining_s
-    waiting_plates = (p for p in plates if context.books.plate_state(p) in _UNFINISHED)
+    waiting_plates = (plate for plate, state in plates if state in _UNFINISHED)
     return min(remaining_s, sum(plate.expected_s for plate in waiting_plates))
 
 
-def _estimate_remaining_s(context: ViewContext, plates: Sequence[Plate]) -> float:
+def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState]) -> float:
     """Estimate the time to the end of the last plate, at least 0.
 
     A waiting plate ends according to the forecast, or as if it started now if there is no forecast.
     """
-    return max((_estimate_plate_remaining_s(context, plate) for plate in plates), default=0.0)
+    return max((_estimate_plate_remaining_s(context, *plate) for plate in plates), default=0.0)
 
 
-def _waits_for_resume(context: ViewContext, job: Job, plates: Sequence[Plate]) -> bool:
+def _waits_for_resume(job: Job, plates: Sequence[_PlateInState]) -> bool:
     """Return whether a plate waits until a person resumes it, so that its end is not known."""
-    waiting_plates = (p for p in plates if context.books.plate_state(p) is PlateState.WAITING)
+    waiting_plates = (plate for plate, state in plates if state is PlateState.WAITING)
     return any(job.paused or plate.paused for plate in waiting_plates)
 
 
-def _estimate_plate_remaining_s(context: ViewContext, plate: Plate) -> float:
-    state = context.books.plate_state(plate)
+def _estimate_plate_remaining_s(context: ViewContext, plate: Plate, state: PlateState) -> float:
     if state is PlateState.WAITING:
         return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.expected_s) - context.now_s)
     if state is not PlateState.PRINTING:

@@ -1,0 +1,99 @@
+"""Cached contents of jobs: a view from the cache equals a fresh one, whatever happens in between."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.config import Fleet
+from farm.model import Hold, HoldCode, PrintState, Verdict
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.books import put
+from farm.views import JobCache, ViewContext, describe_jobs
+from farm.views import job_cache as module
+from make_books import apply_events, make_job, make_printing_books
+
+FLEET = Fleet.model_validate(
+    {
+        "printers": [
+            {"name": name, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for name in "ab"
+        ]
+    }
+)
+PLATES = ("1/01", "1/02")
+HOLDS = [Hold(code=HoldCode.PRINTER_BUSY, text="a is printing"), Hold(code=HoldCode.PAUSED, text="paused")]
+
+
+def show(books, cache, now_s, holds):
+    """Describe the jobs; holds are new objects each time, as those of the scheduler are."""
+    copies = {plate: hold.model_copy() for plate, hold in holds.items()}
+    context = ViewContext(
+        FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, jobs=cache
+    )
+    return describe_jobs(context, books.jobs.values())
+
+
+def assign(books, plate, number):
+    """Give a plate to a printer; its print has the number as its name."""
+    event = ev.PlateAssigned(at_s=float(number), plate=plate, printer="ab"[number % 2], print_id=str(number))
+    return apply_events(books, event)[0]
+
+
+def change(books, step):
+    """Change one thing in the books: a job, a part, a plate or a print."""
+    number, kind, plate, state, verdict = step
+    job = books.jobs[1]
+    if kind == "job":
+        return put(books, job.model_copy(update={"paused": not job.paused, "pruned_s": 9.0}))
+    if kind == "part":
+        part = books.parts[books.plates[plate].parts[0]]
+        return put(books, part.model_copy(update={"copy_number": number + 1}))
+    if kind == "plate":
+        return put(books, books.plates[plate].model_copy(update={"warnings": (str(number),)}))
+    if books.prints:
+        *_, attempt = books.prints.values()
+        changes = {"state": state, "verdict": verdict, "started_s": 3.0, "ended_s": 4.0 + number}
+        return put(books, attempt.model_copy(update=changes))
+    return assign(books, plate, number)
+
+
+steps = st.tuples(
+    st.integers(0, 5),
+    st.sampled_from(["job", "part", "plate", "print"]),
+    st.sampled_from(PLATES),
+    st.sampled_from([PrintState.PRINTING, PrintState.DONE, PrintState.FAILED]),
+    st.sampled_from([None, *Verdict]),
+)
+held = st.dictionaries(st.sampled_from(PLATES), st.sampled_from(HOLDS))
+
+
+@given(st.lists(st.tuples(st.none() | steps, held), min_size=1, max_size=8))
+def test_a_cached_view_equals_a_fresh_one(moments):
+    books, cache = make_printing_books(plates=2), JobCache()
+    for now_s, (step, holds) in enumerate(moments, 10):
+        books = books if step is None else change(books, step)
+        assert show(books, cache, now_s, holds) == show(books, JobCache(), now_s, holds)
+
+
+def test_unchanged_parts_and_plates_are_not_described_again():
+    books, cache = make_printing_books(plates=2), JobCache()
+    (first,) = show(books, cache, 10.0, dict.fromkeys(PLATES, HOLDS[0]))
+    (second,) = show(books, cache, 11.0, {PLATES[0]: HOLDS[0], PLATES[1]: HOLDS[1]})
+    assert all(map(lambda old, new: old is new, first.parts, second.parts))
+    assert first.plates[0] is second.plates[0] and first.plates[1].hold == HOLDS[0]
+    assert second.plates[1].hold == HOLDS[1]
+
+
+def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
+    monkeypatch.setattr(module, "MAX_JOBS", 2)
+    cache, books = JobCache(), put(make_printing_books(), *(make_job(number) for number in (2, 3)))
+    books = replace(books, _revisions=dict.fromkeys((1, 2, 3), "first"))
+    made = []
+
+    def find(job):
+        return cache.find(books, job, lambda: made.append(job) or job)
+
+    assert [find(job) for job in (1, 1, 2, 3, 3, 1)] == [1, 1, 2, 3, 3, 1]
+    assert made == [1, 2, 3, 1]
