@@ -79,12 +79,17 @@ def load_case(name: str, longest_side_mm: float) -> Model:
     return load_model(Path(name), longest_side_mm=longest_side_mm)
 
 
-def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
-    """Cut a model, drill its parts, and measure them."""
+def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
+    """Cut a model for printers, with the order of its assembly."""
     model = load_case(name, longest_side_mm)
     rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
-    cut = decompose_model(model, rooms, options, CostModel.from_recipe(Recipe())).with_assembly()
+    return decompose_model(model, rooms, options, CostModel.from_recipe(Recipe())).with_assembly()
+
+
+def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
+    """Cut a model, drill its parts, and measure them."""
+    cut = cut_case(name, printers, longest_side_mm)
     began_s = process_time()
     drilled = connect_parts(cut)
     compute_s = process_time() - began_s

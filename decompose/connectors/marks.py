@@ -26,7 +26,7 @@ from decompose.connectors.tools import (
 )
 from decompose.pieces import Joint, list_polygons
 
-SIZES_MM = ((6.0, 0.5), (5.0, 0.45))  # height of letters, depth of their grooves
+SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # height of letters, depth of their grooves
 SLOPED = 0.5  # sine of the angle between a face and the vertical of the pose, from which it counts as level
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters

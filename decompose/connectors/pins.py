@@ -124,13 +124,12 @@ class _Placer:
     pin_mm: float
 
     def place(self, taken_mm: Sequence[float]) -> list[Pin]:
-        """Place all pins and keys of the step; the distance of its pair differs from those taken.
+        """Place all keys and pins of the step; the distance of its pair differs from those taken.
 
-        Two pins locate best, then two keys, which thin walls take, then one pin with a key.
+        A pair of keys prints in least time, then pins take faces that lean, and thin keys take thin walls.
         """
-        deep, shallow = (self._find_places(index) for index in range(2))
-        pins = self._place_pair(deep, shallow, taken_mm)
-        keys = [
+        pins: list[Pin] = []
+        keys, *thin_keys = [
             KeyPlacer(
                 KeyMaker(self.room, self.number, self.step.direction, key_mm),
                 self.sites,
@@ -140,20 +139,24 @@ class _Placer:
             )
             for key_mm in choose_keys_mm(self.pin_mm)
         ]
-        for placer in keys:
+        keys.place_pair()
+        if not pins:
+            pins += self._place_pair(taken_mm)
+        for placer in thin_keys:
             if not pins:
                 placer.place_pair()
         if not pins:
-            pins += self._place_one(deep, shallow)
-        for placer in keys:
+            pins += self._place_one()
+        for placer in (keys, *thin_keys):
             if len(pins) < 2:
                 placer.place_second()
+        keys.place_further()
         for _ in range(MAX_FURTHER_PINS if pins else 0):
             further = self._place_further(pins)
             if further is None:
                 break
             pins.append(further)
-        for placer in keys:
+        for placer in thin_keys:
             placer.place_further()
         return pins
 
@@ -196,10 +199,9 @@ class _Placer:
     def _find_upward(self, side: Side) -> Floats:
         return self.room.blanks[side.part].up
 
-    def _place_pair(
-        self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry], taken_mm: Sequence[float]
-    ) -> list[Pin]:
+    def _place_pair(self, taken_mm: Sequence[float]) -> list[Pin]:
         """Place a deep and a shallow pin as far apart as can be, at a distance of their own."""
+        deep, shallow = (self._find_places(index) for index in range(2))
         best_pair = self._find_farthest_pair(deep, shallow)
         if best_pair is None:
             return []
@@ -267,9 +269,10 @@ class _Placer:
     def _measure_across_mm(self, start_mm: Floats, end_mm: Floats) -> float:
         return float(np.linalg.norm(self._flat((start_mm - end_mm)[None])))
 
-    def _place_one(self, deep: list[shapely.Geometry], shallow: list[shapely.Geometry]) -> list[Pin]:
+    def _place_one(self) -> list[Pin]:
         """Place one pin in the middle of the widest place, deep if it can be."""
-        for index, places in enumerate((deep, shallow)):
+        for index in range(2):
+            places = self._find_places(index)
             areas = [(p, n) for n, place in enumerate(places) for p in list_polygons(place) if p.area > 0.0]
             if areas:
                 area, number = max(areas, key=lambda pair: pair[0].area)

@@ -7,10 +7,9 @@ from dataclasses import replace
 from decompose.connectors import Blank, Connectors, drill, plan_connectors
 from decompose.errors import DecomposeError
 from decompose.files.names import find_part_number
+from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import ConnectorFault, DrilledParts
 from decompose.results.decomposition import Decomposition
-
-HOLE_S, GROOVE_S, MARK_S = 30.0, 5.0, 20.0  # print time of a hole, of the groove of a key, and of a mark
 
 
 def connect_parts(decomposition: Decomposition) -> Decomposition:
@@ -66,22 +65,12 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         decomposition,
         connectors=connectors,
         parts=tuple(
-            replace(part, drilled=solid, price_s=part.price_s + _compute_price_s(connectors, i))
+            replace(part, drilled=solid, price_s=part.price_s + price_connectors(connectors, i, blanks[i].up))
             if i in cut_parts
             else part
             for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))
         ),
     )
-
-
-def _compute_price_s(connectors: Connectors, part: int) -> float:
-    pins_s = sum(
-        HOLE_S if pin.along is None else GROOVE_S
-        for pin in connectors.pins
-        for hole in pin.holes
-        if hole.part == part
-    )
-    return pins_s + MARK_S * sum(mark.part == part for mark in connectors.marks)
 
 
 def _leave_out(

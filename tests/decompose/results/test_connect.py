@@ -24,14 +24,21 @@ from decompose.pieces import Piece, Seam, find_joints, list_box_planes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, Part, check_stl, connect, connect_parts, decomposition
+from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL = ConnectorOptions(2.85, 0.4, marks=True)
 UP = np.array([0.0, 0.0, 1.0])
+LEANING = np.array([0.0, 0.6, -0.8])  # level faces take holes in this pose, but no grooves
 
 
 @pytest.fixture(scope="module")
 def drilled_parts() -> DrilledParts:
+    return drill_tower(LEANING)
+
+
+def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) -> DrilledParts:
+    """Drill three blocks on top of each other, of which the middle one is printed in a pose."""
     spans = [((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)), ((0, 0, 50), (60, 40, 80))]
     pieces = [
         Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
@@ -39,7 +46,10 @@ def drilled_parts() -> DrilledParts:
     ]
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
-    blanks = [Blank(str(n), piece.solid, UP) for n, piece in enumerate(pieces, 1)]
+    blanks = [
+        Blank(str(n), piece.solid, pose_up, fit_mm)
+        for n, (piece, pose_up, fit_mm) in enumerate(zip(pieces, (UP, up, UP), fits_mm, strict=True), 1)
+    ]
     connectors = plan_connectors(blanks, joints, assembly, ALL, 25.0)
     return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
 
@@ -130,35 +140,56 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
 ) -> None:
     stored = connect_parts(halves)
     for part in stored.parts:
-        assert part.printed.volume_mm3 < part.solid.volume_mm3 - 100.0
+        assert part.printed.volume_mm3 < part.solid.volume_mm3 - 50.0
         write_stl(tmp_path / f"{part.id}.stl", part.stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
     assert [part.price_s - old.price_s for part, old in zip(stored.parts, halves.parts, strict=True)] == [
-        2 * connect.HOLE_S + connect.MARK_S
-    ] * 2
+        pytest.approx(price_connectors(stored.connectors, number, halves.parts[number].rotation[2]))
+        for number in range(2)
+    ]
     report_object = json.loads(json.dumps(stored.as_dict()))
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
     assert step["codes"] == [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": "2-1^"}]
     assert report["cut_list"] == [
-        {"length_mm": length_mm, "diameter_mm": 2.85, "count": 1} for length_mm in (11.0, 5.0)
+        {"length_mm": length_mm, "diameter_mm": 2.85, "count": 1} for length_mm in (9.0, 5.0)
     ]
-    assert [pin["kind"] for pin in report["pins"]] == ["round", "round"]
+    assert [pin["kind"] for pin in report["pins"]] == ["key", "key"]
     assert [mark["text"] for mark in report["marks"]] == ["1-2^", "2-1^"]
     assert report["failures"] == report["unpinned"] == report["unmarked"] == []
 
 
-def test_hole_is_as_wide_as_the_printer_of_its_part_needs(halves: Decomposition) -> None:
-    printers = [part.printer for part in halves.parts]
-    fits_mm = replace(ALL, printer_fits_mm=((printers[1], 0.7),))
+@pytest.mark.parametrize("up", [UP, LEANING])
+def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(up: np.ndarray) -> None:
+    parts = drill_tower(up, (0.4, 0.7, 0.4))
+    assert len(parts.connectors.pins) == 4 and list(parts.find_faults()) == []
+    for pin in parts.connectors.pins:
+        for hole in pin.holes:
+            if pin.along is not None:
+                assert pin.depth_mm == pytest.approx((2.85 + 0.7) / np.sqrt(2.0))
+                continue
+            across = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
+            width_mm = np.sqrt(3.0) * np.linalg.norm(across, axis=1).max()
+            assert width_mm == pytest.approx(2.85 + parts.blanks[hole.part].pin_fit_mm)
+
+
+def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
+    fits_mm = replace(ALL, printer_fits_mm=((halves.parts[1].printer, 0.7),))
     stored = connect_parts(replace(halves, options=replace(halves.options, connectors=fits_mm)))
     assert not stored.connectors.failures
-    for pin in stored.connectors.pins:
-        widths = {}
-        for hole in pin.holes:
-            across = hole.points_mm[:6] - hole.points_mm[:6].mean(axis=0)
-            widths[stored.parts[hole.part].printer] = np.sqrt(3.0) * np.linalg.norm(across, axis=1).max()
-        assert widths == pytest.approx({printers[0]: 2.85 + 0.4, printers[1]: 2.85 + 0.7})
+    assert [pin.depth_mm for pin in stored.connectors.pins] == pytest.approx([3.55 / np.sqrt(2.0)] * 2)
+
+
+def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts) -> None:
+    connectors = drilled_parts.connectors
+    prices_s = [price_connectors(connectors, n, blank.up) for n, blank in enumerate(drilled_parts.blanks)]
+    fewer = replace(connectors, pins=connectors.pins[1:])
+    less_s = [price_connectors(fewer, n, blank.up) for n, blank in enumerate(drilled_parts.blanks)]
+    cut_parts = {hole.part for hole in connectors.pins[0].holes}
+    assert [less < price for less, price in zip(less_s, prices_s, strict=True)] == [
+        n in cut_parts for n in range(3)
+    ]
+    assert price_connectors(Connectors(), 0, UP) == 0.0
 
 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:

@@ -1,0 +1,100 @@
+"""Print time of grooves, holes, marks and gutters, fitted to slices of parts with one kind of them each.
+
+Models are cut by the engine `guillotine` and drilled. The first parts are sliced as they were cut, and again
+with their keys, pins, marks and gutters alone. What each kind adds is fitted by its count, and for gutters by
+their length, on upright and on level faces. These are the prices in `decompose.results.connector_prices`.
+
+Usage: python -m bench.joint_costs MODEL|SHAPE... [--printers 8] [--longest-side 330] [--slices 4] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bench.joint_slices import slice_printed
+from bench.joints import cut_case
+from decompose.connectors import Blank, Connectors, drill
+from decompose.files.names import find_part_number
+from decompose.results import Decomposition, connect_parts
+from decompose.results.connector_prices import count_tools
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Part that is sliced with one kind of connectors: their amounts by price, and what they add."""
+
+    part: str
+    bare_s: float
+    added_s: float
+    amounts: dict[str, float]
+
+
+def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
+    """Slice the first parts of a drilled result with each kind of connectors alone."""
+    blanks = [Blank(find_part_number(p.id), p.solid, p.rotation[2]) for p in result.parts]
+    all_of = result.connectors
+    kinds = [
+        Connectors(pins=tuple(pin for pin in all_of.pins if pin.along is not None)),
+        Connectors(pins=tuple(pin for pin in all_of.pins if pin.along is None)),
+        Connectors(marks=all_of.marks),
+        Connectors(gutters=all_of.gutters),
+    ]
+    solids_by_kind = [drill(blanks, kind) for kind in kinds]
+    for number, part in enumerate(result.parts[:count]):
+        with tempfile.TemporaryDirectory() as folder:
+            bare_s = slice_printed(part, part.solid, Path(folder)).sliced_s
+            for kind, solids in zip(kinds, solids_by_kind, strict=True):
+                amounts = count_tools(kind, number, blanks[number].up)
+                if amounts:
+                    sliced_s = slice_printed(part, solids[number], Path(folder)).sliced_s
+                    yield Sample(part.id, bare_s, sliced_s - bare_s, dict(amounts))
+
+
+def fit_prices(samples: list[Sample]) -> dict[str, float]:
+    """Fit the price of each kind to what all samples add, by least squares; none is negative."""
+    by_kinds: dict[str, list[Sample]] = defaultdict(list)
+    for sample in samples:
+        by_kinds[next(iter(sample.amounts)).split()[0]].append(sample)
+    prices = {}
+    for own in by_kinds.values():
+        names = sorted({name for sample in own for name in sample.amounts})
+        rows = np.array([[sample.amounts.get(name, 0.0) for name in names] for sample in own])
+        prices |= dict(zip(names, nnls(rows, np.array([s.added_s for s in own]))[0].tolist(), strict=True))
+    return prices
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("models", nargs="+")
+    parser.add_argument("--printers", type=int, default=8)
+    parser.add_argument("--longest-side", type=float, default=330.0)
+    parser.add_argument("--slices", type=int, default=4)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    samples = []
+    for name in options.models:
+        drilled = connect_parts(cut_case(name, options.printers, options.longest_side))
+        for sample in slice_kinds(drilled, options.slices):
+            samples.append(replace(sample, part=f"{Path(name).stem} {sample.part}"))
+            if not options.json:
+                print(
+                    "  ".join(f"{field} {value}" for field, value in asdict(samples[-1]).items()), flush=True
+                )
+    prices = fit_prices(samples)
+    if options.json:
+        print(json.dumps({"schema": 1, "samples": [asdict(s) for s in samples], "prices_s": prices}))
+    else:
+        print("  ".join(f"{name} {price_s:.2f}" for name, price_s in prices.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""Print time that the connectors of a part add, by what slices of parts showed (`bench.joint_costs`)."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.connectors import Connectors
+
+LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
+PRICES_S = {
+    "groove upright": 8.0,
+    "groove level": 8.0,
+    "hole upright": 35.0,
+    "hole level": 35.0,
+    "mark upright": 8.0,
+    "mark level": 8.0,
+    "gutter mm": 0.4,
+}
+
+
+def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
+    """Count the tools of a part by the names of their prices; gutters by their length in mm.
+
+    Parameters
+    ----------
+    connectors
+        Those of all parts.
+    part
+        Number of the part.
+    up
+        (3,) the bed's up in its pose.
+    """
+
+    def name_price(kind: str, into: Floats) -> str:
+        return f"{kind} {'level' if abs(float(into @ up)) > LEVEL_SIN else 'upright'}"
+
+    amounts = Counter(
+        name_price("hole" if pin.along is None else "groove", hole.into)
+        for pin in connectors.pins
+        for hole in pin.holes
+        if hole.part == part
+    )
+    amounts.update(name_price("mark", mark.grooves[0].into) for mark in connectors.marks if mark.part == part)
+    length_mm = sum(
+        float(np.linalg.norm(np.diff(gutter.line_mm, axis=0)))
+        for gutter in connectors.gutters
+        if gutter.part == part
+    )
+    return amounts + Counter({"gutter mm": round(length_mm)})
+
+
+def price_connectors(connectors: Connectors, part: int, up: Floats) -> float:
+    """Price the connectors of a part, in seconds of print time; parameters as of `count_tools`."""
+    return sum(PRICES_S[name] * amount for name, amount in count_tools(connectors, part, up).items())
