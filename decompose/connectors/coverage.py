@@ -27,15 +27,19 @@ class Site:
     fixed: Side
 
 
-def find_far_glue(sites: Sequence[Site], pins: Sequence[Pin]) -> Floats:
-    """Find the points (n, 3) of glue that are far from all pins; none where nearly all glue is near."""
-    glue = np.concatenate(
-        [sample_points(site.moved, site.moved.face.outline, GLUE_MM) for site in sites] or [np.zeros((0, 3))]
+def sample_glue(sides: Sequence[Side]) -> Floats:
+    """List points (n, 3) of the glue on faces, those that slide included."""
+    return np.concatenate(
+        [sample_points(side, side.face.outline, GLUE_MM) for side in sides] or [np.zeros((0, 3))]
     )
+
+
+def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
+    """Find the points (n, 3) of glue that are far from all pins; none where nearly all glue is near."""
     if not pins:
-        return glue
-    far = glue[cdist(glue, [pin.at_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM]
-    return np.asarray(far if len(far) > (1.0 - NEAR_SHARE) * len(glue) else far[:0])
+        return glue_mm
+    far = glue_mm[cdist(glue_mm, [pin.at_mm for pin in pins]).min(axis=1, initial=np.inf) > REACH_MM]
+    return np.asarray(far if len(far) > (1.0 - NEAR_SHARE) * len(glue_mm) else far[:0])
 
 
 def sort_by_gain(places_mm: Floats, far_mm: Floats) -> list[int]:

@@ -131,14 +131,16 @@ class KeyPlacer:
     ----------
     maker
         For the step.
-    sites, pins
-        Faces of the step that close along its direction; its pins and keys so far.
+    sites, glue_mm, pins
+        Faces of the step that close along its direction; points (n, 3) of all of its glue; its pins and keys
+        so far.
     taken_mm
         Distances of the pairs of other steps, from which that of its pair differs by `distinct_mm`.
     """
 
     maker: KeyMaker
     sites: Sequence[Site]
+    glue_mm: Floats
     pins: list[Pin]
     taken_mm: Sequence[float]
     distinct_mm: float
@@ -181,7 +183,7 @@ class KeyPlacer:
         count = 0
         while self.pins and len(self.pins) > count:
             count = len(self.pins)
-            far = find_far_glue(self.sites, self.pins)
+            far = find_far_glue(self.glue_mm, self.pins)
             places = self._list_places(SHORT_MM) if len(far) else []
             if places:
                 self._place_first(sort_by_gain(np.array([place.at_mm for place in places]), far))

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from decompose.arrays import Floats
 from decompose.assembly import Assembly, AssemblyStep
-from decompose.connectors.coverage import Site, find_far_glue, sample_points, sort_by_gain
+from decompose.connectors.coverage import Site, find_far_glue, sample_glue, sample_points, sort_by_gain
 from decompose.connectors.faces import Room, Side, erode, find_sides
 from decompose.connectors.keys import KeyMaker, KeyPlacer
 from decompose.connectors.records import RIM_MM, Pin, Tool, distance_mm
@@ -74,8 +74,10 @@ def place_pins(
         return pins, unpinned
     for number, step in enumerate(assembly.steps):
         held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
-        sites = [site for j in held_joints for site in _find_sites(room, j, joints[j], step)]
-        placer = _Placer(room, number, step, sites, options.pin_mm)
+        pairs = [pair for j in held_joints for pair in find_sides(room.blanks, j, joints[j])]
+        sites = _find_sites(pairs, step)
+        glue_mm = sample_glue([side for side, _ in pairs])
+        placer = _Placer(room, number, step, sites, glue_mm, options.pin_mm)
         placed = placer.place([*options.taken_mm, *_pair_distances_mm(pins)])
         pins += placed
         if not placed:
@@ -104,9 +106,10 @@ def _pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
     return [distance_mm(*pair) for pair in pairs_of(pins).values()]
 
 
-def _find_sites(room: Room, number: int, joint: Joint, step: AssemblyStep) -> list[Site]:
+def _find_sites(pairs: Sequence[tuple[Side, Side]], step: AssemblyStep) -> list[Site]:
+    """List the faces that close along the direction of a step, of the sides of all that it glues."""
     sites = []
-    for one, other in find_sides(room.blanks, number, joint):
+    for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved else (other, one)
         if float(moved.into @ step.direction) > ALONG:
             sites.append(Site(moved, fixed))
@@ -121,6 +124,7 @@ class _Placer:
     number: int
     step: AssemblyStep
     sites: list[Site]
+    glue_mm: Floats
     pin_mm: float
 
     def place(self, taken_mm: Sequence[float]) -> list[Pin]:
@@ -133,6 +137,7 @@ class _Placer:
             KeyPlacer(
                 KeyMaker(self.room, self.number, self.step.direction, key_mm),
                 self.sites,
+                self.glue_mm,
                 pins,
                 taken_mm,
                 self.distinct_mm,
@@ -287,7 +292,7 @@ class _Placer:
 
     def _place_further(self, pins: Sequence[Pin]) -> Pin | None:
         """Place a shallow pin where most glue is far from the others; None where none is worthwhile."""
-        far_glue = find_far_glue(self.sites, pins)
+        far_glue = find_far_glue(self.glue_mm, pins)
         if not len(far_glue):
             return None
         places = self._find_places(1)
