@@ -11,13 +11,13 @@ from decompose.connectors import Connectors
 
 LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
 PRICES_S = {
-    "groove upright": 8.0,
-    "groove level": 8.0,
+    "groove upright": 1.0,
+    "groove level": 21.0,
     "hole upright": 35.0,
     "hole level": 35.0,
-    "mark upright": 8.0,
-    "mark level": 8.0,
-    "gutter mm": 0.4,
+    "mark upright": 6.0,
+    "mark level": 13.0,
+    "gutter mm": 0.7,
 }
 
 
