@@ -1,4 +1,4 @@
-"""CPU, memory and turnaround of agents whose printers only acknowledge.
+"""CPU, memory and turnaround of agents whose printers only acknowledge lines.
 
 ``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``. Real
 agents on real pseudo-terminals and wall time; the peers, all in this process, send at most `rate` `ok`
@@ -40,7 +40,7 @@ PLACE = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
 
 
 class Peer:
-    """Board that acknowledges, reaches every target at once, and knows the position of its head."""
+    """Board that acknowledges lines, reaches every target at once, and tracks the position of its head."""
 
     def __init__(self, link: Path, period_s: float) -> None:
         profile = PROFILES[MODEL]
@@ -90,19 +90,19 @@ class Peer:
         self.port.write(answers.get(name, b"") + wording.OK)
 
     def send_due(self) -> None:
-        """Send what is due: the banner after a reset, else an ok."""
+        """Send the line that is due: the banner after a reset, else an ok."""
         has_booted, self.boot_end_s = self.boot_end_s, 0.0
         self.port.write(self._banner if has_booted else wording.OK)
         self._ok_sent_s = 0.0 if has_booted else time.monotonic()
 
 
 class Peers(threading.Thread):
-    """Thread that serves all peers with one poll."""
+    """Thread that serves all peers with one `poll`."""
 
     def __init__(self, peers: list[Peer]) -> None:
         super().__init__(daemon=True)
         self._peers = peers
-        self.stopped = False
+        self.is_stopped = False
 
     def run(self) -> None:
         poll, deadlines = select.epoll(), []
@@ -110,14 +110,14 @@ class Peers(threading.Thread):
             poll.register(peer.port.watch_fd, select.EPOLLIN)
         by_watch = {peer.port.watch_fd: peer for peer in self._peers}
         by_master = {peer.port.master: peer for peer in self._peers}
-        opened: set[int] = set()
-        while not self.stopped:
+        open_ports: set[int] = set()
+        while not self.is_stopped:
             wait_s = max(0.0, deadlines[0][0] - time.monotonic()) if deadlines else 0.1
-            ready = poll.poll(wait_s)
+            events = poll.poll(wait_s)
             now_s = time.monotonic()
             while deadlines and deadlines[0][0] <= now_s:
                 heapq.heappop(deadlines)[2].send_due()
-            for fd, _ in ready:
+            for fd, _ in events:
                 if fd in by_watch:
                     peer = by_watch[fd]
                     if peer.port.process_opens():
@@ -126,14 +126,14 @@ class Peers(threading.Thread):
                         heapq.heapify(deadlines)
                         heapq.heappush(deadlines, (peer.boot_end_s, fd, peer))
                     master = peer.port.master
-                    if peer.port.is_open != (master in opened):
+                    if peer.port.is_open != (master in open_ports):
                         if peer.port.is_open:
                             poll.register(master, select.EPOLLIN)
-                            opened.add(master)
+                            open_ports.add(master)
                         else:
                             poll.unregister(master)
-                            opened.discard(master)
-                elif fd in opened:
+                            open_ports.discard(master)
+                elif fd in open_ports:
                     due_s = by_master[fd].receive(now_s)
                     if due_s is not None:
                         heapq.heappush(deadlines, (due_s, fd, by_master[fd]))
@@ -163,7 +163,7 @@ async def print_one(
     process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
     clear_sent = start_sent = False
-    first: tuple[float, float] | None = None
+    first_line: tuple[float, float] | None = None
     memory_mb, share = 0.0, 0.0
     try:
         await client.connect(timeout_s=60.0)
@@ -189,9 +189,9 @@ async def print_one(
                 if snapshot.print.phase is m.PrintPhase.PRINTING:
                     cpu_s, mb = measure_cost(process.pid)
                     memory_mb = max(memory_mb, mb)
-                    first = first or (time.monotonic(), cpu_s)
-                    if time.monotonic() > first[0]:
-                        share = (cpu_s - first[1]) / (time.monotonic() - first[0])
+                    first_line = first_line or (time.monotonic(), cpu_s)
+                    if time.monotonic() > first_line[0]:
+                        share = (cpu_s - first_line[1]) / (time.monotonic() - first_line[0])
                     if max_lines is not None and snapshot.print.line > max_lines:
                         break
                 elif snapshot.print.phase.ended:
@@ -234,7 +234,7 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
         acknowledging_peers = Peers(peers)
         acknowledging_peers.start()
         sha256 = hashlib.sha256(text).hexdigest()
-        ended = await asyncio.gather(
+        results = await asyncio.gather(
             *(
                 print_one(
                     folder / f"p{number}",
@@ -247,11 +247,11 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
             ),
             return_exceptions=True,  # all agents end before a failure is reported
         )
-        acknowledging_peers.stopped = True
+        acknowledging_peers.is_stopped = True
         acknowledging_peers.join()
-    if failed := [run for run in ended if isinstance(run, BaseException)]:
-        raise SystemExit(str(failed[0]))
-    runs = [run for run in ended if not isinstance(run, BaseException)]
+    if errors := [run for run in results if isinstance(run, BaseException)]:
+        raise SystemExit(str(errors[0]))
+    runs = [run for run in results if not isinstance(run, BaseException)]
     turnarounds_s = sorted(value for peer in peers for value in peer.turnarounds_s)
     return {
         "agents": agents,

@@ -30,7 +30,7 @@ from typing import Any
 
 from bench.cluster_replay import replay
 
-RECORDED = Path(__file__).with_name("cluster_jobs.json")
+RECORDED_JOBS = Path(__file__).with_name("cluster_jobs.json")
 TABLE_BEGIN, TABLE_END = "<!-- bench/cluster.py {} -->", "<!-- end of {} -->"
 REPLAY_COLUMNS = {
     "workers": "{workers}",
@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--parts", default="20,100")
     parser.add_argument("--workers", help="1,2 for jobs, and 4,16,64,256 for replay")
     parser.add_argument("--record", type=Path, help="file for the times of the tasks")
-    parser.add_argument("--tasks", type=Path, default=RECORDED, help="file with the times of the tasks")
+    parser.add_argument("--tasks", type=Path, default=RECORDED_JOBS, help="file with the times of the tasks")
     parser.add_argument("--jobs", type=int, help="default: one for each four workers")
     parser.add_argument("--scale", type=float, default=0.1)
     parser.add_argument(
@@ -97,23 +97,23 @@ def main() -> None:
         print(json.dumps(figures))
         return
     for row in figures.get("runs", [figures]):
-        shown = {key: value for key, value in row.items() if isinstance(value, int | float | str)}
-        texts = (f"{value}" if isinstance(value, str) else f"{value:.4g}" for value in shown.values())
-        print("  ".join(f"{key} {text}" for key, text in zip(shown, texts, strict=True)))
+        shown_row = {key: value for key, value in row.items() if isinstance(value, int | float | str)}
+        texts = (f"{value}" if isinstance(value, str) else f"{value:.4g}" for value in shown_row.values())
+        print("  ".join(f"{key} {text}" for key, text in zip(shown_row, texts, strict=True)))
 
 
 def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Plan each job by each number of workers, and record the times of its tasks."""
     from bench.cluster_jobs import list_stages, measure_job
 
-    rows, recorded = [], {}
+    rows, records = [], {}
     for parts in map(int, args.parts.split(",")):
         for workers in map(int, (args.workers or "1,2").split(",")):
             row = measure_job(parts, workers, folder)
-            recorded.setdefault(str(parts), list_stages(row.pop("tasks")))  # one worker draws nothing in vain
+            records.setdefault(str(parts), list_stages(row.pop("tasks")))  # one worker does no drawing twice
             rows.append(row)
     if args.record is not None:
-        args.record.write_text(json.dumps(recorded, indent=1) + "\n")
+        args.record.write_text(json.dumps(records, indent=1) + "\n")
     return rows
 
 
@@ -127,16 +127,16 @@ def measure_drawings(args: argparse.Namespace, folder: Path) -> list[dict[str, A
 def replay_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Run the recorded jobs on each number of sleeping workers."""
     by_parts = json.loads(args.tasks.read_text())
-    recorded = [by_parts[parts] for parts in args.parts.split(",")]
+    recorded_jobs = [by_parts[parts] for parts in args.parts.split(",")]
     rows = []
     for workers in map(int, (args.workers or "4,16,64,256").split(",")):
-        jobs = [recorded[n % len(recorded)] for n in range(args.jobs or max(2, workers // 4))]
+        jobs = [recorded_jobs[n % len(recorded_jobs)] for n in range(args.jobs or max(2, workers // 4))]
         rows.append(asyncio.run(replay(workers, jobs, args.scale, folder / str(workers))))
     return rows
 
 
 def replace_table(page: str, name: str, columns: dict[str, str], rows: list[dict[str, Any]]) -> str:
-    """Return a page whose table of a name, between two comments, has these rows.
+    """Return a page in which the named table, between two comments, has these rows.
 
     Parameters
     ----------
@@ -144,13 +144,13 @@ def replace_table(page: str, name: str, columns: dict[str, str], rows: list[dict
         Headings, with the format of each cell.
     """
     begin, end = TABLE_BEGIN.format(name), TABLE_END.format(name)
-    before, _, rest = page.partition(begin)
-    _, _, after = rest.partition(end)
+    head, _, tail = page.partition(begin)
+    _, _, end_of_page = tail.partition(end)
     lines = [" | ".join(["", *columns, ""]).strip(), "|---" * len(columns) + "|"]
     for row in rows:
         cells = [column.format(**row) for column in columns.values()]
         lines.append(" | ".join(["", *cells, ""]).strip())
-    return "\n".join([before + begin, *lines, end + after])
+    return "\n".join([head + begin, *lines, end + end_of_page])
 
 
 def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Calls of benches on a cluster, by `--scheduler`, or where the bench runs.
+"""Calls of benches on a cluster (`--scheduler`), or on this computer.
 
 The cluster's workers have to find the package `bench`: start each in a checkout, as
 ``PYTHONPATH=. .venv/bin/farm worker tls://HOST:8786 --certificates FOLDER``.
@@ -26,33 +26,33 @@ AT_ONCE = 64
 
 
 def add_cluster_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options by which a bench is told of a cluster."""
+    """Add the options that name a cluster."""
     parser.add_argument("--scheduler", help="compute on the cluster of this scheduler, tls://HOST:PORT")
     parser.add_argument("--certificates", type=Path, help="folder with ca.pem, cert.pem and key.pem")
 
 
-def count_calls(args: argparse.Namespace, here: int = 1) -> int:
-    """Return how many calls a bench makes at the same time: on a cluster, or here."""
-    return here if args.scheduler is None else AT_ONCE
+def count_calls(args: argparse.Namespace, local_count: int = 1) -> int:
+    """Return the number of calls that a bench makes at the same time: on a cluster, or locally."""
+    return local_count if args.scheduler is None else AT_ONCE
 
 
 @contextmanager
-def open_calls(args: argparse.Namespace, here: Call | None = None) -> Iterator[Call]:
-    """Open the way on which calls are made.
+def open_calls(args: argparse.Namespace, local_call: Call | None = None) -> Iterator[Call]:
+    """Open the executor of calls: the cluster, or this computer.
 
     Parameters
     ----------
     args
         Options of `add_cluster_options`.
-    here
-        Makes calls without a cluster; None: in the thread that calls.
+    local_call
+        Executor of calls without a cluster; None: the calling thread.
     """
     if args.scheduler is None:
-        yield here or (lambda work, *arguments: work(*arguments))
+        yield local_call or (lambda work, *arguments: work(*arguments))
         return
     with tempfile.TemporaryDirectory(prefix="farm-bench-") as scratch:
-        own = Workers(Path(scratch) / "own", 1)
-        with open_pool(lambda: connect_cluster(own, args.scheduler, args.certificates)) as call:
+        local_workers = Workers(Path(scratch) / "own", 1)
+        with open_pool(lambda: connect_cluster(local_workers, args.scheduler, args.certificates)) as call:
             yield call
 
 
@@ -63,7 +63,7 @@ def open_pool(connect: Callable[[], Any]) -> Iterator[Call]:
     Parameters
     ----------
     connect
-        Makes the pool; see `connect_cluster`.
+        Function that makes the pool; see `connect_cluster`.
     """
     loop = asyncio.new_event_loop()
     thread = Thread(target=loop.run_forever, daemon=True)

@@ -1,7 +1,7 @@
 """A cluster on hosts of their own, whose processes and network fail while a small job is planned.
 
 The scheduler (`dask scheduler`) and four workers (`farm worker`) run with TLS in network namespaces. In each
-round a job is planned, tasks run beside it, and at a random moment something fails. Then it is mended.
+round a job is planned while other tasks run, and at a random moment a fault is caused, then repaired.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ KILLS = ("kill worker", "kill scheduler")
 STOPS = ("stop worker", "stop scheduler")
 NETWORK = ("cut worker", "cut scheduler", "cut farm", "delay all", "lose from all")
 FAULTS = (*KILLS, *STOPS, *NETWORK)
-FAULT_S = 40.0  # that a process is stopped, or the network disturbed
+FAULT_S = 40.0  # duration of a stopped process, or of a disturbed network
 DELAY_S, LOSS = 0.3, 0.05  # at each host, in both directions
 TASKS, TASK_S = 8, 4.0
 AFTER_S = (0.3, 7.0)  # of the fault, from the begin of a round: tasks run for 8 s on four workers
 MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
-UNCOMPARED = ("decomposition", "cached")  # time that a plan took, slices that were known
+UNCOMPARED = ("decomposition", "cached")  # duration of planning, cached slices
 FLEET = Fleet.model_validate(
     {"printers": [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(PRINTERS)]}
 )
@@ -65,14 +65,14 @@ slow = Deferred("bench.cluster_faults:work_for", _list_files)
 
 @dataclass
 class Watch:
-    """Samples of the sentence about the cluster in `farm status`, taken while work was open.
+    """Samples of the sentence about the cluster in `farm status`, taken while tasks were open.
 
     Attributes
     ----------
     silent_s
-        Longest time without a word on where work runs, or for what it waits.
+        Longest time in which the sentence named neither the place of the tasks nor the cause of a wait.
     here
-        True if it said that this computer computes.
+        True if it said that this computer runs the tasks.
     """
 
     samples: int = 0
@@ -83,18 +83,18 @@ class Watch:
     texts: list[str] = field(default_factory=list)
 
     async def follow(self, pool: ClusterPool) -> None:
-        """Read the sentence of `farm status` again and again, until cancelled."""
+        """Poll the sentence of `farm status` until cancelled."""
         said_s = time.monotonic()
         while True:
             state = pool.state
             view = describe_cluster(state)
-            where = any(word in view.text for word in ("running: ", "on this host"))
+            says_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
             waits = "wait" in view.text or "on the way" in view.text
             now_s = time.monotonic()
-            if where or waits or not (state.tasks or state.waiting or state.here):
+            if says_place or waits or not (state.tasks or state.waiting or state.here):
                 said_s = now_s
             self.samples += 1
-            self.where, self.waits = self.where + where, self.waits + waits
+            self.where, self.waits = self.where + says_place, self.waits + waits
             self.silent_s = max(self.silent_s, now_s - said_s)
             self.here = self.here or state.place is Place.HERE
             if not self.texts or self.texts[-1].split(",")[0] != view.text.split(",")[0]:
@@ -110,7 +110,7 @@ class TakenFiles:
         self._write = cluster_pool.write_files
 
     def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
-        """Write files as `remote_task.write_files`; those that a task writes while it runs are no result."""
+        """Write files as `remote_task.write_files` does, and count those that are results."""
         if not set(files) <= set(task.live):
             self.by_task[(task.limit.what, *task.folders, *task.writes)] += 1
         self._write(task, files)
@@ -131,8 +131,8 @@ class Rounds:
         Pool of this computer, on which the job is planned once more, for comparison.
     """
 
-    def __init__(self, hosts: Hosts, pool: ClusterPool, own: Workers, rng: random.Random) -> None:
-        self._hosts, self._pool, self._own, self._rng = hosts, pool, own, rng
+    def __init__(self, hosts: Hosts, pool: ClusterPool, local_pool: Workers, rng: random.Random) -> None:
+        self._hosts, self._pool, self._local_pool, self._rng = hosts, pool, local_pool, rng
         self._idle: Counter[str] = Counter()  # processes of each host before the first fault
         self._folder, self._plans = hosts.folder, dict[int, Any]()
         self._source = hosts.folder / "model.bin"
@@ -147,27 +147,27 @@ class Rounds:
         outs = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASKS)]
         state = StateFolder(self._folder / f"round-{number}" / "there")
         job = self._make_job(number, state)
-        taken, watch = TakenFiles(), Watch()
-        cluster_pool.write_files = taken.write
-        following = asyncio.ensure_future(watch.follow(pool))
+        taken_files, watch = TakenFiles(), Watch()
+        cluster_pool.write_files = taken_files.write
+        watch_task = asyncio.ensure_future(watch.follow(pool))
         after_s = rng.uniform(*AFTER_S)
         begin_s = time.monotonic()
-        planning = asyncio.ensure_future(_plan(state, job, pool))
-        tasks = [asyncio.ensure_future(self._run_task(out)) for out in outs]
-        healing = asyncio.ensure_future(self._fail(fault, after_s, rng.uniform(0.0, 5.0)))
+        plan_task = asyncio.ensure_future(_plan(state, job, pool))
+        tasks = [asyncio.ensure_future(self._run_task(path)) for path in outs]
+        fault_task = asyncio.ensure_future(self._fail(fault, after_s, rng.uniform(0.0, 5.0)))
         try:
-            right = await asyncio.gather(*tasks)
-            plan = await planning
+            task_results = await asyncio.gather(*tasks)
+            plan = await plan_task
             duration_s = time.monotonic() - begin_s
-            following.cancel()
-            victim = await healing
-            left, processes = await self._wait_for_no_tasks()
+            watch_task.cancel()
+            victim = await fault_task
+            task_count, processes = await self._wait_for_no_tasks()
         finally:
-            following.cancel()
-            cluster_pool.write_files = taken._write
+            watch_task.cancel()
+            cluster_pool.write_files = taken_files._write
         local = await self._plan_here(number)
         shutil.rmtree(self._folder / f"round-{number}")
-        said = asdict(watch)
+        watch_figures = asdict(watch)
         return {
             "fault": fault,
             "victim": victim,
@@ -176,12 +176,12 @@ class Rounds:
             "in_mid_job": after_s < duration_s,
             "job_ended": isinstance(plan, Plan),
             "differences": list_differences(plan, local),
-            "tasks_right": sum(right),
-            "taken_twice": taken.count_twice(),
-            "tasks_left": left,
+            "tasks_right": sum(task_results),
+            "taken_twice": taken_files.count_twice(),
+            "tasks_left": task_count,
             "processes": processes,
             "processes_more": (processes - self._idle).total(),
-            **said,
+            **watch_figures,
         }
 
     async def _plan_here(self, number: int) -> Any:
@@ -189,9 +189,9 @@ class Rounds:
         kind = number % MODELS
         if kind not in self._plans:
             state = StateFolder(self._folder / f"round-{number}" / "here")
-            for pid in self._own.pids:
+            for pid in self._local_pool.pids:
                 os.setpriority(os.PRIO_PROCESS, pid, NICE + 19)
-            self._plans[kind] = await _plan(state, self._make_job(number, state), self._own)
+            self._plans[kind] = await _plan(state, self._make_job(number, state), self._local_pool)
         return self._plans[kind]
 
     def _make_job(self, number: int, state: StateFolder) -> Job:
@@ -205,18 +205,18 @@ class Rounds:
             id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0
         )
 
-    async def _run_task(self, out: Path) -> bool:
-        """Run one of the tasks beside the job. Returns whether its result is right."""
-        size = await self._pool.run(slow, self._source, out, TASK_S, limit=LIMIT, group="tasks")
+    async def _run_task(self, path: Path) -> bool:
+        """Run a task at the same time as the job. Returns True if its result is correct."""
+        size = await self._pool.run(slow, self._source, path, TASK_S, limit=LIMIT, group="tasks")
         content = self._source.read_bytes()
-        return size == len(content) and (out / "copy").read_bytes() == content
+        return size == len(content) and (path / "copy").read_bytes() == content
 
     async def _fail(self, fault: str, after_s: float, restart_s: float) -> str:
-        """Let something fail after some seconds, and mend it. Returns what failed."""
+        """Cause a fault after some seconds, and repair it. Returns the fault."""
         await asyncio.sleep(after_s)
-        kind, _, where = fault.partition(" ")
+        kind, _, target = fault.partition(" ")
         victims = {"worker": [self._rng.choice(WORKERS)], "scheduler": [SCHEDULER], "farm": [FARM]}
-        names = victims.get(where, [FARM, SCHEDULER, *WORKERS])
+        names = victims.get(target, [FARM, SCHEDULER, *WORKERS])
         if fault in KILLS:
             self._hosts.send(names[0], signal.SIGKILL)
             await asyncio.sleep(restart_s)
@@ -242,51 +242,51 @@ class Rounds:
         Returns
         -------
         tuple[int, Counter[str]]
-            Tasks that are left after a while, and the processes of each host.
+            Number of tasks that are left at the end, and of processes of each host.
         """
         end_s = time.monotonic() + ENDING_S
         while True:
-            left = await asyncio.to_thread(self._hosts.count_tasks)
+            task_count = await asyncio.to_thread(self._hosts.count_tasks)
             processes = await asyncio.to_thread(self._count_processes)
-            if not (left or processes - self._idle) or time.monotonic() >= end_s:
-                return left, processes
+            if not (task_count or processes - self._idle) or time.monotonic() >= end_s:
+                return task_count, processes
             await asyncio.sleep(SAMPLE_S)
 
     def _count_processes(self) -> Counter[str]:
-        """Count the processes of each host; on the farm's own, its pool with the engines of it."""
-        engines = sum(len(list_children(pid)) for pid in self._own.pids)
-        return Counter({FARM: len(self._own.pids) + engines, **self._hosts.count_processes()})
+        """Count the processes of each host; on that of the farm, its pool with its engines."""
+        engines = sum(len(list_children(pid)) for pid in self._local_pool.pids)
+        return Counter({FARM: len(self._local_pool.pids) + engines, **self._hosts.count_processes()})
 
 
 async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
     """Plan a job. Returns the plan, or the error."""
-    done: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-    planner = JobPlanner(state, pool, BUDGET_S, lambda _, result: done.set_result(result), lambda *_: None)
+    future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+    planner = JobPlanner(state, pool, BUDGET_S, lambda _, result: future.set_result(result), lambda *_: None)
     planner.start(PlanRequest(job, FLEET.printers))
-    return await done
+    return await future
 
 
 def list_differences(plan: Any, local: Any) -> list[str]:
-    """List the fields in which two plans differ: parts and plates name their files by what is in them."""
+    """List the fields in which two plans differ; files of parts and plates are named by their content."""
     if not isinstance(plan, Plan) or not isinstance(local, Plan):
         return [f"{plan} and {local}"]
     pairs: list[tuple[str, Any, Any]] = []
     for item in fields(Plan):
-        one, two = getattr(plan, item.name), getattr(local, item.name)
+        part_value, other_value = getattr(plan, item.name), getattr(local, item.name)
         if item.name not in ("parts", "plates"):
-            pairs.append((item.name, one, two))
-        elif len(one) != len(two):
-            pairs.append((item.name, len(one), len(two)))
+            pairs.append((item.name, part_value, other_value))
+        elif len(part_value) != len(other_value):
+            pairs.append((item.name, len(part_value), len(other_value)))
         else:
             pairs += [
-                (f"{first.id} {name}", value, dict(second)[name])
-                for first, second in zip(one, two, strict=True)
-                for name, value in first
+                (f"{item_value.id} {name}", value, dict(other_item)[name])
+                for item_value, other_item in zip(part_value, other_value, strict=True)
+                for name, value in item_value
             ]
     return [
-        f"{name}: {one!r:.200} and {two!r:.200}"
-        for name, one, two in pairs
-        if one != two and name.rpartition(" ")[2] not in UNCOMPARED
+        f"{name}: {part_value!r:.200} and {other_value!r:.200}"
+        for name, part_value, other_value in pairs
+        if part_value != other_value and name.rpartition(" ")[2] not in UNCOMPARED
     ]
 
 
@@ -304,25 +304,25 @@ async def run_faults(
     kinds = [fault for _ in range(0, rounds, len(FAULTS)) for fault in rng.sample(FAULTS, len(FAULTS))]
     hosts = Hosts(folder, seed)
     figures: list[dict[str, Any]] = []
-    own = Workers(folder / "own", 1)
-    left = -1
+    local_pool = Workers(folder / "own", 1)
+    task_count = -1
     try:
         hosts.start(SCHEDULER)
         for name in WORKERS:
             hosts.start(name)
-        pool = connect_cluster(own, hosts.address, hosts.certificates)
+        pool = connect_cluster(local_pool, hosts.address, hosts.certificates)
         pool.start()
-        run = Rounds(hosts, pool, own, rng)
+        run = Rounds(hosts, pool, local_pool, rng)
         for number, fault in enumerate(kinds[:rounds]):
             figures.append(await run.run(number + 1, fault))
             report(figures[-1])
         pool.close()
         await pool.wait_closed()
-        left = await asyncio.to_thread(hosts.end)
+        task_count = await asyncio.to_thread(hosts.end)
     finally:
-        own.close()
+        local_pool.close()
         await asyncio.to_thread(hosts.close)
-    return {"rounds": figures, **_sum_up(figures), "processes_left": left}
+    return {"rounds": figures, **_sum_up(figures), "processes_left": task_count}
 
 
 def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:

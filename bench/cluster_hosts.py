@@ -1,4 +1,4 @@
-"""The processes of a cluster, each on a host of its own: a network namespace, with TLS between them."""
+"""Processes of a cluster, each on a host (network namespace) of its own, connected by TLS."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from virtual_network import Network
 
 WORKERS = ("w1", "w2", "w3", "w4")
 SCHEDULER, FARM = "scheduler", "farm"
-ENDING_S = 30.0  # until nothing of a round is left
+ENDING_S = 30.0  # until the tasks of a round have ended
 SAMPLE_S = 0.2
 PORT = 8786
-NICE = -9  # of workers, whose tasks are 19 nicer: else they hardly run on a busy computer
+NICE = -9  # of workers, whose tasks have 19 more: otherwise they hardly run on a busy computer
 
 
 class Hosts:
-    """The processes of a cluster, each on a host of its own."""
+    """Processes of a cluster, each on a host of its own."""
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.folder = folder
@@ -67,18 +67,18 @@ class Hosts:
         return {name: len(self.network.pids(name)) for name in (SCHEDULER, *WORKERS)}
 
     def end(self) -> int:
-        """End all processes as their services are ended. Returns the number of those that are left."""
+        """End all processes like services. Returns the number of those that are left."""
         for process in self._running.values():
             process.terminate()
         end_s = time.monotonic() + ENDING_S
-        while (left := sum(self.count_processes().values())) and time.monotonic() < end_s:
+        while (count := sum(self.count_processes().values())) and time.monotonic() < end_s:
             for process in self._running.values():
                 process.poll()
             time.sleep(SAMPLE_S)
-        return left
+        return count
 
     def close(self) -> None:
-        """End the network with all that is left."""
+        """End the network and all remaining processes."""
         self.network.close()
         for process in self._running.values():
             process.wait()

@@ -1,7 +1,7 @@
 """Real jobs planned by one and by two workers of this computer, and the times of their tasks.
 
-Parts are cut from a drawn model (`bench.unseen`) and sliced by CuraEngine. The processor's time of each task
-does not depend on what else the computer does, the ratio of the durations hardly.
+Parts are cut from a random model (`bench.unseen`) and sliced by CuraEngine. The CPU time of each task
+does not depend on other load, and the ratio of the durations hardly does.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class TimedTask:
 
 
 def run_timed(work: Deferred, *args: object) -> tuple[Any, float]:
-    """Call a function. Returns its result and the processor's seconds, of its processes too."""
+    """Call a function. Returns its result and CPU seconds, including those of its processes."""
     begin_s = _read_cpu_s()
     return work(*args), _read_cpu_s() - begin_s
 
@@ -54,46 +54,46 @@ timed = Deferred("bench.cluster_jobs:run_timed")
 
 
 def _read_cpu_s() -> float:
-    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    usages = (resource.getrusage(scope) for scope in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 class TimingPool:
-    """Pool that notes the times of its tasks; see `farm.compute.pool.Pool`."""
+    """Pool that records the times of its tasks; see `farm.compute.pool.Pool`."""
 
-    def __init__(self, own: Pool) -> None:
-        self._own, self._begin_s = own, time.monotonic()
+    def __init__(self, pool: Pool) -> None:
+        self._pool, self._begin_s = pool, time.monotonic()
         self.tasks: list[TimedTask] = []
 
     @property
     def memory_bytes(self) -> int:
         """Memory of each worker."""
-        return self._own.memory_bytes
+        return self._pool.memory_bytes
 
     @property
     def starting(self) -> str | None:
         """Step of the start of the workers."""
-        return self._own.starting
+        return self._pool.starting
 
     @property
     def has_idle(self) -> bool:
-        """Check that a task would start at once."""
-        return self._own.has_idle
+        """Check whether a task would start at once."""
+        return self._pool.has_idle
 
     async def run(
         self, work: Callable[..., Any], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> Any:
-        """Run a function, and note its times."""
+        """Run a function, and record its times."""
         begin_s = time.monotonic()
-        result, cpu_s = await self._own.run(timed, work, *args, limit=limit, group=group)
+        result, cpu_s = await self._pool.run(timed, work, *args, limit=limit, group=group)
         end_s = time.monotonic()
-        what = getattr(work, "target", "").rpartition(":")[2]
-        self.tasks.append(TimedTask(what, begin_s - self._begin_s, end_s - self._begin_s, cpu_s))
+        name = getattr(work, "target", "").rpartition(":")[2]
+        self.tasks.append(TimedTask(name, begin_s - self._begin_s, end_s - self._begin_s, cpu_s))
         return result
 
     def close(self) -> None:
         """Close the pool."""
-        self._own.close()
+        self._pool.close()
 
 
 def measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
@@ -109,11 +109,11 @@ async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]
     try:
         job, fleet = _make_job(parts, state)
         pool = TimingPool(own)
-        done: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        planner = JobPlanner(state, pool, BUDGET_S, lambda _, plan: done.set_result(plan), lambda *_: None)
+        future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        planner = JobPlanner(state, pool, BUDGET_S, lambda _, plan: future.set_result(plan), lambda *_: None)
         begin_s = time.monotonic()
         planner.start(PlanRequest(job, fleet.printers))
-        plan = await done
+        plan = await future
         duration_s = time.monotonic() - begin_s
     finally:
         own.close()
@@ -132,7 +132,7 @@ async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]
 
 
 def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
-    """Cut a job, and draw its parts by one worker and by several. Returns the processor's seconds.
+    """Cut a job, and draw its parts by one worker and by several. Returns CPU seconds.
 
     Returns
     -------
@@ -146,24 +146,24 @@ def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
     work.mkdir(parents=True)
     model = state.files / job.model_file
     task = DecomposeTask(1, model, job.options, fleet.printers, 1, work, budget_s=BUDGET_S)
-    cut = decompose_job(task)
-    record, overview = cut.drawing_record, work / "overview.png"
-    ranges = split_steps(cut.steps)
-    files = [work / f"steps-{first}.pickle" for first, _ in ranges]
+    decomposition = decompose_job(task)
+    record, overview = decomposition.drawing_record, work / "overview.png"
+    ranges = split_steps(decomposition.steps)
+    files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
     run_timed(draw_overview, record, overview)  # loads the modules
     _, one_draws_s = run_timed(draw_job, task, record)
     tasks = {
         "draw_overview": [run_timed(draw_overview, record, overview)[1]],
         "draw_some_steps": [
-            run_timed(draw_some_steps, record, first, end, file)[1]
-            for (first, end), file in zip(ranges, files, strict=True)
+            run_timed(draw_some_steps, record, begin, end, file)[1]
+            for (begin, end), file in zip(ranges, files, strict=True)
         ],
         "draw_job": [run_timed(draw_job, task, record, overview, tuple(files))[1]],
     }
     shutil.rmtree(state.root)
     chain_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
     return {
-        "parts": len(cut.parts),
+        "parts": len(decomposition.parts),
         "one_draws_s": one_draws_s,
         "tasks": tasks,
         "chain_s": chain_s,
@@ -177,29 +177,29 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
     Returns
     -------
     list
-        Processor's seconds of the tasks of each stage, by their kind. Parts are drawn in the stage in which
+        CPU seconds of the tasks of each stage, by their kind. Parts are drawn in the stage in which
         they are sliced.
     """
     stages: list[dict[str, list[float]]] = []
     for task in sorted(tasks, key=lambda task: float(task["begin_s"])):
-        what = task["what"]
-        if what not in BESIDE or not stages or set(stages[-1]) - BESIDE:
+        kind = task["what"]
+        if kind not in BESIDE or not stages or set(stages[-1]) - BESIDE:
             stages.append({})
-        stages[-1].setdefault(what, []).append(task["cpu_s"])
+        stages[-1].setdefault(kind, []).append(task["cpu_s"])
     return stages
 
 
 def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
-    """Make a job for a number of printers, and these."""
+    """Make a job for a number of printers; return it with the printers."""
     state.make()
     model = draw_model(KIND, SEED, SIDE_MM)
     corners = round_triangles(*model.solid.arrays())
     path = state.root / f"{KIND}.stl"
     write_stl(path, corners)
     options = JobOptions(printers=parts)
-    inspected = inspect_model(path, path.name, options, state.files)
+    inspection = inspect_model(path, path.name, options, state.files)
     job = Job(
-        id=1, request_id="r" * 8, name=KIND, model_file=inspected.file, options=options, submitted_s=0.0
+        id=1, request_id="r" * 8, name=KIND, model_file=inspection.file, options=options, submitted_s=0.0
     )
     sections = [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(parts)]
     return job, Fleet.model_validate({"printers": sections})

@@ -1,7 +1,7 @@
-"""Recorded jobs run again on simulated workers, through Dask's real scheduler: their tasks only sleep.
+"""Replay of recorded jobs on simulated workers whose tasks only sleep, through Dask's real scheduler.
 
-Scheduler, workers and farm share one process and one core, so what a task costs is an upper bound. What Dask
-does for each worker apart from its tasks (a thread that samples its stack, the ticks of its event loop,
+Scheduler, workers and farm share one process and one core, so the cost of a task is an upper bound. Work that
+Dask does for each worker apart from its tasks (a thread that samples its stack, ticks of its event loop,
 readings of the computer's load) is turned off, as real workers do that on computers of their own.
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 import dask
 from distributed import Scheduler
 
-from dask_cluster import HERE, Recorder
+from dask_cluster import INSTALLATION, Recorder
 from farm.compute import Deferred, Limit, TaskFiles
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.connection import Connection
@@ -38,29 +38,29 @@ LIMIT = Limit("sleeping", 600.0)
 class SleepingExecutor:
     """Executor whose tasks sleep; see `TaskExecutor`."""
 
-    installation = HERE
+    installation = INSTALLATION
 
     def __init__(self, host: str) -> None:
         self.host = host
 
     async def execute(self, task: RemoteTask, *_: object) -> RemoteAnswer:
-        """Sleep for the seconds that the task names."""
+        """Sleep for the seconds of the task."""
         _, (seconds,) = load(task.call)
         await asyncio.sleep(seconds)
         return RemoteAnswer(self.host, result=dump(None))
 
 
 class TimedConnection(Connection):
-    """Connection that notes how much longer each task takes than its sleep, in s."""
+    """Connection that records the seconds that each task takes beyond its sleep."""
 
     def __init__(self, late_s: list[float], *args: Any) -> None:
         super().__init__(*args)
         self._late_s = late_s
 
-    async def submit(self, task: RemoteTask, sent: dict[str, bytes]) -> RemoteAnswer:
+    async def submit(self, task: RemoteTask, files: dict[str, bytes]) -> RemoteAnswer:
         """Run a task; see `Connection.submit`."""
         begin_s = time.monotonic()
-        answer = await super().submit(task, sent)
+        answer = await super().submit(task, files)
         _, (seconds,) = load(task.call)
         self._late_s.append(time.monotonic() - begin_s - seconds)
         return answer
@@ -80,30 +80,30 @@ get_seconds = itemgetter(1)
 
 
 def find_critical_path(stages: Stages, one_draws: bool = False) -> list[tuple[str, float]]:
-    """Find the longest chain of a job's tasks on workers without number, with the seconds of each.
+    """Find the longest chain of a job's tasks on an unlimited number of workers, with their seconds.
 
     Parameters
     ----------
     stages
         See `bench.cluster_jobs.list_stages`.
     one_draws
-        If one worker made all drawings of a job.
+        True if one worker makes all drawings of a job.
     """
     path: list[tuple[str, float]] = []
-    drawn: list[tuple[str, float]] = []
+    drawing_path: list[tuple[str, float]] = []
     for stage in stages:
         begin = list(path)
-        path += [(what, max(times)) for what, times in stage.items() if what not in DRAWINGS]
+        path += [(kind, max(times_s)) for kind, times_s in stage.items() if kind not in DRAWINGS]
         drawing = [max(batch, key=get_seconds) for batch in list_drawings(stage, one_draws)]
-        if drawing:  # behind the first slice
-            first = ("slice_part", min(stage["slice_part"]))
-            drawn = max(drawn, [*begin, first, *drawing], key=sum_path)
-    return max(path, drawn, key=sum_path)
+        if drawing:  # after the first slice
+            first_slice = ("slice_part", min(stage["slice_part"]))
+            drawing_path = max(drawing_path, [*begin, first_slice, *drawing], key=sum_path)
+    return max(path, drawing_path, key=sum_path)
 
 
 def list_drawings(stage: dict[str, list[float]], one_draws: bool) -> list[list[tuple[str, float]]]:
-    """List the drawings of a stage: those of each list side by side, one list after the other."""
-    pictures = [(what, seconds) for what in PICTURES for seconds in stage.get(what, [])]
+    """List the drawings of a stage: those of each list run in parallel, one list after the other."""
+    pictures = [(kind, seconds) for kind in PICTURES for seconds in stage.get(kind, [])]
     pages = [(PAGE, seconds) for seconds in stage.get(PAGE, [])]
     batches = [batch for batch in (pictures, pages) if batch]
     return [[(PAGE, sum_path([*pictures, *pages]))]] if one_draws and batches else batches
@@ -115,7 +115,7 @@ def sum_path(path: list[tuple[str, float]]) -> float:
 
 
 async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, one_draws: bool) -> None:
-    """Run a job's tasks as a plan does: stage by stage, drawings beside what follows."""
+    """Run a job's tasks like a plan: stage by stage, with drawings in parallel to later stages."""
 
     def start(seconds: float) -> asyncio.Future[None]:
         return asyncio.ensure_future(pool.run(sleep, seconds * scale, limit=LIMIT, group=number))
@@ -126,11 +126,16 @@ async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, 
 
     drawings = []
     for stage in stages:
-        times = [seconds for what, each in stage.items() if what not in DRAWINGS for seconds in each]
-        running = [start(seconds) for seconds in sorted(times, reverse=True)]
-        await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+        times_s = [
+            seconds
+            for kind, kind_times_s in stage.items()
+            if kind not in DRAWINGS
+            for seconds in kind_times_s
+        ]
+        tasks = [start(seconds) for seconds in sorted(times_s, reverse=True)]
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         drawings.append(asyncio.ensure_future(draw(stage)))
-        await asyncio.gather(*running)
+        await asyncio.gather(*tasks)
     await asyncio.gather(*drawings)
 
 
@@ -141,12 +146,12 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
     with dask.config.set(OWN_WORK_OFF):
         async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
             executors: list[Any] = [SleepingExecutor(f"w{n}") for n in range(workers)]
-            serving = [
+            worker_tasks = [
                 FarmWorker(scheduler.address, executor, 1, folder / executor.host) for executor in executors
             ]
-            await asyncio.gather(*serving)
-            link = partial(TimedConnection, late_s, scheduler.address, None, HERE)
-            pool = ClusterPool(Recorder(), scheduler.address, HERE, link)
+            await asyncio.gather(*worker_tasks)
+            link = partial(TimedConnection, late_s, scheduler.address, None, INSTALLATION)
+            pool = ClusterPool(Recorder(), scheduler.address, INSTALLATION, link)
             pool.start()
             while len(pool.state.workers) < workers:
                 await asyncio.sleep(0.1)
@@ -155,7 +160,7 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
             one_draws_s, _ = await _run_jobs(pool, jobs, scale, one_draws=True)
             pool.close()
             await pool.wait_closed()
-            await asyncio.gather(*(worker.close() for worker in serving))
+            await asyncio.gather(*(worker.close() for worker in worker_tasks))
     return {
         "workers": workers,
         "duration_s": duration_s,
@@ -169,30 +174,36 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
 async def _run_jobs(
     pool: ClusterPool, jobs: list[Stages], scale: float, one_draws: bool
 ) -> tuple[float, float]:
-    """Run jobs at the same time. Returns the unscaled seconds that they took, and the processor's."""
+    """Run jobs at the same time. Returns their unscaled duration and CPU time in seconds."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
     await asyncio.gather(*(run_job(pool, number, job, scale, one_draws) for number, job in enumerate(jobs)))
     return (time.monotonic() - begin_s) / scale, time.process_time() - begin_cpu_s
 
 
 def sum_up(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float) -> dict[str, Any]:
-    """Return what the jobs needed, and what at least.
+    """Return the times of the jobs, and their lower bounds.
 
     Parameters
     ----------
     duration_s, cpu_s
-        Unscaled seconds of the run, and the processor's.
+        Unscaled duration and CPU time of the run in seconds.
     """
-    times = [seconds for job in jobs for stage in job for each in stage.values() for seconds in each]
+    times_s = [
+        seconds
+        for job in jobs
+        for stage in job
+        for kind_times_s in stage.values()
+        for seconds in kind_times_s
+    ]
     longest = max((find_critical_path(job) for job in jobs), key=sum_path)
     critical_s = sum_path(longest)
     return {
         "jobs": len(jobs),
-        "tasks": len(times),
+        "tasks": len(times_s),
         "critical_s": critical_s,
-        "bound_s": max(critical_s, sum(times) / workers),
-        "efficiency": sum(times) / (workers * duration_s),
-        "cpu_ms_per_task": 1000.0 * cpu_s / len(times),
-        "critical_path": ", ".join(f"{what} {seconds:.1f} s" for what, seconds in longest),
+        "bound_s": max(critical_s, sum(times_s) / workers),
+        "efficiency": sum(times_s) / (workers * duration_s),
+        "cpu_ms_per_task": 1000.0 * cpu_s / len(times_s),
+        "critical_path": ", ".join(f"{kind} {seconds:.1f} s" for kind, seconds in longest),
         "one_draws_critical_s": max(sum_path(find_critical_path(job, one_draws=True)) for job in jobs),
     }

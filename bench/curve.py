@@ -57,7 +57,7 @@ def main() -> None:
         return result
 
     grid = measure_stage("grid", lambda: problem.build_grid(model))
-    problem.price_boxes(grid)  # compiles, or loads what was compiled
+    problem.price_boxes(grid)  # compiles, or loads compiled code
     boxes = measure_stage("boxes", lambda: problem.price_boxes(grid))
     solver = Partitioner(boxes)
     for ties in (False, True):

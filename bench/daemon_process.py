@@ -33,18 +33,18 @@ class Daemon:
     folder
         State folder with `fleet.yaml`.
     profile
-        Receives the daemon's profile.
+        File for the daemon's profile.
     ssh
         Value of FARM_SSH; None: that of this process.
     """
 
     def __init__(self, folder: Path, profile: Path | None, ssh: str | None = None) -> None:
-        words = [sys.executable, "-m", "bench.measured_daemon", str(folder)]
-        words += [] if profile is None else [str(profile.absolute())]
+        command = [sys.executable, "-m", "bench.measured_daemon", str(folder)]
+        command += [] if profile is None else [str(profile.absolute())]
         env = os.environ | ({} if ssh is None else {"FARM_SSH": ssh})
         self.started_s = time.monotonic()
         with (folder / "daemon.log").open("wb") as log:
-            self._process = subprocess.Popen(words, stdout=log, stderr=log, env=env)
+            self._process = subprocess.Popen(command, stdout=log, stderr=log, env=env)
         self._folder = folder
         self.socket = folder / "farm.sock"
         self.client = Client(self.socket)
@@ -60,7 +60,7 @@ class Daemon:
         return int(line.split()[1]) / 1024
 
     def answers(self) -> bool:
-        """Tell whether it answers."""
+        """Check whether it answers."""
         try:
             self.client.names()
         except FarmError:
@@ -129,7 +129,7 @@ class EventFollower:
 
 
 class NoticeReceiver:
-    """HTTP server that keeps the notices sent to it.
+    """HTTP server that stores the notices sent to it.
 
     Attributes
     ----------

@@ -4,7 +4,7 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
        [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
        [--scheduler tls://HOST:PORT --certificates DIR]
 
-Engines other than `best` run at the first number of printers alone; where one that takes no number gives
+Engines other than `best` run only for the first number of printers. If one without such an option returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
 balanced again by their sliced times (`decompose.relevel`) where that is faster. Each run is a file in
 --results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without limits
@@ -59,9 +59,9 @@ MODELS = (
 )  # fmt: skip
 PRINTER = "ultimaker2_plus"
 FAITHFUL_SUFFIX = "-faithful"  # after an engine's name
-PART_ENGINES = ("symmetry", "cube-skeleton")  # rivals that do not know of a number of printers
+PART_ENGINES = ("symmetry", "cube-skeleton")  # other engines without a number of printers
 WHOLE_TIMEOUT_S = 3600.0
-CUTTING = "cutting.pickle"
+CUT_FILE = "cutting.pickle"
 MAX_LEVELLINGS = 2  # by sliced times
 
 
@@ -111,9 +111,9 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     return _write_parts(result, folder, wall_s)
 
 
-def relevel(run: Run, cutting: Path, folder: Path, sliced_s: list[float]) -> dict[str, Any] | None:
-    """Balance a partition read from a file by its sliced times; None if that changes nothing."""
-    previous = pickle.loads(cutting.read_bytes())
+def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> dict[str, Any] | None:
+    """Balance a partition read from a file by its sliced times; return None if that changes nothing."""
+    previous = pickle.loads(cut_file.read_bytes())
     start_s = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
     cost = CostModel.from_recipe(make_recipe(run.quality))
@@ -131,9 +131,9 @@ def list_cut_files(run: Run, folder: Path) -> TaskFiles:
     return TaskFiles(reads=(run.path,), folders=(folder,))
 
 
-def list_relevel_files(run: Run, cutting: Path, folder: Path, _: list[float]) -> TaskFiles:
+def list_relevel_files(run: Run, cut_file: Path, folder: Path, _: list[float]) -> TaskFiles:
     """List the files of `relevel`: the model and its partition, the folder of the parts."""
-    return TaskFiles(reads=(run.path, cutting), folders=(folder,))
+    return TaskFiles(reads=(run.path, cut_file), folders=(folder,))
 
 
 deferred_cut = Deferred("bench.decompose:cut", list_cut_files)
@@ -143,7 +143,7 @@ deferred_relevel = Deferred("bench.decompose:relevel", list_relevel_files)
 def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
     """Write the parts and the input of `relevel` into a folder; return the report."""
     report = write_decomposition(result, folder).as_dict()
-    (folder / CUTTING).write_bytes(pickle.dumps(result.without_parts()))
+    (folder / CUT_FILE).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
     report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     return report
@@ -218,28 +218,28 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     return seconds
 
 
-def compute_row(run: Run, report: dict[str, Any], sliced: list[float | None] | None) -> dict[str, Any]:
+def compute_row(run: Run, report: dict[str, Any], sliced_s: list[float | None] | None) -> dict[str, Any]:
     """Compute one row of the table. Times are CuraEngine's where every part was sliced, else the cost's."""
     row: dict[str, Any] = {"model": run.path.stem, "printers": run.printers, "engine": run.engine}
     if "refused" in report:
         return row | {"refused": report["refused"]}
-    estimated = [part["estimated_s"] for part in report["parts"]]
-    all_sliced = sliced is not None and all(seconds is not None for seconds in sliced)
-    times = [float(s) for s in sliced if s is not None] if sliced and all_sliced else estimated
+    estimated_s = [part["estimated_s"] for part in report["parts"]]
+    all_sliced = sliced_s is not None and all(seconds is not None for seconds in sliced_s)
+    times_s = [float(s) for s in sliced_s if s is not None] if sliced_s and all_sliced else estimated_s
     row |= {
         "won": report["engine"],
-        "parts": len(times),
+        "parts": len(times_s),
         "sliced": all_sliced,
-        "not_sliced": sum(s is None for s in sliced) if sliced else None,
-        "parallel_s": max(times),
-        "estimated_s": max(estimated),
-        "sum_s": sum(times),
-        "balance": float(np.mean(times)) / max(times),
+        "not_sliced": sum(s is None for s in sliced_s) if sliced_s else None,
+        "parallel_s": max(times_s),
+        "estimated_s": max(estimated_s),
+        "sum_s": sum(times_s),
+        "balance": float(np.mean(times_s)) / max(times_s),
         "serial_as_is_s": report["serial_as_is_s"],
         "serial_s": report["serial_s"],
-        "efficiency": report["serial_as_is_s"] / (run.printers * max(times)),
+        "efficiency": report["serial_as_is_s"] / (run.printers * max(times_s)),
         "gap": report["gap"],  # of the partition on the grid, before its planes were moved
-        "above_bound": max(estimated) / report["lower_bound_s"] - 1.0,  # of the result
+        "above_bound": max(estimated_s) / report["lower_bound_s"] - 1.0,  # of the result
         "bound_s": report["lower_bound_s"],
         "wall_s": report["wall_s"],
         "peak_mb": report["peak_mb"],
@@ -248,12 +248,14 @@ def compute_row(run: Run, report: dict[str, Any], sliced: list[float | None] | N
         "cells": report["cells"],
     }
     if all_sliced:
-        row["cost_error"] = float(np.mean([abs(e / t - 1.0) for e, t in zip(estimated, times, strict=True)]))
+        row["cost_error"] = float(
+            np.mean([abs(e / t - 1.0) for e, t in zip(estimated_s, times_s, strict=True)])
+        )
     return row
 
 
 def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
-    """Return the row of one run, from its file where there is one."""
+    """Return the row of one run, from its file if there is one."""
     record_path = args.results / f"{run.name}.json"
     if record_path.is_file():
         row: dict[str, Any] = json.loads(record_path.read_text())
@@ -261,17 +263,17 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
             return row
     folder = args.results / run.name
     report = args.call(deferred_cut, run, folder)
-    sliced = None
+    sliced_s = None
     if not args.no_slices and "refused" not in report:
-        sliced = slice_parts(report, run, folder, args)
-    row = compute_row(run, report, sliced)
-    while row.get("sliced") and row.get("levelled", 0) < MAX_LEVELLINGS and (folder / CUTTING).is_file():
-        cutting, folder = folder / CUTTING, folder / "levelled"
-        report = args.call(deferred_relevel, run, cutting, folder, sliced)
+        sliced_s = slice_parts(report, run, folder, args)
+    row = compute_row(run, report, sliced_s)
+    while row.get("sliced") and row.get("levelled", 0) < MAX_LEVELLINGS and (folder / CUT_FILE).is_file():
+        cut_file, folder = folder / CUT_FILE, folder / "levelled"
+        report = args.call(deferred_relevel, run, cut_file, folder, sliced_s)
         if report is None:
             break
-        sliced = slice_parts(report, run, folder, args)
-        moved_row = compute_row(run, report, sliced)
+        sliced_s = slice_parts(report, run, folder, args)
+        moved_row = compute_row(run, report, sliced_s)
         if not moved_row["sliced"] or moved_row["parallel_s"] >= row["parallel_s"]:
             break
         changes = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": moved_row["wall_s"]}
@@ -316,10 +318,10 @@ def format_row(row: dict[str, Any]) -> str:
     if "refused" in row:
         return f"{head} refused: {row['refused']}"
     error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
-    sliced = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
+    sliced_text = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
     time_text = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
     return (
-        f"{head} {row['parts']:3} parts, {time_text}, E {row['efficiency']:.3f}{sliced}, "
+        f"{head} {row['parts']:3} parts, {time_text}, E {row['efficiency']:.3f}{sliced_text}, "
         f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), "
         f"cost error {error}, {row['wall_s']:.0f} s, "
         f"{row['peak_mb']:.0f} MB"
@@ -356,10 +358,10 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
             ]
             if (r["model"], count) in best
         ]
-        refused = sum("refused" in r for r in engine_rows)
+        refused_count = sum("refused" in r for r in engine_rows)
         summary["rivals"][engine] = {
             "mean": mean(ratios), "worst": max(ratios, default=None), "models": len(ratios),
-            "refused": refused,
+            "refused": refused_count,
         }  # fmt: skip
     return summary
 

@@ -1,4 +1,4 @@
-"""Unusual models and numbers of printers: each ends soon, with parts or a refusal that says how to change it.
+"""Unusual models and numbers of printers: each ends soon, with parts or a refusal that proposes a change.
 
 Usage: python -m bench.edge_cases [--only sheet,rod,...] [--budget 20] [--json]
 

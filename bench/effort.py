@@ -35,7 +35,7 @@ PRINTER = "ultimaker2_plus"
 
 
 def measure_search(problem: Problem) -> tuple[Effort, dict[str, float]]:
-    """Measure the effort that a search counts, and the CPU seconds at which each of its stages ends."""
+    """Measure the counted effort of a search, and the CPU seconds at which each of its stages ends."""
     effort, ends_s, began_s = Effort(), {}, process_time()
 
     def lap(stage: str) -> None:
@@ -75,10 +75,10 @@ def main() -> None:
     recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
-    small = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
-    for engine in options.engines:  # compiles, or loads what was compiled
+    small_model = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
+    for engine in options.engines:  # compiles, or loads compiled code
         rooms = tuple(PrinterRoom(str(i), room) for i in range(4))
-        measure_search(Problem(small, rooms, cost, Options(engine, 5)))
+        measure_search(Problem(small_model, rooms, cost, Options(engine, 5)))
     runs: list[dict[str, Any]] = []
     for path in options.models:
         model = load_model(path, longest_side_mm=options.side)

@@ -32,7 +32,7 @@ PREPARE = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
 
 
 def list_moves(lines: int) -> list[bytes]:
-    """List numbered, checksummed moves as a slicer writes them, about 40 bytes each."""
+    """List numbered, checksummed moves of about 40 bytes, like those of a slicer."""
     bodies = list(PREPARE)
     angle, e_mm = 0.0, 0.0
     for _ in range(lines):
@@ -41,8 +41,8 @@ def list_moves(lines: int) -> list[bytes]:
         e_mm += 0.03
         x, y = 112 + radius_mm * math.cos(angle), 112 + radius_mm * math.sin(angle)
         bodies.append(f"G1 F3000 X{x:.3f} Y{y:.3f} E{e_mm:.5f}".encode())
-    numbered = (b"N%d %b" % (n, body) for n, body in enumerate(bodies))
-    return [b"%b*%d\n" % (line, reduce(xor, line)) for line in numbered]
+    numbered_moves = (b"N%d %b" % (n, body) for n, body in enumerate(bodies))
+    return [b"%b*%d\n" % (line, reduce(xor, line)) for line in numbered_moves]
 
 
 def measure_firmware_us(lines: list[bytes]) -> float:

@@ -32,11 +32,11 @@ async def heat(folder: Path, gcode: Path) -> None:
     """Start a print of an agent, and wait until it prints."""
     client = AgentClient(folder)
     await client.connect(60.0)
-    requested = False
+    is_requested = False
     async with asyncio.timeout(PATIENCE_S):
         async for snapshot in client.snapshots():
-            if snapshot.link is m.LinkState.READY and not requested:
-                requested = True
+            if snapshot.link is m.LinkState.READY and not is_requested:
+                is_requested = True
                 start = m.StartPrint(
                     id=0,
                     print_id="bench",

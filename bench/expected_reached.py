@@ -21,7 +21,7 @@ import trimesh
 
 FARM = Path(sys.executable).with_name("farm")
 MODEL = "ultimaker2_plus"
-LENGTH_MM, WIDTH_MM, HEIGHT_MM = 40.0, 18.0, 12.0  # for each printer about half an hour
+LENGTH_MM, WIDTH_MM, HEIGHT_MM = 40.0, 18.0, 12.0  # about half an hour for each printer
 MAX_STARVED_SHARE = 0.01  # share of the time in which emulators waited
 PATIENCE_S = 3600.0
 
@@ -43,8 +43,8 @@ def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
     trimesh.creation.box((LENGTH_MM * printers, WIDTH_MM, HEIGHT_MM)).export(model)
     run_farm(state, "up", "--fleet", str(fleet))
     try:
-        submitted = run_farm(state, "submit", str(model), "--printers", str(printers), "--wait", "--json")
-        job = json.loads(submitted)["job"]
+        result = run_farm(state, "submit", str(model), "--printers", str(printers), "--wait", "--json")
+        job = json.loads(result)["job"]
         prints = json.loads(run_farm(state, "history", "--json"))["prints"]
         status_printers = json.loads(run_farm(state, "status", "--json"))["printers"]
     finally:

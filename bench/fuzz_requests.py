@@ -56,9 +56,9 @@ class FuzzedRequest:
     caller
         Name of the key that it has; empty for nobody.
     method, path
-        Of the route that it asks for, before any damage.
+        Route that it requests, before any damage.
     intact
-        True if a server has to answer it.
+        True if a server must answer it.
     """
 
     data: bytes
@@ -74,7 +74,7 @@ def make_request(rng: random.Random, keys: Mapping[str, str]) -> FuzzedRequest:
     Parameters
     ----------
     rng
-        Makes every choice.
+        Source of every choice.
     keys
         Texts of the callers' keys, by name; an empty text for nobody.
     """
@@ -107,7 +107,7 @@ def make_request(rng: random.Random, keys: Mapping[str, str]) -> FuzzedRequest:
 
 
 def _is_invalid(path: str, headers: Mapping[str, str]) -> bool:
-    """Return whether a head cannot be parsed as HTTP: the server may close the connection."""
+    """Check whether a head cannot be parsed as HTTP, so that the server may close the connection."""
     return any(not " " < char <= "~" for char in path) or any(
         not (char == "\t" or " " <= char <= "~") for value in headers.values() for char in value
     )
@@ -132,7 +132,7 @@ def _fill(rng: random.Random, template: str, valid_share: float) -> str:
 
 
 def _make_headers(rng: random.Random) -> dict[str, str]:
-    """Make headers that the guard and the servers read."""
+    """Make headers that the server reads."""
     candidates = {
         "Origin": (f"http://{HOST}", "http://evil.example", "null", ""),
         "Sec-Fetch-Site": ("same-origin", "cross-site", "none", "x"),
@@ -204,19 +204,21 @@ def _write_head(method: str, path: str, headers: Mapping[str, str], version: str
 
 
 def _damage_length(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Announce another length than the body has."""
+    """Announce a length that is not the body's."""
     length = rng.choice(("-1", "1" * 30, "x", "", "0", str(len(body) + 10), "5, 6"))
     return _write_head(method, path, {**headers, "Content-Length": length}) + body
 
 
 def _damage_chunks(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Send chunks, some of them wrong, some beside a length."""
-    added = {"Transfer-Encoding": rng.choice(("chunked", "gzip, chunked", "x"))}
+    """Send chunks, some of them wrong, some in addition to a length."""
+    headers_added = {"Transfer-Encoding": rng.choice(("chunked", "gzip, chunked", "x"))}
     if rng.random() < 0.3:
-        added["Content-Length"] = str(len(body))
+        headers_added["Content-Length"] = str(len(body))
     size = rng.choice((f"{len(body):x}", "-1", "ffffffffffffffff", "x", f"{len(body):x};ext=1"))
     end = rng.choice(("\r\n0\r\n\r\n", "\r\n0\r\nTrailer: x\r\n\r\n", "", "0"))
-    return _write_head(method, path, {**headers, **added}) + f"{size}\r\n".encode() + body + end.encode()
+    return (
+        _write_head(method, path, {**headers, **headers_added}) + f"{size}\r\n".encode() + body + end.encode()
+    )
 
 
 def _damage_head(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
@@ -235,7 +237,7 @@ def _damage_head(rng: random.Random, method: str, path: str, headers: dict[str, 
 
 
 def _damage_bytes(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Change some bytes anywhere."""
+    """Change bytes at random places."""
     data = bytearray(_write_head(method, path, {**headers, "Content-Length": str(len(body))}) + body)
     for _ in range(rng.choice((1, 1, 2, 10))):
         data[rng.randrange(len(data))] = rng.randrange(256)
@@ -243,7 +245,7 @@ def _damage_bytes(rng: random.Random, method: str, path: str, headers: dict[str,
 
 
 def _cut(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Cut a request anywhere."""
+    """Cut a request at a random place."""
     data = _write_head(method, path, {**headers, "Content-Length": str(len(body))}) + body
     return data[: rng.randrange(len(data))]
 

@@ -26,7 +26,7 @@ from bench.fuzz_requests import FuzzedRequest, list_statuses, make_request
 from bench.web_farm import WebFarm
 from farm.http.stream_limit import STREAM_TYPE
 
-ANSWER_S = 600.0  # a model waits for the start of the workers, and for the planning of those before
+ANSWER_S = 600.0  # a model waits for the start of the workers, and for the planning of earlier models
 DAMAGED_S = 0.05
 """Time for the answer to a request that a server need not answer."""
 WARM_UP = 5000
@@ -37,7 +37,7 @@ GOALS = {
     "uploads_left": 0, "new_descriptors": 4, "grown_mb_per_100000": 20.0,
 }  # fmt: skip
 _CAMERA_SILENT = 503
-_SHOWN = 20
+_MAX_SHOWN = 20
 
 
 class FuzzedFarm(WebFarm):
@@ -86,7 +86,7 @@ async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) ->
 
 
 class Fuzzing:
-    """Sends requests, several at once, and counts the answers."""
+    """Sender of several requests at a time, which counts the answers."""
 
     def __init__(self, port: int, rng: random.Random, connections: int) -> None:
         self._port, self._rng, self._connections = port, rng, connections
@@ -96,12 +96,12 @@ class Fuzzing:
 
     async def run(self, number: int, keys: Mapping[str, str]) -> None:
         """Send a number of requests by callers with these keys."""
-        left = number
+        remaining = number
 
         async def work() -> None:
-            nonlocal left
-            while left > 0:
-                left -= 1
+            nonlocal remaining
+            while remaining > 0:
+                remaining -= 1
                 request = make_request(self._rng, keys)
                 self._count(request, await send(self._port, request))
 
@@ -128,43 +128,45 @@ def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
             fuzzing, start_s = Fuzzing(farm.port, random.Random(seed), connections), time.monotonic()
             powerless_keys = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
             powerful_keys = {name: farm.keys[name] for name in ("print", "operate")}
-            before = farm.measure()
+            measures_before = farm.measure()
             warm_up = min(WARM_UP, number // 4)
             asyncio.run(fuzzing.run(warm_up, powerless_keys))
-            warm = farm.measure()
+            measures_warm = farm.measure()
             asyncio.run(fuzzing.run(number * 3 // 4 - warm_up, powerless_keys))
             middle = farm.measure()
             accepted_powerless = fuzzing.accepted
             asyncio.run(fuzzing.run(number - number * 3 // 4, powerful_keys))
-            after = farm.measure()
+            measures_after = farm.measure()
             deadline_s = time.monotonic() + ANSWER_S
-            while after["uploads"] and time.monotonic() < deadline_s:
+            while measures_after["uploads"] and time.monotonic() < deadline_s:
                 time.sleep(1.0)  # a complete upload is inspected even if its sender has disconnected
-                after = farm.measure()
+                measures_after = farm.measure()
             status = json.loads(farm.run("status", "--json"))
         finally:
             farm.run("down", "--now")
     count = max(1, number * 3 // 4 - warm_up)
-    failed = sum(bool(statuses) for statuses, _ in fuzzing.failures)
+    failed_count = sum(bool(statuses) for statuses, _ in fuzzing.failures)
     return {
         "requests": fuzzing.sent,
         "intact": fuzzing.intact,
         "seconds": time.monotonic() - start_s,
         "statuses": dict(sorted(fuzzing.statuses.items())),
-        "failed": failed,
+        "failed": failed_count,
         "unanswered": fuzzing.unanswered,
-        "failures": [(statuses, repr(data[:2000])) for statuses, data in fuzzing.failures[:_SHOWN]],
-        "events_without_right": middle["event"] - before["event"],
+        "failures": [(statuses, repr(data[:2000])) for statuses, data in fuzzing.failures[:_MAX_SHOWN]],
+        "events_without_right": middle["event"] - measures_before["event"],
         "jobs_without_right": middle["job"],
         "prints_without_right": middle["print"],
         "accepted_changes": fuzzing.accepted - accepted_powerless,
-        "new_events": after["event"] - middle["event"],
-        "new_jobs": after["job"],
-        "new_prints": after["print"],
-        "uploads_left": after["uploads"],
-        "new_descriptors": middle["descriptors"] - warm["descriptors"],
-        "grown_mb_per_100000": (middle["resident_mb"] - warm["resident_mb"]) * 100_000 / count,
-        "resident_mb": [sample["resident_mb"] for sample in (before, warm, middle, after)],
+        "new_events": measures_after["event"] - middle["event"],
+        "new_jobs": measures_after["job"],
+        "new_prints": measures_after["print"],
+        "uploads_left": measures_after["uploads"],
+        "new_descriptors": middle["descriptors"] - measures_warm["descriptors"],
+        "grown_mb_per_100000": (middle["resident_mb"] - measures_warm["resident_mb"]) * 100_000 / count,
+        "resident_mb": [
+            sample["resident_mb"] for sample in (measures_before, measures_warm, middle, measures_after)
+        ],
         "printers": {printer["name"]: printer["state"] for printer in status["printers"]},
     }
 

@@ -1,4 +1,4 @@
-"""Share of heights that are exact, by what changes in the layers for it.
+"""Share of heights that are exact, by the layers that are changed.
 
 Usage: python -m bench.heights [--from-mm 5] [--to-mm 205] [--json]
 

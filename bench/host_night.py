@@ -4,7 +4,7 @@
     PYTHONPATH=tests/support python -m bench.host_night --hosts 4 --printers 40 --scale 60 --seed 3
 
 The night of `bench.night` with real services, agents and emulators in a network namespace for each host. At
-random moments a host's service is killed, its network is cut for a time, or the whole host goes off and
+random moments a host's service is killed, its network is cut for a time, or the whole host fails and
 comes back: its agents are killed too, so that its prints fail. While all printers print, the next version
 of farm, installed from its own wheel, is put in use, and the agents are updated to it.
 """
@@ -35,10 +35,10 @@ from installed_version import Versions  # type: ignore[import-not-found]  # in t
 from network_hosts import NetworkHosts  # type: ignore[import-not-found]
 from virtual_network import find_obstacle  # type: ignore[import-not-found]
 
-OLD, NEW = "1.0.0", "1.0.1"
+OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
 UPDATE_SHARE = 0.3  # of the first plates, when the new version is installed
 SHORTEST_S, LONGEST_S = 5.0, 60.0  # wall seconds for which a host is away; one away for 30 is lost
-ENDING_S = 90.0  # wall seconds until a service without a daemon ends: 60, and time to notice
+ENDING_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
 SAMPLE_S = 20.0  # between two samples of CPU time
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
@@ -72,8 +72,8 @@ class PlannedFault:
 def plan_faults(
     count: int, hosts: list[str], spans_s: list[tuple[float, float]], rng: random.Random
 ) -> list[PlannedFault]:
-    """Plan faults of hosts, all kinds as often, over spans of farm seconds; in the order of their times."""
-    kinds = [list(HostFault)[at % len(HostFault)] for at in range(count)]
+    """Plan faults of hosts over spans of farm seconds, each kind equally often, in order of time."""
+    kinds = [list(HostFault)[index % len(HostFault)] for index in range(count)]
     faults = [
         PlannedFault(
             rng.uniform(*rng.choice(spans_s)), kind, rng.choice(hosts), rng.uniform(SHORTEST_S, LONGEST_S)
@@ -84,7 +84,7 @@ def plan_faults(
 
 
 class CpuMeter:
-    """Share of a core that processes take, between samples some seconds apart."""
+    """Share of a core that processes use between samples some seconds apart."""
 
     def __init__(self, list_processes: Callable[[], list[int]]) -> None:
         self._list_processes = list_processes
@@ -93,15 +93,15 @@ class CpuMeter:
         self.shares: list[float] = []
 
     def sample(self) -> None:
-        """Take a sample if it is time; processes that have come or gone since the last one do not count."""
+        """Take a sample if it is due; processes that started or ended since the last one do not count."""
         now_s = time.monotonic()
         passed_s = now_s - self._sampled_s
         if passed_s < SAMPLE_S:
             return
         used_s = {pid: cpu_s for pid in self._list_processes() if (cpu_s := _read_cpu_s(pid)) is not None}
         if self._used_s:
-            both = used_s.keys() & self._used_s.keys()
-            self.shares.append(sum(used_s[pid] - self._used_s[pid] for pid in both) / passed_s)
+            pids_of_both = used_s.keys() & self._used_s.keys()
+            self.shares.append(sum(used_s[pid] - self._used_s[pid] for pid in pids_of_both) / passed_s)
         self._sampled_s, self._used_s = now_s, used_s
 
 
@@ -119,9 +119,9 @@ class HostNight(Night):
         names = [f"pc-{number}" for number in range(1, args.hosts + 1)]
         (folder / "versions").mkdir()
         self.versions = Versions(folder / "versions")
-        for version in (OLD, NEW):
+        for version in (OLD_VERSION, NEW_VERSION):
             self.versions.install(version)
-        self.versions.use(OLD)
+        self.versions.use(OLD_VERSION)
         program = self.versions.link / "bin" / "farm"
         self.hosts = NetworkHosts(folder / "hosts", names, "night", program)
         os.environ["FARM_SSH"] = self.hosts.ssh
@@ -151,7 +151,7 @@ class HostNight(Night):
     def _cause_failures(self, view: api.Status, job: api.JobView) -> None:
         super()._cause_failures(view, job)
         elapsed_s = job.elapsed_s or 0.0
-        if view.daemon.pid != self._daemon_pid:  # a new daemon goes on with no update
+        if view.daemon.pid != self._daemon_pid:  # a new daemon does not continue an update
             self._daemon_pid = view.daemon.pid
             self._update_waits = self._updated_at_s is not None
         if self._update_waits:
@@ -160,7 +160,7 @@ class HostNight(Night):
         self._mend_hosts()
         if self._updated_at_s is None and elapsed_s > UPDATE_SHARE * self.plate_s:
             self._updated_at_s = elapsed_s
-            self.versions.use(NEW)
+            self.versions.use(NEW_VERSION)
             os.kill(view.daemon.pid, signal.SIGKILL)
             self.farm("up")
         while self.faults and elapsed_s >= self.faults[0].at_s:
@@ -169,7 +169,7 @@ class HostNight(Night):
     def _begin_update(self) -> None:
         """Begin the update once all hosts are connected, with services of the new version."""
         hosts = self.client.hosts().hosts
-        if all(host.connected and host.version == NEW for host in hosts):
+        if all(host.connected and host.version == NEW_VERSION for host in hosts):
             self._update_waits = False
             with suppress(FarmError):  # nothing is left to update
                 self.client.update_hosts()
@@ -203,7 +203,7 @@ class HostNight(Night):
             **{kind.replace(" ", "_"): self.faults_done[kind] for kind in HostFault},
             "hosts_lost": events["HostLost"],
             "hosts_back": events["HostConnected"],
-            "agents_updated": sum(self.versions.find(agent.installation) == NEW for agent in agents),
+            "agents_updated": sum(self.versions.find(agent.installation) == NEW_VERSION for agent in agents),
             "agents": len(agents),
             "updated_at_s": round(self._updated_at_s or 0.0),
             "cpu_share": round(sum(shares) / len(shares), 2),
@@ -215,31 +215,31 @@ class HostNight(Night):
         super()._end()
 
     def count_left(self) -> int:
-        """Count the processes that are left on the hosts when their services have had time to end."""
+        """Count the processes that are left on the hosts after their services had time to end."""
         give_up_s = time.monotonic() + ENDING_S
         while self.hosts.list_processes() and time.monotonic() < give_up_s:
             time.sleep(1.0)
         return len(self.hosts.list_processes())
 
     def close(self) -> None:
-        """End what is left, and remove the hosts."""
+        """End the remaining processes, and remove the hosts."""
         for name in self.names:
             if is_running(self._emulator(name)):
                 control(self._emulator(name), Command.POWER_OFF)
         self.hosts.close()
 
 
-def parse_options(words: list[str] | None = None) -> argparse.Namespace:
+def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the options."""
     parser = make_parser(__doc__)
     parser.add_argument("--hosts", type=int, default=4)
     parser.add_argument("--faults", type=int, default=12, help="of hosts")
     parser.set_defaults(printers=40, plates=100, moves=400, scale=60, away_h=3.0, patience_s=1800.0)
-    return parser.parse_args(words)
+    return parser.parse_args(arguments)
 
 
 def run_night(folder: Path, args: argparse.Namespace) -> dict[str, object]:
-    """Run a night in a folder that exists. Returns its figures."""
+    """Run a night in an existing folder. Returns its figures."""
     night = HostNight(folder, args)
     try:
         figures = night.run()

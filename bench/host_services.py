@@ -45,7 +45,7 @@ class HostGroups:
     groups
         Hosts by name of their group.
     has_network
-        Whether each group has a network namespace; otherwise all are on this computer's own network.
+        True: each group has a network namespace; False: all are on this computer's network.
     """
 
     def __init__(self, folder: Path, groups: dict[str, Sequence[str]], has_network: bool) -> None:
@@ -68,15 +68,15 @@ class HostGroups:
 
     @property
     def has_network(self) -> bool:
-        """Return whether packets can be lost and delayed."""
+        """Check whether packets can be lost and delayed."""
         return self._network is not None
 
     def lose(self, *groups: str) -> None:
-        """Let no byte to or from these groups through: their cable is cut, or their computers hang."""
+        """Drop all bytes to and from these groups, as if their cable was cut or their computers hung."""
         self._set_lost(groups, True)
 
     def mend(self, *groups: str) -> None:
-        """Let bytes through again."""
+        """Pass bytes again."""
         self._set_lost(groups, False)
 
     def _set_lost(self, groups: Sequence[str], lost: bool) -> None:
@@ -87,12 +87,12 @@ class HostGroups:
             self._processes[name].send_signal(signal.SIGSTOP if lost else signal.SIGCONT)
 
     def slow_down(self, loss: float, delay_s: float) -> None:
-        """Lose this share of all packets, and delay the others on each way."""
+        """Lose this share of all packets, and delay the others in each direction."""
         assert self._network is not None
         self._network.disturb(*self._processes, loss=loss, delay_s=delay_s)
 
     def break_connections(self) -> None:
-        """Kill what stands for ssh."""
+        """Kill the stand-ins for ssh."""
         pids = self._pids.read_text().split()
         self._pids.unlink()
         for pid in pids:
@@ -109,7 +109,7 @@ class HostGroups:
 
 
 def find_network_obstacle() -> str | None:
-    """Return the reason for which this computer cannot have a network whose packets are lost; else None."""
+    """Return the reason why this computer cannot have a network that loses packets, or None."""
     _find_support()
     from virtual_network import find_obstacle
 
@@ -124,7 +124,7 @@ def _open_network(names: Iterable[str]) -> Network:
 
 
 def _find_support() -> None:
-    """Let the modules that support tests be imported."""
+    """Make the support modules of the tests importable."""
     if str(_SUPPORT) not in sys.path:
         sys.path.append(str(_SUPPORT))
 

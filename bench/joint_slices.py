@@ -27,7 +27,7 @@ from slicing.settings import PartSettings, SettingsRequest, find_engine, find_re
 PRINTER = "ultimaker2_plus"
 BELOW_MM = 0.2  # depth below a face at which its grooves are read
 PITCH = 0.25  # of the points of a letter, on the grid of the letters
-MARGIN = 0.75  # by which they reach over its box
+MARGIN = 0.75  # margin around its box
 READ_SHARE = 0.8  # of the points of an arrow or a dot
 
 
@@ -43,7 +43,7 @@ class PrintedPart:
 
     @property
     def support_mm3(self) -> float:
-        """Material of supports; the printer counts it in mm3."""
+        """Volume of supports in mm3."""
         is_support = self.path.is_feature("SUPPORT") | self.path.is_feature("SUPPORT-INTERFACE")
         is_move = (self.path.start[:, :2] != self.path.end[:, :2]).any(axis=1)  # not after a retraction
         return float(self.path.extruded_mm[is_support & is_move].clip(min=0.0).sum())
@@ -57,30 +57,30 @@ class PrintedPart:
             Leave out all rings but the longest of each layer: those around holes.
         """
         walls = self.walls
-        first = np.flatnonzero(np.diff(walls.run, prepend=-1))
-        first = first[walls.is_closed[first]]
+        starts = np.flatnonzero(np.diff(walls.run, prepend=-1))
+        starts = starts[walls.is_closed[starts]]
         if longest_only:
-            lengths = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[first]]
-            order = first[np.lexsort((-lengths, walls.layer[first]))]
-            first = order[np.diff(walls.layer[order], prepend=-1) > 0]
-        z_mm = self.layout.layer_height_0_mm + self.layout.layer_height_mm * (walls.layer[first] - 0.5)
-        placed = np.column_stack([walls.start[first], z_mm]) - self.to_print[:3, 3]
-        return np.asarray(placed @ np.linalg.inv(self.to_print[:3, :3]).T)
+            lengths = np.bincount(walls.run, np.hypot(*(walls.end - walls.start).T))[walls.run[starts]]
+            order = starts[np.lexsort((-lengths, walls.layer[starts]))]
+            starts = order[np.diff(walls.layer[order], prepend=-1) > 0]
+        z_mm = self.layout.layer_height_0_mm + self.layout.layer_height_mm * (walls.layer[starts] - 0.5)
+        placed_mm = np.column_stack([walls.start[starts], z_mm]) - self.to_print[:3, 3]
+        return np.asarray(placed_mm @ np.linalg.inv(self.to_print[:3, :3]).T)
 
     def is_printed(self, points_mm: Floats) -> Bools:
-        """Tell which points (n, 3) of the joints' frame lie within the outer walls of their layer."""
-        placed = points_mm @ self.to_print[:3, :3].T + self.to_print[:3, 3]
-        layers = 1 + np.floor((placed[:, 2] - self.layout.layer_height_0_mm) / self.layout.layer_height_mm)
+        """Check which points (n, 3) of the joints' frame are within the outer walls of their layer."""
+        placed_mm = points_mm @ self.to_print[:3, :3].T + self.to_print[:3, 3]
+        layers = 1 + np.floor((placed_mm[:, 2] - self.layout.layer_height_0_mm) / self.layout.layer_height_mm)
         layers = layers.clip(0, self.walls.layer.max()).astype(np.int64)
-        inside = np.zeros(len(points_mm), dtype=np.bool_)
+        is_inside = np.zeros(len(points_mm), dtype=np.bool_)
         for layer in np.unique(layers):
-            area = self.walls.build_printed_area(int(layer), _EVERYTHING)
+            area = self.walls.build_printed_area(int(layer), _WHOLE_BED)
             on_layer = layers == layer
-            inside[on_layer] = shapely.contains_xy(area, placed[on_layer, :2])
-        return inside
+            is_inside[on_layer] = shapely.contains_xy(area, placed_mm[on_layer, :2])
+        return is_inside
 
     def is_legible(self, mark: Mark) -> bool:
-        """Read a mark: each letter has to resemble itself most, and arrows and dots have to be there."""
+        """Read a mark: each letter must resemble itself most, and arrows and dots must exist."""
         direction, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
         code, number = mark.text.rstrip("^."), 0
         if code:
@@ -101,8 +101,8 @@ class PrintedPart:
         for n in range(len(code)):
             middle = np.array([ADVANCE * n + GRID_WIDE / 2.0 - text_width(code) / 2.0, 0.0])
             points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
-            missing = ~self.is_printed(points_mm + BELOW_MM * mark.grooves[0].into)
-            yield max(_READABLE, key=lambda letter: _resemble(letter, half_width, missing))
+            is_missing = ~self.is_printed(points_mm + BELOW_MM * mark.grooves[0].into)
+            yield max(_READABLE, key=lambda letter: _resemble(letter, half_width, is_missing))
 
 
 def measure_depth_mm(mark: Mark) -> float:
@@ -114,22 +114,22 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
     """Slice a part in its pose, with the settings of quality `glue`, in the middle of an endless bed."""
     resources = find_resources()
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]))
-    plain = resolve_settings(request, resources)
-    scale = np.array([plain.scale_xy, plain.scale_xy, plain.scale_z])
+    plain_settings = resolve_settings(request, resources)
+    scale = np.array([plain_settings.scale_xy, plain_settings.scale_xy, plain_settings.scale_z])
     vertices, faces = solid.arrays()
-    placed = (vertices - part.to_model[:3, 3]) @ part.to_model[:3, :3] * scale
-    shift = np.array([*-(placed.min(axis=0) + placed.max(axis=0))[:2] / 2.0, -placed[:, 2].min()])
+    placed_mm = (vertices - part.to_model[:3, 3]) @ part.to_model[:3, :3] * scale
+    shift = np.array([*-(placed_mm.min(axis=0) + placed_mm.max(axis=0))[:2] / 2.0, -placed_mm[:, 2].min()])
     settings = resolve_settings(
         request,
         resources,
-        PartSettings(float(np.ptp(placed[:, 2])), part.brim_width_mm, part.layer_0_expansion_mm),
+        PartSettings(float(np.ptp(placed_mm[:, 2])), part.brim_width_mm, part.layer_0_expansion_mm),
     )
-    stl, out = folder / "part.stl", folder / "part.gcode"
-    write_stl(stl, (placed + shift)[faces].astype(np.float32))
+    stl, output = folder / "part.stl", folder / "part.gcode"
+    write_stl(stl, (placed_mm + shift)[faces].astype(np.float32))
     result = slice_plate(
-        PlateRequest(stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED)
+        PlateRequest(stl=stl, settings=settings, output_path=output, engine=find_engine(), bed=ENDLESS_BED)
     )
-    path, layout = read_toolpath(out.read_bytes()), read_wall_layout(settings)
+    path, layout = read_toolpath(output.read_bytes()), read_wall_layout(settings)
     if layout is None:
         raise ValueError("the settings of quality glue have no exact outline")
     centre = tuple(
@@ -143,7 +143,7 @@ def slice_printed(part: Part, solid: Solid, folder: Path) -> PrintedPart:
 
 
 _READABLE = [letter for letter in LETTERS if letter not in ".^"]
-_EVERYTHING = shapely.box(-1e4, -1e4, 1e4, 1e4)
+_WHOLE_BED = shapely.box(-1e4, -1e4, 1e4, 1e4)
 _LETTER_GRID = np.stack(
     np.meshgrid(
         np.arange(-2.0 - MARGIN, 2.0 + MARGIN + PITCH / 2, PITCH),
@@ -155,13 +155,13 @@ _LETTER_GRID = np.stack(
 
 @lru_cache(maxsize=1024)
 def _draw(letter: str, half_width: float) -> Bools:
-    """Return which points of a letter are within its strokes."""
+    """Find the points of a letter that are within its strokes."""
     lines = shapely.union_all([shapely.LineString(stroke) for stroke in draw_strokes(letter)])
     return np.asarray(shapely.contains_xy(lines.buffer(half_width), _LETTER_GRID))
 
 
-def _resemble(letter: str, half_width: float, missing: Bools) -> float:
+def _resemble(letter: str, half_width: float, is_missing: Bools) -> float:
     """Compute the correlation between the missing points of a letter and the strokes of another."""
-    if missing.all() or not missing.any():
+    if is_missing.all() or not is_missing.any():
         return 0.0
-    return float(np.corrcoef(_draw(letter, half_width), missing)[0, 1])
+    return float(np.corrcoef(_draw(letter, half_width), is_missing)[0, 1])

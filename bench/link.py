@@ -129,8 +129,10 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         for i in range(lines)
     )
     with tempfile.TemporaryDirectory() as folder:
-        whole, head, path = (Path(folder) / name for name in ("whole.gcode", "head.gcode", "moves.gcode"))
-        whole.write_text(COMPARISON_HEAD + moves + "M104 S0\n")  # a G28 would be measured with them
+        whole_file, head, path = (
+            Path(folder) / name for name in ("whole.gcode", "head.gcode", "moves.gcode")
+        )
+        whole_file.write_text(COMPARISON_HEAD + moves + "M104 S0\n")  # a G28 would be measured with them
         head.write_text(COMPARISON_HEAD)
         path.write_text(moves)
         printer = Path(folder) / "p"
@@ -138,7 +140,9 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         try:
             for _ in range(COMPARISON_ROUNDS):  # in turn, so that other load affects both
                 url = f"sim://{MODEL}?wire=1"
-                began_s, ended_s, _ = asyncio.run(print_one(printer, Clock(), whole, url, keep_emulator=True))
+                began_s, ended_s, _ = asyncio.run(
+                    print_one(printer, Clock(), whole_file, url, keep_emulator=True)
+                )
                 agent_rates.append(lines / (ended_s - began_s))
                 control(printer / "emulator", "clear_bed")
                 run = [str(python), PEER, printer / "emulator" / "tty", path, head]

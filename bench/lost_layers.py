@@ -1,4 +1,4 @@
-"""Layers taken out of real slices: whole files that are accepted, and damaged ones that are refused.
+"""Acceptance of complete slices, and refusal of slices with missing layers.
 
 ``python -m bench.lost_layers [STL ...] [--cuts N] [--seed N] [--keep FOLDER] [--raw] [--json]``
 
@@ -79,8 +79,8 @@ def _cut_one(layers: list[bytes], rng: random.Random) -> list[bytes]:
 
 
 def _cut_run(layers: list[bytes], rng: random.Random) -> list[bytes]:
-    first = rng.randrange(1, len(layers) - 1)
-    return layers[:first] + layers[rng.randrange(first, len(layers) - 1) + 1 :]
+    first_layer = rng.randrange(1, len(layers) - 1)
+    return layers[:first_layer] + layers[rng.randrange(first_layer, len(layers) - 1) + 1 :]
 
 
 def _cut_many(layers: list[bytes], rng: random.Random) -> list[bytes]:
@@ -110,7 +110,7 @@ CUTS: dict[str, Cut] = {
 
 
 class NoStopwatch:
-    """Stopwatch that measures nothing: acceptance does not depend on it."""
+    """Stopwatch that always reads 0: acceptance does not depend on it."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None: ...
 
@@ -121,7 +121,7 @@ class NoStopwatch:
 
 
 class Slicer:
-    """CuraEngine with the settings of a 2+, and the target that its files are read for."""
+    """CuraEngine with the settings of a 2+, and the print target of its files."""
 
     def __init__(self, raw: bool) -> None:
         self._resources = find_resources()
@@ -132,19 +132,21 @@ class Slicer:
         )
 
     def slice_model(self, mesh: trimesh.Trimesh, overrides: dict[str, str]) -> bytes:
-        """Slice a model, made small enough and put on the bed's centre; empty if the engine fails."""
+        """Scale and centre a model, and slice it; return nothing if the engine fails."""
         mesh = mesh.copy()
         mesh.apply_scale(min(1.0, _SIZE_MM / max(mesh.extents)))
-        low, high = mesh.bounds
-        mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
-        locked = {
+        low_mm, high_mm = mesh.bounds
+        mesh.apply_translation((-(low_mm[0] + high_mm[0]) / 2, -(low_mm[1] + high_mm[1]) / 2, -low_mm[2]))
+        locked_settings = {
             key: value for key, value in overrides.items() if find_reserved_reason(key) or value == "raft"
         }
-        settings = self._resolve({key: value for key, value in overrides.items() if key not in locked})
+        settings = self._resolve(
+            {key: value for key, value in overrides.items() if key not in locked_settings}
+        )
         with tempfile.TemporaryDirectory() as folder:
             stl = Path(folder) / "model.stl"
             mesh.export(stl)
-            stacks = {**settings.global_, **locked}, {**settings.extruder, **locked}
+            stacks = {**settings.global_, **locked_settings}, {**settings.extruder, **locked_settings}
             try:
                 output = run_engine(find_engine(), stl, *stacks, EngineLimits(1000, 300.0))
             except EngineFailed:
@@ -219,7 +221,7 @@ def list_slices(
 
 @dataclass
 class Findings:
-    """Counts of whole and of damaged files by kind of cut, and the files that were judged wrongly."""
+    """Numbers of complete and of damaged files by kind of cut, and the files with a wrong verdict."""
 
     whole: int = 0
     cut: Counter[str] = field(default_factory=Counter)
@@ -230,7 +232,7 @@ class Findings:
     def read_slice(
         self, title: str, gcode: bytes, target: PrintTarget, cuts: int, rng: random.Random
     ) -> None:
-        """Read a file whole, and with layers cut out in every way."""
+        """Read a complete file, and with layers removed in every way."""
         self.whole += 1
         if (reason := find_refusal(gcode, target)) is not None:
             self.false_alarms.append(f"{title}: {reason}")
@@ -238,15 +240,17 @@ class Findings:
         head, layers, end = split_layers(gcode)
         for kind, cut in CUTS.items():
             for _ in range(cuts):
-                remaining = cut(layers, rng)
-                if len(_FEED.findall(b"".join(remaining))) == len(_FEED.findall(b"".join(layers))):
+                remaining_layers = cut(layers, rng)
+                if len(_FEED.findall(b"".join(remaining_layers))) == len(_FEED.findall(b"".join(layers))):
                     continue
                 self.cut[kind] += 1
-                if find_refusal(head + b"".join(remaining) + end, target) is not None:
+                if find_refusal(head + b"".join(remaining_layers) + end, target) is not None:
                     self.refused[kind] += 1
                 else:
-                    lost = (_LAYER.findall(layer) for layer in layers if layer not in remaining)
-                    numbers = ", ".join(number[0].decode() for number in lost)
+                    lost_numbers = (
+                        _LAYER.findall(layer) for layer in layers if layer not in remaining_layers
+                    )
+                    numbers = ", ".join(number[0].decode() for number in lost_numbers)
                     self.undetected.append(f"{title}: {kind}, {len(layers)} layers without {numbers[:40]}")
 
 
@@ -270,12 +274,12 @@ def main() -> None:
     if options.json:
         print(json.dumps({"schema": 1, **asdict(findings)}, indent=1))
         return
-    accepted = findings.whole - len(findings.false_alarms)
-    print(f"whole: {findings.whole}, {accepted} accepted", *findings.false_alarms, sep="\n  ")
+    accepted_count = findings.whole - len(findings.false_alarms)
+    print(f"whole: {findings.whole}, {accepted_count} accepted", *findings.false_alarms, sep="\n  ")
     for kind, count in findings.cut.items():
         print(f"{kind}: {count} files, {findings.refused[kind]} refused")
-    refused = findings.refused.total()
-    print(f"all: {findings.cut.total()} files, {refused} refused", *findings.undetected, sep="\n  ")
+    refused_count = findings.refused.total()
+    print(f"all: {findings.cut.total()} files, {refused_count} refused", *findings.undetected, sep="\n  ")
 
 
 if __name__ == "__main__":

@@ -124,10 +124,10 @@ class Measures:
     def count_bytes(self, commit: Callable[..., None]) -> Callable[..., None]:
         """Count the bytes of each commit, without adding to the time of its event."""
 
-        def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
-            commit(store, event, before, after)
+        def call(store: Store, event: ev.Event, old_books: Books, new_books: Books) -> None:
+            commit(store, event, old_books, new_books)
             start_s = time.thread_time()
-            changed_entities = list_changed_entities(before, after)
+            changed_entities = list_changed_entities(old_books, new_books)
             texts = [entity.model_dump_json(exclude_defaults=True) for entity in changed_entities]
             size = len(event.model_dump_json()) + sum(map(len, texts))
             self.commit_bytes.append(size)

@@ -34,28 +34,28 @@ _WORD = re.compile(r"([XYZEF])(-?[\d.]+)")
 
 def measure_features_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of the moves of each of `KINDS`, by their names."""
-    at, feed, kind = dict.fromkeys("XYZE", 0.0), 1.0, 0
+    position, feed, kind = dict.fromkeys("XYZE", 0.0), 1.0, 0
     moves, kinds, stops = [], [], []
     for line in gcode.splitlines():
         if line.startswith(("G0 ", "G1 ")):
-            words = {letter: float(value) for letter, value in _WORD.findall(line)}
-            feed = words.pop("F", 60.0 * feed) / 60.0
-            delta = [words.get(axis, at[axis]) - at[axis] for axis in "XYZE"]
-            at.update(words)
+            values = {letter: float(value) for letter, value in _WORD.findall(line)}
+            feed = values.pop("F", 60.0 * feed) / 60.0
+            delta = [values.get(axis, position[axis]) - position[axis] for axis in "XYZE"]
+            position.update(values)
             if any(delta):
                 moves.append((*delta, feed))
-                still = delta[0] == delta[1] == 0.0
-                kinds.append(1 if still and delta[3] else kind if delta[3] > 0.0 else 0)
+                is_still = delta[0] == delta[1] == 0.0
+                kinds.append(1 if is_still and delta[3] else kind if delta[3] > 0.0 else 0)
         elif line.startswith("G92 "):
-            at.update({letter: float(value) for letter, value in _WORD.findall(line)})
+            position.update({letter: float(value) for letter, value in _WORD.findall(line)})
         elif line.startswith(";TYPE:"):
             kind = KINDS.index(line[6:])
         elif line.startswith(";LAYER:"):
             stops.append(len(moves))
     stops.append(len(moves))
     seconds = plan_moves_s(np.array(moves), np.array(stops))
-    first = stops[0]
-    sums = np.bincount(np.array(kinds)[first:], weights=seconds[first:], minlength=len(KINDS))
+    first_stop = stops[0]
+    sums = np.bincount(np.array(kinds)[first_stop:], weights=seconds[first_stop:], minlength=len(KINDS))
     return dict(zip(KINDS, sums.tolist(), strict=True))
 
 
@@ -70,9 +70,9 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
     """
     n = len(moves)
     length, nominal, acceleration = np.zeros(n), np.zeros(n), np.zeros(n)
-    most, entry, seconds = np.zeros(n), np.zeros(n), np.zeros(n)
-    speed, before = np.zeros(4), np.zeros(4)
-    stop, last = 0, 0.0
+    limit_mm_s, entry, seconds = np.zeros(n), np.zeros(n), np.zeros(n)
+    speed, previous_speed = np.zeros(4), np.zeros(4)
+    stop, last_mm_s = 0, 0.0
     for i in range(n):
         d = moves[i, :4]
         length[i] = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
@@ -97,26 +97,26 @@ def plan_moves_s(moves: Floats, stops: Ints) -> Floats:
         while stop < len(stops) and stops[stop] < i:
             stop += 1
         at_rest = i == 0 or (stop < len(stops) and stops[stop] == i)
-        if not at_rest and last > 0.0001:
-            jerk = np.sqrt((speed[0] - before[0]) ** 2 + (speed[1] - before[1]) ** 2)
+        if not at_rest and last_mm_s > 0.0001:
+            jerk = np.sqrt((speed[0] - previous_speed[0]) ** 2 + (speed[1] - previous_speed[1]) ** 2)
             if jerk > JERK_MM_S[0]:
                 share = JERK_MM_S[0] / jerk
             for axis in (2, 3):
-                change = abs(speed[axis] - before[axis])
+                change = abs(speed[axis] - previous_speed[axis])
                 if change > JERK_MM_S[axis]:
                     share = min(share, JERK_MM_S[axis] / change)
-            junction = min(last, nominal[i] * share)
-        most[i] = STANDSTILL_MM_S if at_rest else junction
-        last = nominal[i]
-        before[:] = speed
-    after = STANDSTILL_MM_S
+            junction = min(last_mm_s, nominal[i] * share)
+        limit_mm_s[i] = STANDSTILL_MM_S if at_rest else junction
+        last_mm_s = nominal[i]
+        previous_speed[:] = speed
+    next_mm_s = STANDSTILL_MM_S
     for i in range(n - 1, -1, -1):
-        entry[i] = min(most[i], np.sqrt(after**2 + 2.0 * acceleration[i] * length[i]))
-        after = entry[i]
+        entry[i] = min(limit_mm_s[i], np.sqrt(next_mm_s**2 + 2.0 * acceleration[i] * length[i]))
+        next_mm_s = entry[i]
     for i in range(n):
         if i > 0:
-            reached = np.sqrt(entry[i - 1] ** 2 + 2.0 * acceleration[i - 1] * length[i - 1])
-            entry[i] = min(entry[i], reached)
+            reached_mm_s = np.sqrt(entry[i - 1] ** 2 + 2.0 * acceleration[i - 1] * length[i - 1])
+            entry[i] = min(entry[i], reached_mm_s)
     for i in range(n):
         leave = entry[i + 1] if i + 1 < n else STANDSTILL_MM_S
         a, v = acceleration[i], nominal[i]

@@ -25,7 +25,7 @@ from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 ROOT = Path(__file__).parents[1]
 PYTHON = ROOT / ".venv" / "bin" / "python"
 TIMEOUT_S = 600.0
-_NO_FAULT = ("BitOr", "RemoveDecorator")  # in annotations; and of what is registered by a decorator
+_NO_FAULT = ("BitOr", "RemoveDecorator")  # in annotations, and of functions that a decorator registers
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +125,8 @@ def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
         item for item in items if not any(name in item.mutations[0].operator_name for name in _NO_FAULT)
     ]
     sample = {item.job_id for item in rng.sample(candidates, min(count, len(candidates)))}
-    skipped = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
-    db.set_multiple_results([item.job_id for item in items if item.job_id not in sample], skipped)
+    skipped_result = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
+    db.set_multiple_results([item.job_id for item in items if item.job_id not in sample], skipped_result)
 
 
 def main() -> None:
@@ -150,8 +150,8 @@ def main() -> None:
                 print(f"--- {name}: survived\n{diff}")
     print(f"{'room':12} {'made':>5} {'killed':>7} {'survived':>9}")
     for name, results in results_by_group.items():
-        survived = sum(outcome == TestOutcome.SURVIVED.value for outcome, _ in results)
-        print(f"{name:12} {len(results):5} {len(results) - survived:7} {survived:9}")
+        survivor_count = sum(outcome == TestOutcome.SURVIVED.value for outcome, _ in results)
+        print(f"{name:12} {len(results):5} {len(results) - survivor_count:7} {survivor_count:9}")
 
 
 if __name__ == "__main__":

@@ -48,8 +48,8 @@ MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # of farm time: the operator's night begins
-LOOK_S = 0.3  # wall seconds between two looks of the operator
-ANSWER_S = 120.0  # wall seconds for a daemon that was just started, on a busy machine
+LOOK_S = 0.3  # wall seconds between two polls of the operator
+ANSWER_S = 120.0  # wall seconds for the start of a daemon on a busy machine
 
 
 def write_slow_gcode(moves: int, move_s: float) -> str:
@@ -57,13 +57,13 @@ def write_slow_gcode(moves: int, move_s: float) -> str:
     lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28"]
     lines += ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000", "M82", "G92 E0"]
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    fed = 0.0
+    fed_mm = 0.0
     for layer in range(max(1, moves // MOVES_A_LAYER)):
         lines += [f";LAYER:{layer}", f"G0 F9000 X100 Y100 Z{LAYER_MM * (layer + 1):.2f}"]
         for x, y in (*corners[1:], corners[0]):
-            fed += SIDE_MM * E_PER_MM
+            fed_mm += SIDE_MM * E_PER_MM
             speed = 60 * SIDE_MM / move_s
-            lines.append(f"G1 F{speed:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{fed:.4f}")
+            lines.append(f"G1 F{speed:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{fed_mm:.4f}")
     end = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
     return "\n".join([*lines, *end]) + "\n"
 
@@ -85,23 +85,23 @@ class Night:
         self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), complete_section)
         self.plate_s = self._book_job()
         print_numbers = range(1, args.plates + 1)
-        # How many prints have begun when one is to fail, and when a printer is unplugged.
+        # Numbers of started prints at which one fails, and at which a printer is unplugged.
         self.to_fail = sorted(self.rng.sample(print_numbers, max(1, round(args.failing * args.plates))))
         self.to_unplug = self.rng.randint(2, args.printers)
-        # How many plates are printed when the daemon is killed: by the half of them, as often as it is to be.
+        # Numbers of printed plates at which the daemon is killed, within the first half of them.
         self.kills = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
-        self.spoilt: set[tuple[str, str]] = set()  # plates that something went wrong with, and where
+        self.spoilt: set[tuple[str, str]] = set()  # plates with a wrong number of prints, and their printers
         self.unplugged: str | None = None
         self.kills_done = 0
 
     def _write_fleet(self) -> None:
-        now = datetime.now(UTC)
+        now_time = datetime.now(UTC)
         local_rows = [
-            (now - timedelta(hours=1), AWAY_AFTER_S),
-            (now + timedelta(seconds=self.back_after_s), 12 * 3600.0),
+            (now_time - timedelta(hours=1), AWAY_AFTER_S),
+            (now_time + timedelta(seconds=self.back_after_s), 12 * 3600.0),
         ]
         windows = [
-            f"{begins:%H:%M}-{(max(begins, now) + timedelta(seconds=length_s)):%H:%M}"
+            f"{begins:%H:%M}-{(max(begins, now_time) + timedelta(seconds=length_s)):%H:%M}"
             for begins, length_s in local_rows
         ]
         rows = "".join(
@@ -173,13 +173,13 @@ class Night:
 
     # -- the farm ---------------------------------------------------------------------------------------
 
-    def farm(self, *words: str) -> None:
-        command = [*self.command, *words, "--state", str(self.state.root)]
-        if words[0] == "up":
+    def farm(self, *arguments: str) -> None:
+        command = [*self.command, *arguments, "--state", str(self.state.root)]
+        if arguments[0] == "up":
             command += ["--fleet", str(self.fleet_file)]
         process = subprocess.run(command, capture_output=True, text=True, check=False)
         if process.returncode != 0:
-            raise SystemExit(f"farm {' '.join(words)}: {process.stderr}")
+            raise SystemExit(f"farm {' '.join(arguments)}: {process.stderr}")
 
     def run(self) -> dict[str, object]:
         start_s = time.monotonic()
@@ -241,30 +241,32 @@ class Night:
         is_away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
         if is_away:
             return
-        full = {printer.name for printer in view.printers if printer.bed != Bed.CLEAR}
+        full_printers = {printer.name for printer in view.printers if printer.bed != Bed.CLEAR}
         for item in view.todo:
             try:
                 if item.code == "outage":
                     self.client.send_command("/outage/confirm")
                 elif item.code in ("clear", "look", "connect"):
-                    for name in item.printers if item.code == "look" else full.intersection(item.printers):
+                    for name in (
+                        item.printers if item.code == "look" else full_printers.intersection(item.printers)
+                    ):
                         self.client.cleared(name, api.ClearedRequest())
             except FarmError:
-                pass  # it changed meanwhile: the next look shows how
+                pass  # the state changed meanwhile: the next poll shows it
 
     # -- the end ----------------------------------------------------------------------------------------
 
     def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
             books = store.load()
-        good = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
+        good_plates = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
         machines = len(self.names) - (self.unplugged is not None)
         rounds = -(-len(books.plates) // machines)
         return {
             "printers": len(self.names),
             "plates": len(books.plates),
-            "done": len(good),
-            "lost": len(books.plates) - len(good),
+            "done": len(good_plates),
+            "lost": len(books.plates) - len(good_plates),
             "doubled": sum(count > 1 for count in self._count_prints_made(books).values()),
             "failed": sum(p.state is PrintState.FAILED for p in books.prints.values()),
             "daemon_killed": self.kills_done,
@@ -332,9 +334,9 @@ def make_parser(description: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def parse_options(words: list[str] | None = None) -> argparse.Namespace:
+def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the options."""
-    return make_parser(__doc__).parse_args(words)
+    return make_parser(__doc__).parse_args(arguments)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Printing time of parts in their chosen pose, against axis poses and the pose in the model.
+"""Printing time of parts in their chosen pose, compared with axis poses and the pose in the model.
 
 Parts of decomposed models are sliced with CuraEngine: in the chosen pose, with the brim and first layer
 chosen for them and with the quality's; in every axis pose that fits the printer; and in the model's pose. A
@@ -81,9 +81,9 @@ class Row:
     axes_stand: list[bool]
     axes_touched_mm2: list[float]
 
-    def best_axis_s(self, standing: bool = False) -> float | None:
-        times = zip(self.axes_s, self.axes_stand, strict=True)
-        return min((t for t, stands in times if t is not None and (stands or not standing)), default=None)
+    def best_axis_s(self, is_standing: bool = False) -> float | None:
+        poses = zip(self.axes_s, self.axes_stand, strict=True)
+        return min((t for t, stands in poses if t is not None and (stands or not is_standing)), default=None)
 
 
 def list_parts(
@@ -114,14 +114,14 @@ def slice_part(
 ) -> float | None:
     """Slice a part in a pose; return CuraEngine's time in seconds, None if the slice is refused."""
     settings = resolve_settings(REQUEST, find_resources(), part_settings)
-    posed = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
+    posed_part = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         stl = Path(scratch) / "part.stl"
-        write_stl(stl, posed.stl_triangles())
-        out = stl.with_suffix(".gcode")
+        write_stl(stl, posed_part.stl_triangles())
+        path = stl.with_suffix(".gcode")
         try:
             return slice_plate(
-                PlateRequest(stl, settings, out, find_engine(), ENDLESS_BED, cache=cache)
+                PlateRequest(stl, settings, path, find_engine(), ENDLESS_BED, cache=cache)
             ).sliced_s
         except SlicingError as error:
             print(f"refused: {error}", file=sys.stderr)
@@ -134,14 +134,14 @@ def compare(
     """Slice one part in all poses."""
     name, part = named_part
     vertices, faces = part.solid.arrays()
-    cut = find_cut_faces(vertices, faces, part.planes)
+    is_cut = find_cut_faces(vertices, faces, part.planes)
     start_s = perf_counter()
-    best = find_best_pose(vertices, faces, cut, [room], cost)
+    best = find_best_pose(vertices, faces, is_cut, [room], cost)
     compute_s = perf_counter() - start_s
     if best is None:
         raise SystemExit(f"{name} fits in no pose")
-    axes = [measure_pose(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
-    fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
+    axes = [measure_pose(vertices, faces, is_cut, rotation, cost) for rotation in POSE_ROTATIONS]
+    fitting_poses = [pose for pose in axes if room.fits(*pose.size_mm)]
     slice_pose = partial(slice_part, folder, cache, part)
     part_settings = PartSettings(
         None,
@@ -161,9 +161,9 @@ def compare(
         brim_mm=best.brim_width_mm,
         stands=best.stands,
         touched_mm2=best.touched_mm2,
-        axes_s=[slice_pose(pose, ANY_PART) for pose in fitting],
-        axes_stand=[pose.stands for pose in fitting],
-        axes_touched_mm2=[pose.touched_mm2 for pose in fitting],
+        axes_s=[slice_pose(pose, ANY_PART) for pose in fitting_poses],
+        axes_stand=[pose.stands for pose in fitting_poses],
+        axes_touched_mm2=[pose.touched_mm2 for pose in fitting_poses],
     )
 
 
@@ -179,7 +179,7 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
         "schema": 1,
         "to_best_axis": ratios([(r.ours_s, r.best_axis_s()) for r in rows]),
         "to_best_axis_full_brim": ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
-        "to_best_standing_axis": ratios([(r.ours_s, r.best_axis_s(standing=True)) for r in rows]),
+        "to_best_standing_axis": ratios([(r.ours_s, r.best_axis_s(is_standing=True)) for r in rows]),
         "to_as_is": ratios([(r.ours_s, r.as_is_s) for r in rows]),
         "estimate": ratios([(r.price_s, r.ours_s) for r in rows]),
         "stand": sum(r.stands for r in rows),

@@ -1,4 +1,4 @@
-"""Overhang angle from which CuraEngine supports a face, against the cost model.
+"""Overhang angle from which CuraEngine supports a face, compared with the cost model.
 
 Usage: python -m bench.overhangs [--json]
 
@@ -29,7 +29,7 @@ from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_
 CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
 YAWS_DEG = (0.0, 33.0)
 HEIGHT_MM, SIDE_MM = 20.0, 30.0
-START_BELOW_DEG, STEPS = 3.0, 6  # where the search begins, and how often it halves
+START_BELOW_DEG, STEPS = 3.0, 6  # start of the search, and number of its halvings
 
 
 def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
@@ -44,12 +44,12 @@ def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
 
 def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> bool:
     """Check whether CuraEngine prints any support."""
-    stl, out = folder / "block.stl", folder / "block.gcode"
+    stl, path = folder / "block.stl", folder / "block.gcode"
     block.export(stl)
     slice_plate(
-        PlateRequest(stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED)
+        PlateRequest(stl=stl, settings=settings, output_path=path, engine=find_engine(), bed=ENDLESS_BED)
     )
-    return measure_kinds_s(out.read_text(encoding="utf-8"))["support_s"] > 0.0
+    return measure_kinds_s(path.read_text(encoding="utf-8"))["support_s"] > 0.0
 
 
 def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Codes and pin holes of a part, read from the shape in its STL file alone.
+"""Codes and pin holes of a part, read only from the shape in its STL file.
 
 A hole is a ring in a flat face that a pin fits; its depth is where the rim of the pin stops. A code
 is read as a person reads it: strokes at the bottom of grooves, compared with the digits of all codes.
@@ -75,7 +75,11 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
     """
     mesh = trimesh.load_mesh(path)
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    texts = [code for other in other_numbers for code in (f"{own_number}-{other}", f"-{other}")]
+    texts = [
+        code
+        for other_number in other_numbers
+        for code in (f"{own_number}-{other_number}", f"-{other_number}")
+    ]
     coded_faces = []
     for normal, offset_mm, triangles in find_flats(vertices, faces):
         axes = choose_plane_axes(normal)  # text reads from outside
@@ -96,18 +100,18 @@ def find_flats(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, I
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas_mm2 = np.linalg.norm(normals, axis=1) / 2.0
-    free = np.ones(len(faces), dtype=np.bool_)
+    is_free = np.ones(len(faces), dtype=np.bool_)
     for seed in np.argsort(-areas_mm2):
         if areas_mm2[seed] < SEED_MM2:
             return
-        if not free[seed]:
+        if not is_free[seed]:
             continue
         normal = normals[seed] / np.linalg.norm(normals[seed])
         offset_mm = float(corners[seed].mean(axis=0) @ normal)
         in_face = (
-            free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (normals @ normal > 0.0)
+            is_free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (normals @ normal > 0.0)
         )
-        free &= ~in_face
+        is_free &= ~in_face
         if areas_mm2[in_face].sum() >= FACE_MM2:
             yield normal, offset_mm, faces[in_face]
 
@@ -147,17 +151,17 @@ def _read_grooves(
 
 def _probe(corners: Floats, start: Floats, direction: Floats) -> float:
     """Measure the distance from a point to the first triangle (m, 3, 3) in a direction (Moeller-Trumbore)."""
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = np.cross(direction, second)
-    determinant = np.einsum("ij,ij->i", first, p)
-    safe = np.where(np.abs(determinant) > 1e-12, determinant, np.inf)
+    first_edge, second_edge = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    p = np.cross(direction, second_edge)
+    determinant = np.einsum("ij,ij->i", first_edge, p)
+    safe_determinant = np.where(np.abs(determinant) > 1e-12, determinant, np.inf)
     to_start = start - corners[:, 0]
-    u = np.einsum("ij,ij->i", to_start, p) / safe
-    q = np.cross(to_start, first)
-    v = q @ direction / safe
-    distance_mm = np.einsum("ij,ij->i", second, q) / safe
-    hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance_mm > 0.1) & np.isfinite(safe)
-    return float(distance_mm[hit].min()) if hit.any() else np.inf
+    u = np.einsum("ij,ij->i", to_start, p) / safe_determinant
+    q = np.cross(to_start, first_edge)
+    v = q @ direction / safe_determinant
+    distance_mm = np.einsum("ij,ij->i", second_edge, q) / safe_determinant
+    is_hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (distance_mm > 0.1) & np.isfinite(safe_determinant)
+    return float(distance_mm[is_hit].min()) if is_hit.any() else np.inf
 
 
 def _read_codes(
@@ -171,10 +175,11 @@ def _read_codes(
     """Read the codes of a face, each with the direction of its arrow."""
     codes: dict[str, Floats | None] = {}
     depths_mm = offset_mm - vertices @ normal
-    inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
+    is_inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
     for height_mm, groove_mm in SIZES_MM:
         bottom = np.unique(
-            (vertices @ axes.T)[inside & (np.abs(depths_mm - groove_mm + RISE_MM) < RISE_MM + 0.02)], axis=0
+            (vertices @ axes.T)[is_inside & (np.abs(depths_mm - groove_mm + RISE_MM) < RISE_MM + 0.02)],
+            axis=0,
         )
         arrows = [(frame, middle) for frame, middle in _match("^", height_mm, bottom)]
         on_arrow = np.zeros(len(bottom), dtype=np.bool_)
@@ -216,13 +221,15 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
     for a, b in np.argwhere(np.abs(distances - distances_mm[i, j]) < SAME_MM):
         text_direction, point_direction = ends[j] - ends[i], points[b] - points[a]
-        turn = np.arctan2(point_direction[1], point_direction[0]) - np.arctan2(
+        turn_rad = np.arctan2(point_direction[1], point_direction[0]) - np.arctan2(
             text_direction[1], text_direction[0]
         )
-        frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        frame = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
         middle = points[a] - ends[i] @ frame
         gaps = np.linalg.norm((ends @ frame + middle)[:, None] - points[None], axis=2).min(axis=1)
-        if gaps.max() < SAME_MM and all(np.linalg.norm(middle - other) > 1.0 for other in middles):
+        if gaps.max() < SAME_MM and all(
+            np.linalg.norm(middle - other_middle) > 1.0 for other_middle in middles
+        ):
             middles.append(middle)
             yield frame, middle
 
@@ -243,5 +250,5 @@ def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:
 def _unite_triangles(triangles: Floats) -> shapely.Geometry:
     """Unite triangles (n, 3, 2); slits that rounding leaves between them are closed, as they open rings."""
     rings = np.concatenate([triangles, triangles[:, :1]], axis=1)
-    united = shapely.union_all(shapely.polygons(rings), grid_size=1e-3)
-    return united.buffer(SLIT_MM, join_style="mitre").buffer(-SLIT_MM, join_style="mitre")
+    union = shapely.union_all(shapely.polygons(rings), grid_size=1e-3)
+    return union.buffer(SLIT_MM, join_style="mitre").buffer(-SLIT_MM, join_style="mitre")

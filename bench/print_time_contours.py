@@ -1,8 +1,8 @@
-"""Prices of small shapes against their slices: shapes that differ in the number and form of their contours.
+"""Prices and slices of small shapes that differ in the number and form of their contours.
 
 Usage: python -m bench.print_time_contours [--settings paper,even] [--json]
 
-Each shape has one thing that the sum over faces does not know: many islands, fins, legs, holes, bars or
+Each shape has a feature that the sum over faces does not contain: many islands, fins, legs, holes, bars or
 ledges. Whole shapes are sliced as they stand, which takes a second each.
 """
 
@@ -104,14 +104,14 @@ def measure(shape: str, settings: str) -> Row:
     """Price and slice a shape as it stands."""
     vertices, faces = SHAPES[shape]().arrays()
     lo, hi = vertices.min(axis=0), vertices.max(axis=0)
-    placed = vertices - [*(lo + hi)[:2] / 2.0, lo[2]]
+    placed_mm = vertices - [*(lo + hi)[:2] / 2.0, lo[2]]
     cost = CostModel.from_recipe(make_recipe(settings))
-    pose = measure_pose(placed, faces, np.zeros(len(faces), np.bool_), np.eye(3), cost, False)
+    pose = measure_pose(placed_mm, faces, np.zeros(len(faces), np.bool_), np.eye(3), cost, False)
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "shape.stl"
-        write_stl(stl, round_triangles(placed, faces))
-        out = stl.with_suffix(".gcode")
-        request = PlateRequest(stl, resolve_named_settings(settings), out, find_engine(), ENDLESS_BED)
+        write_stl(stl, round_triangles(placed_mm, faces))
+        path = stl.with_suffix(".gcode")
+        request = PlateRequest(stl, resolve_named_settings(settings), path, find_engine(), ENDLESS_BED)
         return Row(shape, settings, pose.price_s, slice_plate(request).sliced_s)
 
 

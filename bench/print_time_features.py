@@ -1,4 +1,4 @@
-"""Seconds of each feature of small parts, by price and by slice: where prices err.
+"""Seconds of each feature of small parts, by price and by slice, to find errors of prices.
 
 Usage: python -m bench.print_time_features [--seeds 1,2] [--qualities glue,paper] [--parts 2]
        [--cache DIR] [--json]
@@ -34,7 +34,7 @@ from slicing.errors import SlicingError
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 SIDE_MM = 180.0
-AT = 0.45  # of each side
+CORNER_SHARE = 0.45  # of each side
 GROUPS = {
     "walls": ("walls",),
     "infill": ("infill", "connections", "steep tops"),
@@ -96,65 +96,71 @@ def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache:
     cost = CostModel.from_recipe(make_recipe("glue"))
     for seed in seeds:
         for kind in KINDS:
-            for which in pieces:
-                kept = cache / f"{kind}-{seed}-{which}.npz"
-                if not kept.exists():
-                    posed = cut_piece(kind, seed, which, cost)
-                    np.savez(kept, corners=posed.corners, cut=posed.cut)
-                with np.load(kept) as stored:
-                    yield Posed(kept.stem, stored["corners"], stored["cut"])
+            for corner in pieces:
+                cache_file = cache / f"{kind}-{seed}-{corner}.npz"
+                if not cache_file.exists():
+                    posed_part = cut_piece(kind, seed, corner, cost)
+                    np.savez(cache_file, corners=posed_part.corners, cut=posed_part.cut)
+                with np.load(cache_file) as arrays:
+                    yield Posed(cache_file.stem, arrays["corners"], arrays["cut"])
 
 
-def cut_piece(kind: str, seed: int, which: str, cost: CostModel) -> Posed:
-    """Cut the low or the high corner off an unseen model, across its two longest axes; lay it down best."""
+def cut_piece(kind: str, seed: int, corner: str, cost: CostModel) -> Posed:
+    """Cut a corner off an unseen model, across its two longest axes, and put it in its best pose."""
     solid = draw_model(kind, seed, SIDE_MM).solid
     lo, hi = solid.bounds_mm
     planes: list[tuple[int, float]] = []
-    if which != "whole":
-        planes = [(int(axis), float(lo[axis] + AT * (hi - lo)[axis])) for axis in np.argsort(lo - hi)[:2]]
+    if corner != "whole":
+        planes = [
+            (int(axis), float(lo[axis] + CORNER_SHARE * (hi - lo)[axis])) for axis in np.argsort(lo - hi)[:2]
+        ]
     for axis, at_mm in planes:
-        solid = solid.split_by_plane(np.eye(3)[axis], at_mm)[which == "high"]
+        solid = solid.split_by_plane(np.eye(3)[axis], at_mm)[corner == "high"]
     vertices, faces = solid.arrays()
-    on = [(np.abs(vertices[faces][:, :, axis] - at_mm) < ON_PLANE_MM).all(axis=1) for axis, at_mm in planes]
-    cut = np.any([*on, np.zeros(len(faces), np.bool_)], axis=0)
-    pose = find_best_pose(vertices, faces, cut, (), cost)
+    is_on_plane = [
+        (np.abs(vertices[faces][:, :, axis] - at_mm) < ON_PLANE_MM).all(axis=1) for axis, at_mm in planes
+    ]
+    is_cut = np.any([*is_on_plane, np.zeros(len(faces), np.bool_)], axis=0)
+    pose = find_best_pose(vertices, faces, is_cut, (), cost)
     assert pose is not None
-    return place("", vertices, faces, cut, pose.to_model[:3, :3].T)
+    return place("", vertices, faces, is_cut, pose.to_model[:3, :3].T)
 
 
-def place(name: str, vertices: Floats, faces: Ints, cut: Bools, rotation: Floats) -> Posed:
+def place(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotation: Floats) -> Posed:
     """Place a mesh on the bed, centred, in single precision as in an STL."""
-    placed = vertices @ rotation.T
-    lo, hi = placed.min(axis=0), placed.max(axis=0)
-    centred = (placed - [*(lo + hi)[:2] / 2.0, lo[2]])[faces]
-    return Posed(name, centred.astype(np.float32).astype(np.float64), cut)
+    placed_mm = vertices @ rotation.T
+    lo, hi = placed_mm.min(axis=0), placed_mm.max(axis=0)
+    centred_mm = (placed_mm - [*(lo + hi)[:2] / 2.0, lo[2]])[faces]
+    return Posed(name, centred_mm.astype(np.float32).astype(np.float64), is_cut)
 
 
-def measure(posed: Posed, quality: str, cache: Path) -> Row | None:
+def measure(posed_part: Posed, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
     recipe = build_recipe(resolve_settings(request, find_resources()), prelude_s=0.0)
-    pose = price_part(posed, CostModel.from_recipe(recipe), quality == "glue")
-    kept = cache / f"{posed.name}-{quality}.json"
-    if not kept.exists():
+    pose = price_part(posed_part, CostModel.from_recipe(recipe), quality == "glue")
+    cache_file = cache / f"{posed_part.name}-{quality}.json"
+    if not cache_file.exists():
         try:
-            kept.write_text(json.dumps(slice_features_s(posed, pose, request, cache)), encoding="utf-8")
+            cache_file.write_text(
+                json.dumps(slice_features_s(posed_part, pose, request, cache)), encoding="utf-8"
+            )
         except SlicingError as error:
-            print(f"{posed.name}: {error}", file=sys.stderr)
+            print(f"{posed_part.name}: {error}", file=sys.stderr)
             return None
-    sliced = json.loads(kept.read_text(encoding="utf-8"))
+    slice_record = json.loads(cache_file.read_text(encoding="utf-8"))
     return Row(
-        posed.name,
+        posed_part.name,
         quality,
         pose.price_s,
-        sliced.pop("sliced"),
-        price_features_s(posed, pose, recipe),
-        sum_groups_s(sliced),
+        slice_record.pop("sliced"),
+        price_features_s(posed_part, pose, recipe),
+        sum_groups_s(slice_record),
     )
 
 
-def price_features_s(posed: Posed, pose: Pose, recipe: Recipe) -> dict[str, float]:
-    """Price each group of terms alone; ``slow`` is what the least time of a layer adds."""
+def price_features_s(posed_part: Posed, pose: Pose, recipe: Recipe) -> dict[str, float]:
+    """Price each group of terms separately; ``slow`` is the time added by the minimum time of a layer."""
     fast = replace(
         recipe, min_layer_s=0.0, brim_mm=recipe.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm
     )
@@ -162,7 +168,7 @@ def price_features_s(posed: Posed, pose: Pose, recipe: Recipe) -> dict[str, floa
     for group, names in GROUPS.items():
         factors = {name: FACTORS[name] if name in names else 0.0 for name in FACTORS}
         cost = CostModel.from_recipe(fast, factors)
-        parts[group] = price_part(posed, cost, fits=False).price_s
+        parts[group] = price_part(posed_part, cost, fits=False).price_s
     return parts | {"slow": pose.price_s - sum(parts.values())}
 
 
@@ -172,22 +178,24 @@ def weld(corners: Floats) -> tuple[Floats, Ints]:
     return vertices, index.reshape(-1, 3).astype(np.int64)
 
 
-def price_part(posed: Posed, cost: CostModel, fits: bool) -> Pose:
-    vertices, faces = weld(posed.corners)
-    return measure_pose(vertices, faces, posed.cut, np.eye(3), cost, fits)
+def price_part(posed_part: Posed, cost: CostModel, fits: bool) -> Pose:
+    vertices, faces = weld(posed_part.corners)
+    return measure_pose(vertices, faces, posed_part.cut, np.eye(3), cost, fits)
 
 
-def slice_features_s(posed: Posed, pose: Pose, request: SettingsRequest, cache: Path) -> dict[str, float]:
+def slice_features_s(
+    posed_part: Posed, pose: Pose, request: SettingsRequest, cache: Path
+) -> dict[str, float]:
     """Slice a part with its own settings; return CuraEngine's seconds, and those of each feature."""
-    chosen = PartSettings(
+    part_settings = PartSettings(
         brim_width_mm=pose.brim_width_mm,
         layer_0_expansion_mm=pose.layer_0_expansion_mm,
         bed_face_hidden=pose.bed_face_hidden,
         tops_hidden=pose.tops_hidden,
     )
-    settings = resolve_settings(request, find_resources(), chosen)
-    stl = cache / f"{posed.name}-{request.quality}.stl"
-    write_stl(stl, posed.corners)
+    settings = resolve_settings(request, find_resources(), part_settings)
+    stl = cache / f"{posed_part.name}-{request.quality}.stl"
+    write_stl(stl, posed_part.corners)
     run = run_engine(find_engine(), stl, settings.global_, settings.extruder, EngineLimits(5000, 900.0))
     stl.unlink()
     text = run.gcode.decode()
@@ -221,11 +229,11 @@ def main() -> None:
     args = parser.parse_args()
     args.cache.mkdir(parents=True, exist_ok=True)
     rows = []
-    for posed in list_parts(
+    for posed_part in list_parts(
         [int(seed) for seed in args.seeds.split(",") if seed], args.pieces.split(","), args.shapes, args.cache
     ):
         for quality in args.qualities.split(","):
-            row = measure(posed, quality, args.cache)
+            row = measure(posed_part, quality, args.cache)
             if row is not None:
                 rows.append(row)
                 if not args.json:

@@ -78,8 +78,8 @@ class Table:
         """Fit the factors to some rows, by the mean absolute relative error."""
         factors = dict.fromkeys(FACTORS, 0.0)
         weight = 1.0 / self.sliced_s[rows]
-        rest = self.sliced_s - sum(self.kinds.values(), np.zeros(len(self.sliced_s)))
-        for names, seconds in [*((KINDS[kind], self.kinds[kind]) for kind in KINDS), (REST, rest)]:
+        rest_s = self.sliced_s - sum(self.kinds.values(), np.zeros(len(self.sliced_s)))
+        for names, seconds in [*((KINDS[kind], self.kinds[kind]) for kind in KINDS), (REST, rest_s)]:
             matrix = np.array([self.terms[name][rows] * weight for name in names]).T
             for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
@@ -90,10 +90,10 @@ class Table:
 
     def errors(self, factors: dict[str, float], tables: bool) -> Floats:
         """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
-        excluded = SUPPORT if tables else (TABLES,)
+        excluded_terms = SUPPORT if tables else (TABLES,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
-            if name not in excluded:
+            if name not in excluded_terms:
                 total += factor * self.terms[name]
                 body += factor * self.bodies[name]
         return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
@@ -122,9 +122,9 @@ def _list_features(row: Row, brim_mm: float) -> Floats:
     additive = [getattr(row, name) for name in ADDITIVE]
     rim = math.sqrt(row.skin_mm2)
     supports = [row.support_mm3, row.support_side_mm2, row.towers_mm, row.islands_mm]
-    # Islands' distances, holes, contours and thin walls were not measured.
-    known = [*additive, row.height_mm, rim, ring, *supports]
-    return np.array(known + [0.0] * (len(FEATURES) - len(known)))
+    # Distances of islands, holes, contours and thin walls were not measured.
+    known_features = [*additive, row.height_mm, rim, ring, *supports]
+    return np.array(known_features + [0.0] * (len(FEATURES) - len(known_features)))
 
 
 def summarise(errors: Floats) -> dict[str, float]:

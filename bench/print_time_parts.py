@@ -38,7 +38,7 @@ ENDLESS_BED = (
     (-500.0, -500.0, 500.0, 500.0, 500.0),
 )  # large enough for every part: only its time is measured
 COUNTS = (4, 9)  # printers, for parts of two sizes
-OTHER_MODEL_MM = 200.0  # longest side of a model from elsewhere
+OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
 EVEN: Mapping[str, Any] = {"gradual_infill_steps": 0}
 
@@ -68,7 +68,7 @@ SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
     ),
 }
 OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
-FULL_SETTINGS = ("even", "paper")  # the other settings take every second part
+FULL_SETTINGS = ("even", "paper")  # the other settings are used for every second part
 FEATURES_S = {
     "WALL-OUTER": "walls_s",
     "WALL-INNER": "walls_s",
@@ -205,9 +205,9 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
                 yield PosedPart(name, label, True, part.stl_triangles())
                 if rng.random() < 0.35:
                     vertices, faces = part.printing_mesh()
-                    turned = vertices @ POSE_ROTATIONS[rng.choice(OTHER_POSES)].T
-                    lo, hi = turned.min(axis=0), turned.max(axis=0)
-                    corners = round_triangles(turned - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
+                    turned_mm = vertices @ POSE_ROTATIONS[rng.choice(OTHER_POSES)].T
+                    lo, hi = turned_mm.min(axis=0), turned_mm.max(axis=0)
+                    corners = round_triangles(turned_mm - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
                     if corners is not None:
                         yield PosedPart(name, f"{label}-turned", False, corners)
 
@@ -231,8 +231,8 @@ def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) ->
     out.unlink()
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     (features,), (extents,) = sum_pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
-    unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
-    support = measure_columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
+    no_marks = np.zeros(len(posed.corners), dtype=np.bool_)
+    support = measure_columns(posed.corners.astype(np.float64), no_marks, cost.overhang_cos)
     figures = [*map(float, features), *map(float, extents)]
     figures += [support.support_mm3, support.support_side_mm2, support.towers_mm, support.islands_mm]
     return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)
@@ -246,12 +246,14 @@ def measure_kinds_s(gcode: str) -> dict[str, float]:
         if line.startswith(";TYPE:"):
             kind = FEATURES_S.get(line[6:], "")
         elif line.startswith(("G0 ", "G1 ", "G92 ")):
-            new = position | {word[0]: float(word[1:]) for word in re.findall(r"[XYZEF]-?[\d.]+", line)}
-            length = math.dist([position[a] for a in "XYZ"], [new[a] for a in "XYZ"])
-            feed = new["F"] / 60.0 or feed
-            if kind and new["E"] > position["E"] and not line.startswith("G92"):
+            next_position = position | {
+                text[0]: float(text[1:]) for text in re.findall(r"[XYZEF]-?[\d.]+", line)
+            }
+            length = math.dist([position[a] for a in "XYZ"], [next_position[a] for a in "XYZ"])
+            feed = next_position["F"] / 60.0 or feed
+            if kind and next_position["E"] > position["E"] and not line.startswith("G92"):
                 seconds[kind] += length / feed
-            position = new
+            position = next_position
     return seconds
 
 

@@ -34,7 +34,7 @@ class _Agent:
     bed_clear: bool = True
 
     def snapshot(self) -> m.Snapshot:
-        busy = self.print is not None and not self.print.phase.ended
+        is_busy = self.print is not None and not self.print.phase.ended
         return m.Snapshot(
             protocol=m.PROTOCOL,
             printer=self.name,
@@ -42,11 +42,11 @@ class _Agent:
             now_s=self.clock.now(),
             model=MODEL,
             port=PORT,
-            link=m.LinkState.BUSY if busy else m.LinkState.READY,
-            nozzle=m.Heater(now_c=self.nozzle_c, target_c=210.0 if busy else 0.0),
-            bed=m.Heater(now_c=60.0 if busy else 25.0, target_c=60.0 if busy else 0.0),
-            heaters_off=not busy,
-            filament=m.Filament.AT_NOZZLE if busy else m.Filament.PARKED,
+            link=m.LinkState.BUSY if is_busy else m.LinkState.READY,
+            nozzle=m.Heater(now_c=self.nozzle_c, target_c=210.0 if is_busy else 0.0),
+            bed=m.Heater(now_c=60.0 if is_busy else 25.0, target_c=60.0 if is_busy else 0.0),
+            heaters_off=not is_busy,
+            filament=m.Filament.AT_NOZZLE if is_busy else m.Filament.PARKED,
             bed_clear=self.bed_clear,
             print=self.print,
         )
@@ -94,7 +94,7 @@ class ProtocolAgents:
 
     @property
     def printing(self) -> list[str]:
-        """The printers with an open print."""
+        """Printers with an open print."""
         return [n for n, a in self._agents.items() if a.print is not None and not a.print.phase.ended]
 
     def is_forgotten(self, name: str) -> bool:
@@ -102,7 +102,7 @@ class ProtocolAgents:
         return self._agents[name].print is None
 
     def begin(self) -> None:
-        """Move every heating print on to its first layer, and report it."""
+        """Advance every heating print to its first layer, and report it."""
         for agent in self._agents.values():
             if agent.print is not None and agent.print.phase is m.PrintPhase.HEATING:
                 agent.server.push(agent.snapshot())
@@ -133,7 +133,7 @@ class ProtocolAgents:
 
         As real ones do, agents report once a second where they print, else every fifth one.
         """
-        names, printing = list(self._agents), set(self.printing)
+        names, printing_agents = list(self._agents), set(self.printing)
         start_s, report_count = time.monotonic(), 0
         while (passed_s := time.monotonic() - start_s) < seconds:
             if condition():
@@ -141,8 +141,8 @@ class ProtocolAgents:
             for key, mask in self._selector.select(0.02):
                 key.data(mask)
             for number in range(report_count, due_count := int(passed_s * len(names))):
-                turn, index = divmod(number, len(names))
-                if names[index] in printing or (turn + index) % _IDLE_TURNS == 0:
+                round_number, index = divmod(number, len(names))
+                if names[index] in printing_agents or (round_number + index) % _IDLE_TURNS == 0:
                     self.report_temperatures(names[index])
             report_count = due_count
         return condition()

@@ -1,4 +1,4 @@
-"""Actual against expected times of finished prints, from the books of a farm.
+"""Actual and expected times of finished prints, from the books of a farm.
 
 For each printer: its successful prints that show its speed, the actual time of their layers over
 CuraEngine's, the `time_factor` learned from them, and the error of the expected time without and with it.
@@ -40,12 +40,12 @@ class Row:
 def list_rows(books: Books) -> Iterator[Row]:
     """Yield a row for each printer with prints that show its speed."""
     for name in sorted(books.printers):
-        ended = sorted(
+        ended_prints = sorted(
             (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),
             key=lambda p: p.ended_s or 0.0,
         )
         factor, ratios, factors_before = 1.0, [], []
-        for attempt in ended:
+        for attempt in ended_prints:
             plate = books.plates[attempt.plate]
             if attempt.started_s is None or attempt.ended_s is None:
                 continue

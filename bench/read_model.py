@@ -1,4 +1,4 @@
-"""CPU and memory that it takes to read a large model, check it and make it a solid.
+"""CPU time and memory for reading a large model, checking it and making it a solid.
 
 Usage: python -m bench.read_model [--million N] [--json]
 

@@ -1,4 +1,4 @@
-"""Time that hidden faces and gradual infill save: parts of unseen models, sliced with and without.
+"""Time that hidden faces and gradual infill save on parts of unseen models.
 
 Usage: python -m bench.savings [--kinds mechanical,organic,bust] [--seed 1] [--side 150] [--printers 6]
        [--quality glue] [--cache DIR] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
@@ -62,22 +62,24 @@ def slice_part(part: Part, request: SettingsRequest, cache: Path | None) -> floa
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "part.stl"
         write_stl(stl, part.stl_triangles())
-        out = stl.with_suffix(".gcode")
-        return slice_plate(PlateRequest(stl, settings, out, find_engine(), ENDLESS_BED, cache=cache)).sliced_s
+        path = stl.with_suffix(".gcode")
+        return slice_plate(
+            PlateRequest(stl, settings, path, find_engine(), ENDLESS_BED, cache=cache)
+        ).sliced_s
 
 
 def measure(kind: str, args: argparse.Namespace) -> list[Row]:
     """Cut a model with and without hidden faces, and slice its parts with and without gradual infill."""
     model = draw_model(kind, args.seed, args.side)
     rows = []
-    for hidden in (False, True):
+    for has_hidden_faces in (False, True):
         for gradual in (False, True):
             request = SettingsRequest(
                 build_slicing_printer(BEDS[PRINTER]), args.quality, overrides={} if gradual else EVEN
             )
             settings = resolve_settings(request, find_resources())
             recipe = build_recipe(settings, prelude_s=0.0)
-            if not hidden:
+            if not has_hidden_faces:
                 recipe = replace(recipe, bed_layers_saved=0.0, top_layers_saved=0.0)
             cost = CostModel.from_recipe(recipe)
             room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
@@ -89,7 +91,7 @@ def measure(kind: str, args: argparse.Namespace) -> list[Row]:
             rows.append(
                 Row(
                     f"{kind}-{args.seed}",
-                    hidden,
+                    has_hidden_faces,
                     gradual,
                     len(sliced_s),
                     sum(part.bed_face_hidden for part in result.parts),
@@ -132,12 +134,12 @@ def main() -> None:
         print(json.dumps([asdict(row) for row in rows], indent=1))
         return
     for group_start in range(0, len(rows), 4):
-        plain = rows[group_start]
+        plain_row = rows[group_start]
         for row in rows[group_start : group_start + 4]:
             print(
                 f"{row.model:14} hidden {row.hidden:1} gradual {row.gradual:1}  {row.parts:2} parts"
-                f"  sum {row.sum_s:7.0f} s {row.sum_s / plain.sum_s - 1.0:+6.1%}"
-                f"  makespan {row.makespan_s:6.0f} s {row.makespan_s / plain.makespan_s - 1.0:+6.1%}"
+                f"  sum {row.sum_s:7.0f} s {row.sum_s / plain_row.sum_s - 1.0:+6.1%}"
+                f"  makespan {row.makespan_s:6.0f} s {row.makespan_s / plain_row.makespan_s - 1.0:+6.1%}"
                 f"  price {row.price_sum_s / row.sum_s - 1.0:+5.1%}"
             )
 

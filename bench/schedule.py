@@ -1,4 +1,4 @@
-"""Time of one scheduling decision, and the forecast of a night against its lower bound.
+"""Time of one scheduling decision, and the forecast of a night compared with its lower bound.
 
 Usage: python -m bench.schedule [--printers N] [--plates N] [--json]
 
@@ -76,12 +76,12 @@ def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
 
 def measure_best_ms(function: Callable[[], object]) -> float:
     """Return the best of three times, in ms."""
-    times = []
+    times_s = []
     for _ in range(3):
         start_s = time.perf_counter()
         function()
-        times.append(time.perf_counter() - start_s)
-    return min(times) * 1000
+        times_s.append(time.perf_counter() - start_s)
+    return min(times_s) * 1000
 
 
 def main() -> None:
@@ -96,9 +96,9 @@ def main() -> None:
     free_rules = StartRules(Hours((), zone), Hours((), zone))
     plates = make_queue(options.plates, random.Random(1))
     busy, idle = make_fleet(options.printers, busy=True), make_fleet(options.printers, busy=False)
-    unlimited = [replace(printer, grams=None) for printer in idle]
+    unlimited_fleet = [replace(printer, grams=None) for printer in idle]
     forecast = forecast_prints(
-        Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited), free_rules, NOW_S)
+        Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited_fleet), free_rules, NOW_S)
     )
     report = {
         "schema": 1,
@@ -108,7 +108,7 @@ def main() -> None:
             lambda: assign_plates(Situation(tuple(plates), tuple(busy), attended_rules, NOW_S))
         ),
         "forecast_ms": measure_best_ms(
-            lambda: forecast_prints(Situation(tuple(plates), tuple(unlimited), free_rules, NOW_S))
+            lambda: forecast_prints(Situation(tuple(plates), tuple(unlimited_fleet), free_rules, NOW_S))
         ),
         "over_bound": (forecast.ends_s - NOW_S) / (forecast.lower_bound_s - NOW_S) - 1,
     }

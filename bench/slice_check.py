@@ -1,4 +1,4 @@
-"""Time of the checks of a slice against CuraEngine's, and their findings on good models.
+"""Time of the checks of a slice compared with CuraEngine's, and their findings on valid models.
 
 Usage: python -m bench.slice_check [STL ...] [--quality glue] [--nozzle 0.4] [--set KEY=VALUE] [--json]
 
@@ -69,16 +69,16 @@ class CpuClock:
 def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> dict[str, Any]:
     """Slice and check a model in the middle of the bed."""
     mesh = mesh.copy()
-    low, high = mesh.bounds
-    mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))
+    low_mm, high_mm = mesh.bounds
+    mesh.apply_translation((-(low_mm[0] + high_mm[0]) / 2, -(low_mm[1] + high_mm[1]) / 2, -low_mm[2]))
     stl = folder / "model.stl"
     mesh.export(stl)
     request = PlateRequest(stl, settings, folder / "model.gcode", find_engine(), ENDLESS_BED)
     start = CpuClock.now()
-    refusal, unprinted, lines = None, (), 0
+    refusal, unprinted_parts, lines = None, (), 0
     try:
         result = slice_plate(request)
-        unprinted = result.unprinted
+        unprinted_parts = result.unprinted
         lines = result.gcode.read_bytes().count(b"\n")
     except SliceRejected as error:
         refusal = str(error)
@@ -92,7 +92,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
         "check_cpu_s": round(check_s, 3),
         "share": round(check_s / engine_s, 3),
         "refused": refusal,
-        "unprinted": [str(wall) for wall in unprinted],
+        "unprinted": [str(wall) for wall in unprinted_parts],
     }
 
 

@@ -35,9 +35,9 @@ class Outcome:
     fault
         Reason why the link gave up; None if it printed to the end.
     exact
-        The firmware made all moves, each once, and head and filament are where the file leaves them.
+        True if the firmware made each move once, and head and filament end at the file's positions.
     altered
-        Lines that were carried out in another form than they were sent, as their checksums matched.
+        Lines that were executed in another form than they were sent, as their checksums matched.
     """
 
     lines: int
@@ -70,13 +70,13 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     began_s = time.process_time()
     is_connected = False
     while fault is None:
-        sent = link.take()
-        if not sent:
+        sent_bytes = link.take()
+        if not sent_bytes:
             due_s = min(firmware.deadline_s(), link.deadline_s)
             now_s = max(now_s + 1e-4, due_s)
         else:
             now_s += 0.002
-        answer = firmware.feed(sent, now_s)
+        answer = firmware.feed(sent_bytes, now_s)
         events = [*((answer and link.receive(answer, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
         if not is_connected and link.phase is Phase.LIVE:
@@ -87,10 +87,10 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
             break
     machine = firmware.machine
     moves = machine.planner.moves - 1  # without the move of the head
-    last = make_move(lines - 1)
+    last_move = make_move(lines - 1)
     is_at_end = (
-        b"E%.4f" % machine.position[3] == last.split()[-1]
-        and b"X%.2f" % machine.position[0] == last.split()[1]
+        b"E%.4f" % machine.position[3] == last_move.split()[-1]
+        and b"X%.2f" % machine.position[0] == last_move.split()[1]
     )
     has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     return Outcome(

@@ -3,7 +3,7 @@
 ``python -m bench.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the emulator's
 firmware in one process, on a clock of their own, print moves of 10 ms; every 30 lines one fault of a kind is
 put on the wire. For each kind it prints the median and the longest time for which the head stood still, and
-whether every line was carried out exactly once.
+whether every line was executed exactly once.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def flip_digit(data: bytes, rng: random.Random) -> bytes:
 
 
 def refuse(age: int) -> Damage:
-    """Add a refusal after an ok, as no board sends it."""
+    """Add a refusal after an ok, which no real board sends."""
 
     def damage(data: bytes, rng: random.Random) -> bytes:
         last = refuse.last - age  # type: ignore[attr-defined]
@@ -86,10 +86,10 @@ class Kind:
 
     Attributes
     ----------
-    there, back
+    to_board, to_host
         Damage to the line, and to the answer; None for none.
     lines
-        Pattern of the lines that are hit.
+        Pattern of the damaged lines.
     """
 
     to_board: Damage | None = None
@@ -169,7 +169,7 @@ class Outcome:
     Attributes
     ----------
     exact
-        Each line was carried out once, and head and filament are where the program leaves them.
+        True if each line was executed once, and head and filament end at the program's positions.
     stalls_s
         For each fault, the seconds for which the head stood still.
     """
@@ -283,7 +283,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     link.poll_every_s = 0.2
     link.on_opened(0.0)
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
-    now_s, is_connected, fault, hit = 0.0, False, None, 0
+    now_s, is_connected, fault, hit_count = 0.0, False, None, 0
     marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
     while fault is None and not (is_connected and link.is_drained):
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
@@ -298,17 +298,19 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
         to_board.put(tamperer.damage_line(link.take()), now_s)
-        if tamperer.hit > hit and len(marks_s) <= faults:
-            hit = tamperer.hit
+        if tamperer.hit > hit_count and len(marks_s) <= faults:
+            hit_count = tamperer.hit
             marks_s.append((now_s, firmware.printing_s))
     stalls_s = tuple(
-        max(0.0, later[0] - earlier[0] - (later[1] - earlier[1])) for earlier, later in pairwise(marks_s)
+        max(0.0, next_mark[0] - mark[0] - (next_mark[1] - mark[1])) for mark, next_mark in pairwise(marks_s)
     )
     machine = firmware.machine
     is_at_end = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
     has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
-    expected, received = [*HEAD, *program], firmware.received
-    is_exact = received == expected[: len(received)] and len(received) > len(expected) - len(TAIL)
+    expected_lines, received_lines = [*HEAD, *program], firmware.received
+    is_exact = received_lines == expected_lines[: len(received_lines)] and len(received_lines) > len(
+        expected_lines
+    ) - len(TAIL)
     return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeated)
 
 

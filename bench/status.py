@@ -46,8 +46,8 @@ from farm.state import Books
 from farm.state.storage import Store
 
 PARTS = 9
-PRINTING_JOBS = 10  # jobs that are being printed, and as many that wait for a verdict
-WAITING_JOBS = 20  # jobs with no plate begun
+PRINTING_JOBS = 10  # number of jobs that print, and of jobs that wait for a verdict
+WAITING_JOBS = 20  # jobs without a started plate
 HOUR_S = 3600.0
 BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
@@ -105,7 +105,7 @@ def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
     )  # fmt: skip
 
 
-async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[str, float | int]:
+async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[str, float | int]:
     """Measure the seconds of an answer, and its size."""
     names = [f"um2-{i:03d}" for i in range(1, printers + 1)]
     port = "sim://ultimaker2_plus"
@@ -137,14 +137,14 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
         await app({**scope, "state": {"person": person}}, receive, send)
 
     async with httpx.AsyncClient(transport=httpx.ASGITransport(as_person), base_url="http://farm") as client:
-        for _ in range(times + 1):
+        for _ in range(rounds + 1):
             start, cpu = time.perf_counter(), time.process_time()
             answer = await client.get("/status")
             took_s.append(time.perf_counter() - start)
             cpu_s.append(time.process_time() - cpu)
             assert answer.status_code == 200, answer.text
     workers.close()
-    took_s = sorted(took_s[1:])  # the first one compiles the answer's form
+    took_s = sorted(took_s[1:])  # the first one compiles the schema
     return {
         "printers": printers,
         "jobs": jobs,

@@ -37,7 +37,7 @@ BOUNDARY = b"------------------------9b1418d19f570849"
 
 
 def make_request(farm: WebFarm, key: str, size: int, form: bool) -> tuple[bytes, bytes, bytes]:
-    """Return the head of the request with all before the file, and all after the file."""
+    """Return the bytes of the request before the file, and after it."""
     head_bytes, tail_bytes = b"", b""
     if form:
         path, kind = "/api/files/local", b"multipart/form-data; boundary=" + BOUNDARY

@@ -31,7 +31,11 @@ class WebFarm:
     def __init__(self, folder: Path, printers: Sequence[str] = ("um2-01",)) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
-        compilation = [sys.executable, "-m", "decompose.compilation"]  # or the first model waits for it
+        compilation = [
+            sys.executable,
+            "-m",
+            "decompose.compilation",
+        ]  # otherwise the first model waits for it
         subprocess.run(compilation, check=True, stdout=subprocess.DEVNULL)
         self.state, self.fleet = folder / "state", folder / "fleet.yaml"
         rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in printers]

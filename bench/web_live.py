@@ -43,7 +43,7 @@ _WARM_UP_S = 3.0
 
 
 class RealClock:
-    """The host's clock."""
+    """Clock of the host."""
 
     scale = 1.0
 
@@ -75,7 +75,7 @@ def make_snapshot(name: str, print_id: str | None, progress_s: float) -> AgentSn
 
 
 async def serve(folder: Path, printers: int, pipe: Connection) -> None:
-    """Serve until a message ends it; send the port and two keys, then the CPU seconds on request."""
+    """Serve until a message ends the server; send the port and two keys, then the CPU seconds on request."""
     state = StateFolder(folder)
     state.make()
     names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
@@ -160,7 +160,7 @@ def start_server(printers: int) -> Iterator[Server]:
 
 def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
     """Receive streams for a time; return the bytes."""
-    received, selector = 0, selectors.DefaultSelector()
+    received_bytes, selector = 0, selectors.DefaultSelector()
     for number in range(viewers):
         client = socket.create_connection(("127.0.0.1", port))
         head = f"GET /live HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {keys[number % len(keys)]}\r\n\r\n"
@@ -169,10 +169,10 @@ def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         for key, _ in selector.select(0.2):
-            received += len(key.fileobj.recv(2**18))  # type: ignore[union-attr]
+            received_bytes += len(key.fileobj.recv(2**18))  # type: ignore[union-attr]
     for key in list(selector.get_map().values()):
         key.fileobj.close()  # type: ignore[union-attr]
-    return received
+    return received_bytes
 
 
 def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
@@ -183,11 +183,11 @@ def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
         time.sleep(seconds / 2)
         idle_share = (server.read_cpu_s() - idle_s) / (time.monotonic() - begin_s)
         before_s, begin_s = server.read_cpu_s(), time.monotonic()
-        received = view(server.port, server.keys, viewers, seconds)
+        received_bytes = view(server.port, server.keys, viewers, seconds)
         share = (server.read_cpu_s() - before_s) / (time.monotonic() - begin_s)
     return {
         "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": share,
-        "core_share_without_viewers": idle_share, "bytes_per_viewer_s": received / viewers / seconds,
+        "core_share_without_viewers": idle_share, "bytes_per_viewer_s": received_bytes / viewers / seconds,
         "load": os.getloadavg()[0],
     }  # fmt: skip
 

@@ -43,7 +43,7 @@ _LARGE = 10**9
 
 
 def list_incomplete_requests(key: str) -> list[bytes]:
-    """List incomplete requests, as hanging clients send them."""
+    """List incomplete requests of hanging clients."""
     head = f"Host: localhost\r\nX-Api-Key: {key}\r\n"
     status = f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\n{head}\r\n"
     upload = f"POST {NETWORK_PREFIX}/jobs?request_id=12345678&name=a.stl&size={_LARGE} HTTP/1.1\r\n{head}"
@@ -108,7 +108,7 @@ class HangingClients:
 def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     """Request the status until a message stops it; send the milliseconds of each answer, and the failures."""
     local_ms: list[float] = []
-    request_count = failed = 0
+    request_count = failed_count = 0
     next_s = 0.0
     url, headers = f"http://127.0.0.1:{port}{NETWORK_PREFIX}/status", {"x-api-key": key}
     transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
@@ -122,9 +122,9 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
                 try:
                     httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
                 except httpx.HTTPError:
-                    failed += 1
+                    failed_count += 1
             time.sleep(ASK_S)
-    pipe.send((local_ms, request_count, failed))
+    pipe.send((local_ms, request_count, failed_count))
 
 
 def read_printer(farm: WebFarm) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
             clients.hang(seconds)
             descriptors = len(list(Path(f"/proc/{farm.pid}/fd").iterdir()))
             receiver.send(None)
-            local_ms, request_count, failed = receiver.recv()
+            local_ms, request_count, failed_count = receiver.recv()
             asker.join()
             printer_after = read_printer(farm)
             start_s = time.monotonic()
@@ -179,7 +179,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
         "status_p99_ms": local_ms[int(0.99 * len(local_ms))],
         "status_worst_ms": local_ms[-1],
         "network_asked": request_count,
-        "network_failures_share": failed / max(1, request_count),
+        "network_failures_share": failed_count / max(1, request_count),
         "new_agents": int(printer_before["agent_pid"] != printer_after["agent_pid"]),
         "printer_lost": int(printer_after["print"] is None),
         "end_s": end_s,
@@ -195,11 +195,13 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     _, descriptor_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
-    needed = args.connections + _SPARE_DESCRIPTORS
+    needed_descriptors = args.connections + _SPARE_DESCRIPTORS
     resource.setrlimit(
         resource.RLIMIT_NOFILE,
         (
-            needed if descriptor_limit == resource.RLIM_INFINITY else min(needed, descriptor_limit),
+            needed_descriptors
+            if descriptor_limit == resource.RLIM_INFINITY
+            else min(needed_descriptors, descriptor_limit),
             descriptor_limit,
         ),
     )

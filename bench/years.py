@@ -42,7 +42,7 @@ DAY_S = 86400.0
 BEGIN_S = 1_790_000_000.0
 PARTS = 8
 PICTURE_BYTES = 17_000  # the mean of its parts
-STORED_BEFORE_S = 7200.0  # wall seconds: files that were just stored are kept
+STORED_BEFORE_S = 7200.0  # wall seconds for which stored files are kept
 NIGHT = {
     "model": [1009943],
     "stl": [703584, 484884, 408684, 480384, 511284, 579384, 311584, 446084],
@@ -97,7 +97,7 @@ def list_job_events(
     number
         The job.
     at_s
-        When it is submitted, in farm seconds.
+        Time of its submission in farm seconds.
     names
         Its files in the store, by kind.
     printers
@@ -185,7 +185,7 @@ class Year:
     def measure(self) -> dict[str, Any]:
         """Return the sizes at the end of the year; the store is closed."""
         files, books = list_files(self.state.files), self.controller.books
-        events, missing = len(self.store.events()), list_named_files(books) - files.keys()
+        events, missing_files = len(self.store.events()), list_named_files(books) - files.keys()
         self.store.close()
         (copy, *_), pruned_jobs = (
             sorted(self.state.backups.iterdir()),
@@ -199,7 +199,7 @@ class Year:
             "events": events,
             "jobs": len(books.jobs),
             "pruned_jobs": len(pruned_jobs),
-            "missing_files": len(missing),
+            "missing_files": len(missing_files),
             "upkeep_s_median": statistics.median(self.prune_s),
             "upkeep_s_worst": max(self.prune_s),
         }
@@ -209,7 +209,7 @@ class NoEffects:
     """Effects of a farm without agents."""
 
     def perform(self, effect: object, books: Books) -> None:
-        """Do nothing: no agent is there, and nobody looks for files by name."""
+        """Do nothing: there is no agent, and no file is searched by name."""
 
 
 def measure_job(state: StateFolder, number: int) -> dict[str, list[int]]:
@@ -252,13 +252,13 @@ def main() -> None:
         print(json.dumps(measure_job(StateFolder(args.measure), 1)))
         return
     logging.disable()
-    everything = {"days": 1e6, "gb": 1e6}
+    no_limits = {"days": 1e6, "gb": 1e6}
     figures = {
         "night_gb": args.jobs * sum(map(sum, NIGHT.values())) / 1e9,
         "nights": args.nights,
         "printers": PARTS * args.jobs,
         "kept": run(args.nights, {"days": args.days, "gb": args.gb}, args.jobs),
-        "everything": run(args.nights, everything, args.jobs),
+        "everything": run(args.nights, no_limits, args.jobs),
     }
     if args.json:
         print(json.dumps(figures))

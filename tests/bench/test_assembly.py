@@ -48,16 +48,16 @@ def test_parts_under_each_others_names_are_noticed(folder: Path, tmp_path: Path)
     assert outcome.misread > 0 and outcome.right < outcome.steps
 
 
-def make_socket(depths_mm: list[float], up: float) -> Socket:
+def make_socket(depths_mm: list[float], up_z: float) -> Socket:
     at_mm = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
     return Socket(
-        at_mm, np.array(depths_mm), np.tile([0.0, 0.0, up], (2, 1)), {}, np.zeros(2, dtype=np.bool_)
+        at_mm, np.array(depths_mm), np.tile([0.0, 0.0, up_z], (2, 1)), {}, np.zeros(2, dtype=np.bool_)
     )
 
 
 def test_pins_of_unequal_depth_leave_one_way_and_equal_ones_two() -> None:
-    unequal = [make_socket([7.0, 4.0], up) for up in (1.0, -1.0)]
-    equal = [make_socket([7.0, 7.0], up) for up in (1.0, -1.0)]
+    unequal = [make_socket([7.0, 4.0], up_z) for up_z in (1.0, -1.0)]
+    equal = [make_socket([7.0, 7.0], up_z) for up_z in (1.0, -1.0)]
     assert len(list(find_placements(*unequal, [13.0, 7.0]))) == 1
     assert len(list(find_placements(*equal, [13.0, 13.0]))) == 2
     further = replace(unequal[1], at_mm=1.1 * unequal[1].at_mm)
@@ -67,7 +67,7 @@ def test_pins_of_unequal_depth_leave_one_way_and_equal_ones_two() -> None:
 
 
 def test_keys_of_two_lengths_leave_one_way_and_go_into_no_holes() -> None:
-    holes = [make_socket([4.05, 2.55], up) for up in (1.0, -1.0)]
+    holes = [make_socket([4.05, 2.55], up_z) for up_z in (1.0, -1.0)]
     grooves = [replace(socket, is_groove=np.ones(2, dtype=np.bool_)) for socket in holes]
     assert len(list(find_placements(*grooves, [], [8.0, 5.0]))) == 1
     assert list(find_placements(*holes, [], [8.0, 5.0])) == []

@@ -29,7 +29,9 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
         "relevel_parts",
         "slice_part",
     ]
-    tasks = [{"what": what, "begin_s": float(at), "cpu_s": 10.0 + at} for at, what in enumerate(order)]
+    tasks = [
+        {"what": kind, "begin_s": float(index), "cpu_s": 10.0 + index} for index, kind in enumerate(order)
+    ]
     assert list_stages(tasks[::-1]) == [
         {"decompose_job": [10.0]},
         {"slice_part": [11.0, 12.0, 14.0], "draw_job": [13.0]},
@@ -48,7 +50,7 @@ def test_the_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
         ("draw_some_steps", 6.0),
         ("draw_job", 2.0),
     ]
-    quick = [{what: times for what, times in stage.items() if "draw" not in what} for stage in STAGES]
+    quick = [{kind: times for kind, times in stage.items() if "draw" not in kind} for stage in STAGES]
     assert sum_path(find_critical_path(quick)) == pytest.approx(30.0 + 5.0 + 15.0 + 4.0)
 
 
@@ -63,11 +65,14 @@ def test_the_table_of_a_page_is_replaced():
     figures = {"duration_s": 12.34, "bound_s": 11.0, "efficiency": 0.5, "cpu_ms_per_task": 17.6}
     figures |= {"late_ms": 9.9, "one_draws_s": 15.5, "ratio": 0.8}
     runs = [{"workers": n, "jobs": 2, "tasks": 30, **figures} for n in (4, 16)]
-    once = replace_table(page, "replay", REPLAY_COLUMNS, runs)
-    assert once.startswith("# Page\n<!-- bench/cluster.py replay -->\n| workers | jobs |")
-    assert once.endswith("|\n<!-- end of replay -->\nrest\n")
-    assert "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms | 10 ms | 16 s | 0.80 |\n" in once and "old" not in once
-    assert replace_table(once, "replay", REPLAY_COLUMNS, runs) == once
+    new_page = replace_table(page, "replay", REPLAY_COLUMNS, runs)
+    assert new_page.startswith("# Page\n<!-- bench/cluster.py replay -->\n| workers | jobs |")
+    assert new_page.endswith("|\n<!-- end of replay -->\nrest\n")
+    assert (
+        "| 16 | 2 | 30 | 12 s | 11 s | 50% | 18 ms | 10 ms | 16 s | 0.80 |\n" in new_page
+        and "old" not in new_page
+    )
+    assert replace_table(new_page, "replay", REPLAY_COLUMNS, runs) == new_page
 
 
 def test_rounds_are_summed_up_for_each_fault():
@@ -85,8 +90,8 @@ def test_rounds_are_summed_up_for_each_fault():
         },
         {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
     ]
-    cut, killed = sum_up_faults(rounds)
+    cut, killed_row = sum_up_faults(rounds)
     assert (cut["rounds"], cut["least_s"], cut["most_s"], cut["same"], cut["here"]) == (2, 50.0, 60.0, 1, 1)
-    assert (killed["fault"], killed["same"], killed["right"]) == ("kill worker", 1, 8)
-    assert (cut["more"], killed["more"]) == (0, 2)
-    assert (cut["in_mid_job"], killed["in_mid_job"]) == (2, 0)
+    assert (killed_row["fault"], killed_row["same"], killed_row["right"]) == ("kill worker", 1, 8)
+    assert (cut["more"], killed_row["more"]) == (0, 2)
+    assert (cut["in_mid_job"], killed_row["in_mid_job"]) == (2, 0)

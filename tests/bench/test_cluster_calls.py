@@ -9,7 +9,7 @@ import pytest
 import portable_work as work
 from bench import cluster_calls, decompose, savings, unseen
 from bench.cluster_calls import add_cluster_options, count_calls, open_calls
-from dask_cluster import HERE
+from dask_cluster import INSTALLATION
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.errors import FarmError
@@ -43,18 +43,20 @@ def source(tmp_path):
 def test_calls_are_made_here_without_a_scheduler(tmp_path, source):
     with open_calls(parse()) as call:
         assert call(work.copy, source, tmp_path / "out")["copy"].read_bytes() == b"solid"
-    with open_calls(parse(), here=lambda function, *args: args) as call:
+    with open_calls(parse(), local_call=lambda function, *args: args) as call:
         assert call(work.copy, 1, 2) == (1, 2)
     assert count_calls(parse(), 3) == 3
 
 
 def test_calls_go_to_the_cluster_with_their_files_and_errors(tmp_path, source, monkeypatch):
-    executor = TaskExecutor("w1", tmp_path, SameProcess(), HERE)
-    asked = []
+    executor = TaskExecutor("w1", tmp_path, SameProcess(), INSTALLATION)
+    requests = []
 
-    def connect(own, scheduler, certificates):
-        asked.append((scheduler, certificates))
-        return ClusterPool(own, scheduler, HERE, lambda on_workers, _: InlineLink(executor, on_workers))
+    def connect(local_pool, scheduler, certificates):
+        requests.append((scheduler, certificates))
+        return ClusterPool(
+            local_pool, scheduler, INSTALLATION, lambda on_workers, _: InlineLink(executor, on_workers)
+        )
 
     class NoProcesses(SameProcess):
         def __init__(self, *_):
@@ -71,5 +73,5 @@ def test_calls_go_to_the_cluster_with_their_files_and_errors(tmp_path, source, m
         with pytest.raises(FarmError, match="this model is hollow"):
             call(work.fail, source, tmp_path / "out")
     assert (tmp_path / "out" / "copy.txt").read_bytes() == b"solid"
-    assert asked == [("tls://a:8786", tmp_path)] and count_calls(args, 3) > 3
+    assert requests == [("tls://a:8786", tmp_path)] and count_calls(args, 3) > 3
     assert list((tmp_path / "files").iterdir())  # sent to the worker, by its hash

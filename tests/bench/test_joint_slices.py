@@ -37,41 +37,43 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, Print
 def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
     printed: tuple[Connectors, PrintedPart],
 ) -> None:
-    connectors, sliced = printed
+    connectors, sliced_part = printed
     marks = [mark for mark in connectors.marks if mark.part == 0]
     assert [mark.text for mark in marks] == ["1-2^", "-3^"]
-    assert all(sliced.is_legible(mark) for mark in marks)
-    away = [mark for mark in connectors.marks if mark.part == 2]
-    assert away and not any(sliced.is_legible(mark) for mark in away)  # it was not sliced
+    assert all(sliced_part.is_legible(mark) for mark in marks)
+    far_marks = [mark for mark in connectors.marks if mark.part == 2]
+    assert far_marks and not any(sliced_part.is_legible(mark) for mark in far_marks)  # it was not sliced
 
 
 def test_holes_that_lie_and_that_open_on_the_bed_stay_free_of_support(
     printed: tuple[Connectors, PrintedPart],
 ) -> None:
-    connectors, sliced = printed
+    connectors, sliced_part = printed
     directions = {
         round(float(hole.into @ UP)) for pin in connectors.pins for hole in pin.holes if not hole.part
     }
     assert directions == {0, 1}
-    assert sliced.support_mm3 < 0.1  # specks where strokes of the mark on the bed cross; a hole had 1.3 mm3
+    assert (
+        sliced_part.support_mm3 < 0.1
+    )  # specks where strokes of the mark on the bed cross; a hole had 1.3 mm3
 
 
 def test_seams_of_the_outer_wall_hide_in_grooves_of_the_glued_face(
     printed: tuple[Connectors, PrintedPart],
 ) -> None:
-    connectors, sliced = printed
+    connectors, sliced_part = printed
     [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
-    starts_mm = sliced.find_seams(longest_only=True)
-    low, high = gutter.line_mm
-    beside = starts_mm[(starts_mm[:, 2] > low[2]) & (starts_mm[:, 2] < high[2])]
+    starts_mm = sliced_part.find_seams(longest_only=True)
+    start, end = gutter.line_mm
+    beside = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
     assert len(beside) > 40
-    depths_mm, along_mm = low[0] - beside[:, 0], beside[:, 1]  # the grooves of a key or mark hide it too
+    depths_mm, along_mm = start[0] - beside[:, 0], beside[:, 1]  # the grooves of a key or mark hide it too
     is_in_groove = (depths_mm > 0.4) & (depths_mm < 3.0) & (along_mm > 1.2) & (along_mm < 48.8)
     assert is_in_groove.mean() > 0.95
-    assert (np.abs(along_mm - low[1]) < 1.5).mean() > 0.7
+    assert (np.abs(along_mm - start[1]) < 1.5).mean() > 0.7
 
 
 def test_first_layer_of_a_face_that_is_glued_is_narrower(printed: tuple[Connectors, PrintedPart]) -> None:
-    _, sliced = printed
-    first, second = (sliced.walls.start[sliced.walls.layer == layer] for layer in (0, 10))
+    _, sliced_part = printed
+    first, second = (sliced_part.walls.start[sliced_part.walls.layer == layer] for layer in (0, 10))
     assert np.ptp(second, axis=0) - np.ptp(first, axis=0) == pytest.approx(2.0 * NARROWER_MM, abs=0.06)

@@ -28,7 +28,7 @@ def fleet() -> list[PrinterRoom]:
 
 @pytest.fixture(scope="session")
 def ring_with_bar() -> Solid:
-    """Solid of 120 mm with curved and flat faces and a hole, off the axes."""
+    """Make a solid of 120 mm with curved and flat faces and a hole, rotated off the axes."""
     ring = trimesh.creation.torus(40.0, 20.0, major_sections=40, minor_sections=20)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.6, [1.0, 0.5, 0.2]))
     return Solid.union(
@@ -38,7 +38,7 @@ def ring_with_bar() -> Solid:
 
 @pytest.fixture(scope="session")
 def ball() -> Model:
-    """A ball of 300 mm: larger than any printer, thick enough to be hollow."""
+    """Make a ball of 300 mm: larger than any printer, thick enough to be hollow."""
     sphere = trimesh.creation.icosphere(3, 150.0)
     return Model(Solid.from_arrays(sphere.vertices, sphere.faces), (), 1.0)
 

@@ -1,4 +1,4 @@
-"""The size that a refusal advises can be cut, and little more could."""
+"""Size that a refusal advises: it can be cut, a slightly larger one cannot."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def test_advised_size_can_be_cut(
     size_mm: tuple[float, float, float], printers: int, least_mm: int, most_mm: int, cost: CostModel
 ) -> None:
     rooms = [PrinterRoom(str(number), PLUS) for number in range(printers)]
-    with pytest.raises(NoFit, match="give a smaller --longest-side") as refused:
+    with pytest.raises(NoFit, match="give a smaller --longest-side") as error:
         decompose_model(block(size_mm), rooms, OPTIONS, cost)
-    assert refused.value.is_too_large
+    assert error.value.is_too_large
     side_mm = advise_longest_side_mm(block(size_mm), rooms, OPTIONS, cost)
     assert side_mm is not None
     assert least_mm <= side_mm <= most_mm

@@ -23,12 +23,12 @@ def test_expensive_handling_uses_fewer_printers(
     ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
-    most = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(0.0, 0.0))
+    result = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(0.0, 0.0))
     fewest = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(1e5, 1e5))
     assert [p.printer for p in fewest.parts] == [fleet[0].name]
-    assert len(most.parts) > 1
-    assert [p.printers for p in most.curve] == list(range(1, len(fleet) + 1))
-    assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(most.curve))
+    assert len(result.parts) > 1
+    assert [p.printers for p in result.curve] == list(range(1, len(fleet) + 1))
+    assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(result.curve))
 
 
 def test_curve_considers_the_speed_of_printers(
@@ -37,21 +37,24 @@ def test_curve_considers_the_speed_of_printers(
     model = Model(ring_with_bar, (), 1.0)
     printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
     equal, slow = (auto.decompose_auto(model, rooms, COARSE, cost).curve for rooms in (fleet[:2], printers))
-    alone, both = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
-    assert alone == pytest.approx(2.0)
-    assert both == pytest.approx(8.0 / 3.0, rel=0.05)  # as two share it out that are so quick
+    speed_ratio, curve_ratio = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
+    assert speed_ratio == pytest.approx(2.0)
+    assert curve_ratio == pytest.approx(8.0 / 3.0, rel=0.05)  # distributed to two printers of these speeds
 
 
 def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
-    """Model higher than two low printers, which needs three parts in their common room."""
-    low, high = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
+    """Use a model higher than two low printers, which needs three parts in their common room."""
+    low_room, high_room = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
     fine = replace(COARSE, granularity=6)
-    result = auto.decompose_auto(model, [low, high], fine, cost)
+    result = auto.decompose_auto(model, [low_room, high_room], fine, cost)
     assert [point.printers for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
-    lows = [replace(low, name=str(i)) for i in range(3)]
-    curves = [auto.decompose_auto(model, rooms, fine, cost).curve for rooms in ([*lows, high], [high, *lows])]
+    lows = [replace(low_room, name=str(i)) for i in range(3)]
+    curves = [
+        auto.decompose_auto(model, rooms, fine, cost).curve
+        for rooms in ([*lows, high_room], [high_room, *lows])
+    ]
     assert [[point.printers for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]
     assert curves[1][0].makespan_s == result.curve[0].makespan_s
 

@@ -33,7 +33,7 @@ Ends = Callable[[Options], float]
 
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
-    """A result of any engine; its parts do not matter here."""
+    """Make a result; its parts do not matter here."""
     result = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
     return replace(result, sum_s=0.0)
 
@@ -65,7 +65,7 @@ def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
     return Problem(BLOCK, tuple(ROOMS[:printers]), cost, Options(Engine.BEST, **options))  # type: ignore[arg-type]
 
 
-def yaws_deg(result: Decomposition) -> list[float]:
+def list_yaws_deg(result: Decomposition) -> list[float]:
     """Return the model's rotation in each attempt."""
     return [attempt.yaw_deg for attempt in result.attempts]
 
@@ -76,15 +76,18 @@ def compute_far_makespan_s(options: Options) -> float:
     return 1.2 * BOUND_S - finer
 
 
-FIRST = [(Engine.GUILLOTINE, "auto")]
+FIRST_ATTEMPTS = [(Engine.GUILLOTINE, "auto")]
 
 
 def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, compute_far_makespan_s)
     best = find_best(problem(cost), engines)
     grids = [cells for _, cells in engines.engine_grids[1:] if isinstance(cells, int)]
-    turned = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
-    assert engines.engine_grids == FIRST + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
+    turned_attempts = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
+    assert (
+        engines.engine_grids
+        == FIRST_ATTEMPTS + [(Engine.GUILLOTINE, cells) for cells in grids] + turned_attempts
+    )
     shapes = [count_cells(BLOCK.extents_mm, cells) for cells in grids]
     shapes.append(count_cells(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
@@ -112,12 +115,12 @@ def test_no_bound_is_proven_for_a_worse_result(cost: CostModel, result: Decompos
 
 
 def test_other_grids_are_not_tried_for_small_gains(cost: CostModel, result: Decomposition) -> None:
-    """Decomposition in which all printers are busy nearly to the end."""
+    """Use a decomposition in which all printers are busy nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
     best = find_best(problem(cost), engines)
-    assert engines.engine_grids[:1] == FIRST
+    assert engines.engine_grids[:1] == FIRST_ATTEMPTS
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
-    assert yaws_deg(best) == [0.0, *OTHER_YAWS_DEG]
+    assert list_yaws_deg(best) == [0.0, *OTHER_YAWS_DEG]
 
 
 @pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
@@ -132,43 +135,45 @@ def test_only_the_requested_grid_is_tried(
 
 def test_other_grids_are_tried_at_the_best_angle(cost: CostModel, result: Decomposition) -> None:
     def ends_s(options: Options) -> float:
-        return BOUND_S * (1.2 if len(engines.posed_problem) == 1 + len(first) + 2 else 1.3)  # the second yaw
+        return BOUND_S * (
+            1.2 if len(engines.posed_problem) == 1 + len(first_attempts) + 2 else 1.3
+        )  # the second yaw
 
-    first: list[object] = []
+    first_attempts: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
     find_best(problem(cost), engines)
-    first += [cells for _, cells in engines.engine_grids if cells != "auto"]
+    first_attempts += [cells for _, cells in engines.engine_grids if cells != "auto"]
     engines = Engines(result, ends_s)
     best = find_best(problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
-    later = best.attempts[1 + len(first) + len(OTHER_YAWS_DEG) :]
+    later_attempts = best.attempts[1 + len(first_attempts) + len(OTHER_YAWS_DEG) :]
     assert best.makespan_s == 1.2 * BOUND_S
-    assert later
-    assert {attempt.yaw_deg for attempt in later} == {yaw_deg}
+    assert later_attempts
+    assert {attempt.yaw_deg for attempt in later_attempts} == {yaw_deg}
     lengths = [item.model.extents_mm[0] for item in engines.posed_problem]
-    assert lengths[-1] == pytest.approx(lengths[1 + len(first) + 1])
+    assert lengths[-1] == pytest.approx(lengths[1 + len(first_attempts) + 1])
     assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
 
-@pytest.mark.parametrize(("share", "taken"), [(0.995, False), (0.985, True)])
+@pytest.mark.parametrize(("share", "is_taken"), [(0.995, False), (0.985, True)])
 def test_rotated_cuts_need_a_minimum_gain(
-    share: float, taken: bool, cost: CostModel, result: Decomposition
+    share: float, is_taken: bool, cost: CostModel, result: Decomposition
 ) -> None:
-    busy = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
-    engines = Engines(busy, lambda _: BOUND_S * (share if len(engines.posed_problem) > 1 else 1.0))
+    busy_result = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
+    engines = Engines(busy_result, lambda _: BOUND_S * (share if len(engines.posed_problem) > 1 else 1.0))
     best = find_best(problem(cost), engines)
-    assert best.makespan_s == BOUND_S * (share if taken else 1.0)
+    assert best.makespan_s == BOUND_S * (share if is_taken else 1.0)
     assert [a.makespan_s for a in best.attempts[1:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
 
 def test_parts_of_a_rotated_model_are_in_the_original_frame(
     cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A bar that fits two printers only along its own length, so parts are in its own frame."""
+    """Use a bar that fits two printers only along its length, so that parts are in its frame."""
     monkeypatch.setattr(best_module, "OTHER_YAWS_DEG", (30.0, 45.0))
     monkeypatch.setattr(best_module, "OTHER_GRIDS", ())
-    turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
-    bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))
+    rotation = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
+    bar = replace(BLOCK, solid=BLOCK.solid.rotate(rotation))
     options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))
     result = decompose_model(bar, ROOMS[:2], options, cost)
     straight = next(a for a in result.attempts if a.yaw_deg == 45.0)
@@ -183,7 +188,7 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
         np.testing.assert_allclose(back, vertices, atol=1e-4)
         cuts = [n for *n, d in part.planes.tolist() if np.abs(vertices @ n - d).min() < 1e-6]
         assert len(cuts) == 1  # across the bar
-        assert abs(cuts[0] @ turn[:, 0]) == pytest.approx(1.0)
+        assert abs(cuts[0] @ rotation[:, 0]) == pytest.approx(1.0)
 
 
 def test_another_grid_may_have_the_better_result(cost: CostModel, result: Decomposition) -> None:
@@ -205,18 +210,18 @@ def test_result_is_kept_when_a_later_grid_fails(
 ) -> None:
     engines = Engines(result, lambda options: 1.5 * BOUND_S)
 
-    def later_fails(task: Problem) -> Decomposition:
+    def fail_later(task: Problem) -> Decomposition:
         if engines.engine_grids:
             raise error
         return engines(task)
 
-    best = find_best(problem(cost), later_fails)
+    best = find_best(problem(cost), fail_later)
     assert best.makespan_s == 1.5 * BOUND_S
     assert {attempt.reason for attempt in best.attempts[1:]} == {str(error)}
 
 
 def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:
-    """All printers are busy to the end and ten are half as fast; equal speeds would gain a quarter."""
+    """Use printers that are busy to the end, ten of them half as fast; equal speeds would gain a quarter."""
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
     best = find_best(replace(problem(cost), printers=printers), engines)
@@ -236,14 +241,14 @@ def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decompos
 
 
 @pytest.mark.parametrize(
-    ("error", "reported"),
+    ("error", "message"),
     [
         (NoFit("one part too many"), "nothing was found before the budget was spent"),
         (GeometryError(Rule.WALL, "p01", "is too thin"), "p01: is too thin (rule wall)"),
     ],
 )
 def test_broken_rule_is_reported_after_the_budget_was_spent(
-    error: DecomposeError, reported: str, cost: CostModel, result: Decomposition
+    error: DecomposeError, message: str, cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, compute_far_makespan_s, faulty=(Engine.GUILLOTINE,))
 
@@ -254,24 +259,28 @@ def test_broken_rule_is_reported_after_the_budget_was_spent(
         assert task.effort.is_spent()
         raise error
 
-    second = find_best(problem(cost, granularity=8), fail_late).attempts[1]
-    assert second.reason.startswith(reported)
-    assert not second.finished
+    second_attempt = find_best(problem(cost, granularity=8), fail_late).attempts[1]
+    assert second_attempt.reason.startswith(message)
+    assert not second_attempt.finished
 
 
-@pytest.mark.parametrize(("budget_s", "begun"), [(1.4, 1), (1.6, 2), (2.0, 2), (2.6, 3)])
+@pytest.mark.parametrize(("budget_s", "attempt_count"), [(1.4, 1), (1.6, 2), (2.0, 2), (2.6, 3)])
 def test_no_attempt_starts_with_too_little_budget(
-    budget_s: float, begun: int, cost: CostModel, result: Decomposition, monkeypatch: pytest.MonkeyPatch
+    budget_s: float,
+    attempt_count: int,
+    cost: CostModel,
+    result: Decomposition,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Each attempt takes a second, and another one needs half of that."""
+    """Use attempts of a second, of which half must be left for another one."""
     monkeypatch.setattr(best_module, "GRID_SHARE", math.inf)
     engines = Engines(result, compute_far_makespan_s)
     best = find_best(problem(cost, best=BestOptions(budget_s)), engines)
-    assert len(engines.engine_grids) == begun
-    later = best.attempts[begun:]
-    assert later
-    assert not any(a.finished for a in later)
-    assert all("not begun" in a.reason for a in later)
+    assert len(engines.engine_grids) == attempt_count
+    later_attempts = best.attempts[attempt_count:]
+    assert later_attempts
+    assert not any(a.finished for a in later_attempts)
+    assert all("not begun" in a.reason for a in later_attempts)
 
 
 def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, result: Decomposition) -> None:
@@ -285,12 +294,12 @@ def test_parallelobox_is_tried_only_without_a_sound_result(cost: CostModel, resu
 def test_small_budget_refuses_no_model_that_a_finer_grid_parts(
     budget_s: float, faulty: bool, cost: CostModel, result: Decomposition
 ) -> None:
-    """Coarse grids and the other engine have no result, or a faulty one."""
+    """Use coarse grids and another engine without a result, or with a faulty one."""
 
-    def part(posed: Problem) -> Decomposition:
-        coarse = posed.options.granularity != "auto" or posed.options.engine == Engine.PARALLELOBOX
-        fault = (posed.options.engine,) if coarse and faulty else ()
-        return Engines(result, lambda _: math.inf if coarse and not faulty else 1.2 * BOUND_S, fault)(posed)
+    def part(problem: Problem) -> Decomposition:
+        coarse = problem.options.granularity != "auto" or problem.options.engine == Engine.PARALLELOBOX
+        fault = (problem.options.engine,) if coarse and faulty else ()
+        return Engines(result, lambda _: math.inf if coarse and not faulty else 1.2 * BOUND_S, fault)(problem)
 
     best = find_best(problem(cost, best=BestOptions(budget_s)), part)
     assert not best.faults

@@ -1,4 +1,4 @@
-"""Compilation ahead of time: a decomposition compiles nothing more."""
+"""Compilation ahead of time, after which a decomposition compiles no function."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from decompose.results import Decomposition
 COARSE = Options(granularity="vcoarse")
 
 
-def boxes_of(result: Decomposition) -> list[list[float]]:
+def list_boxes(result: Decomposition) -> list[list[float]]:
     return [np.round(p.solid.bounds_mm, 6).ravel().tolist() for p in result.parts]
 
 
@@ -36,9 +36,11 @@ def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], c
     assert result.gap == pytest.approx(result.grid_makespan_s / result.lower_bound_s - 1.0)
     assert result.serial_s <= result.serial_as_is_s
     assert result.coverage.surface_error < 1e-6
-    repeated = decompose_model(ball, fleet, COARSE, cost)
-    assert boxes_of(repeated) == boxes_of(result)
-    assert all((a.to_model == b.to_model).all() for a, b in zip(repeated.parts, result.parts, strict=True))
+    second_result = decompose_model(ball, fleet, COARSE, cost)
+    assert list_boxes(second_result) == list_boxes(result)
+    assert all(
+        (a.to_model == b.to_model).all() for a, b in zip(second_result.parts, result.parts, strict=True)
+    )
 
 
 def test_more_printers_never_take_longer(
@@ -64,11 +66,13 @@ def test_interior_is_omitted_if_that_saves_time(fleet: list[PrinterRoom], cost: 
     printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
     dear = replace(cost, volume_s_mm3=1.0)
     hollow = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, prove=False), dear)
-    full = decompose_model(block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), dear)
+    full_result = decompose_model(
+        block, printers, Options(Engine.GUILLOTINE, 9, Interior.KEEP, prove=False), dear
+    )
     volume = sum(p.solid.volume_mm3 for p in hollow.parts)
     assert volume < 0.95 * block.solid.volume_mm3
-    assert sum(p.solid.volume_mm3 for p in full.parts) == pytest.approx(block.solid.volume_mm3)
-    assert hollow.makespan_s < full.makespan_s
+    assert sum(p.solid.volume_mm3 for p in full_result.parts) == pytest.approx(block.solid.volume_mm3)
+    assert hollow.makespan_s < full_result.makespan_s
 
 
 def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
@@ -87,14 +91,16 @@ def test_price_of_a_detailed_model_is_that_of_a_simpler_copy(
 def test_too_few_printers_are_reported_with_the_required_number(
     ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as raised:
+    with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as error:
         decompose_model(ball, fleet[:2], COARSE, cost)
-    needed = raised.value.printers_needed
-    assert needed is not None
-    assert needed > 2
-    decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(needed)], COARSE, cost)
+    printers_needed = error.value.printers_needed
+    assert printers_needed is not None
+    assert printers_needed > 2
+    decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed)], COARSE, cost)
     with pytest.raises(NoFit):
-        decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(needed - 1)], COARSE, cost)
+        decompose_model(
+            ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed - 1)], COARSE, cost
+        )
     with pytest.raises(NoFit, match="name at least one"):
         decompose_model(ball, [], COARSE, cost)
     with pytest.raises(NoFit, match="no-bed has no room"):
@@ -120,7 +126,7 @@ def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: Cost
 
 
 def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
-    """Two plates 1 mm apart share every cell; the search counts them as two pieces."""
+    """Use two plates 1 mm apart that share every cell; the search counts them as two pieces."""
     plates = Solid.union([Solid.box((0, 0, 0), (60, 60, 5)), Solid.box((0, 0, 6), (60, 60, 11))])
     result = decompose_model(Model(plates, (), 1.0), fleet, Options(granularity=2), cost)
     assert 2 <= len(result.parts) <= 8
@@ -129,17 +135,17 @@ def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: C
 
 
 def test_flat_faces_in_the_middle_are_not_cut(fleet: list[PrinterRoom], cost: CostModel) -> None:
-    """A model with steps at every tenth of the length, where an even grid of ten has its planes."""
+    """Use a model with steps at every tenth of the length, where an even grid of ten has its planes."""
     steps = Solid.union([Solid.box((0, 0, 20 * i), (200 - 20 * i, 80, 20 * i + 20)) for i in range(5)])
     result = decompose_model(Model(steps, (), 1.0), fleet, Options(granularity="regular"), cost)
     assert result.coverage.surface_error < 1e-6
     assert min(np.ptp(p.solid.bounds_mm, axis=0).min() for p in result.parts) > 1.0
 
 
-@pytest.mark.parametrize("bad", ["huge", 0, -3, "1.5", 1000])
-def test_invalid_granularity_is_refused(bad: str | int) -> None:
+@pytest.mark.parametrize("granularity", ["huge", 0, -3, "1.5", 1000])
+def test_invalid_granularity_is_refused(granularity: str | int) -> None:
     with pytest.raises(DecomposeError, match="granularity"):
-        choose_granularity(bad, 4)
+        choose_granularity(granularity, 4)
 
 
 def test_granularity_is_set_by_name_number_or_size() -> None:
@@ -165,7 +171,7 @@ def test_written_parts_fit_together_to_the_model(
     assert book["engine"] == "guillotine"
     assert [item["engine"] for item in book["attempts"]] == [
         "guillotine"
-    ]  # with a sound result no other is tried
+    ]  # after a valid result no other engine is tried
     assert {
         "serial_s",
         "serial_as_is_s",

@@ -29,13 +29,13 @@ def make(*args: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_aqueduct_of_the_paper_is_cut(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
-    first, second = tmp_path / "a.stl", tmp_path / "b.stl"
-    process = make(str(first))
+    first_path, second_path = tmp_path / "a.stl", tmp_path / "b.stl"
+    process = make(str(first_path))
     assert process.returncode == 0, process.stderr
     assert "330 x" in process.stdout
-    make(str(second))
-    assert first.read_bytes() == second.read_bytes()
-    model = load_model(first)
+    make(str(second_path))
+    assert first_path.read_bytes() == second_path.read_bytes()
+    model = load_model(first_path)
     assert model.repairs == ()
     assert model.extents_mm[0] == pytest.approx(330.0)
     assert model.solid.volume_mm3 < 800_000.0

@@ -27,16 +27,16 @@ sizes = st.tuples(*[st.integers(15, 90)] * 3)
 turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
 
 
-def model_of(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turn: tuple[float, ...]) -> Model:
-    """A ball with rotated blocks through it or beside it."""
+def make_model(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turns: tuple[float, ...]) -> Model:
+    """Make a ball with rotated blocks through it or beside it."""
     ball = trimesh.creation.icosphere(1, 55.0)
     solids = [Solid.from_arrays(ball.vertices, ball.faces)]
     solids += [Solid.box(lo, np.add(lo, size)) for lo, size in blocks]
-    matrix = trimesh.transformations.euler_matrix(*turn)[:3, :3]
+    matrix = trimesh.transformations.euler_matrix(*turns)[:3, :3]
     return Model(Solid.union(solids).rotate(matrix), (), 1.0)
 
 
-def inside(points: np.ndarray, solid: Solid) -> np.ndarray:
+def find_points_inside(points: np.ndarray, solid: Solid) -> np.ndarray:
     """Check by winding numbers (van Oosterom and Strackee 1983), independently of the cutting kernel."""
     vertices, faces = solid.arrays()
     a, b, c = (vertices[faces[:, i]] - points[:, None] for i in range(3))
@@ -48,7 +48,7 @@ def inside(points: np.ndarray, solid: Solid) -> np.ndarray:
     return np.asarray(angle.sum(axis=1) > np.pi)
 
 
-def held(result: Decomposition, model: Model, seed: int) -> None:
+def check_laws(result: Decomposition, model: Model, seed: int) -> None:
     """Assert that parts are closed, connected, fit and are disjoint, and that the surface is printed once."""
     for part in result.parts:
         vertices, faces = part.solid.arrays()
@@ -63,14 +63,16 @@ def held(result: Decomposition, model: Model, seed: int) -> None:
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     rng = np.random.default_rng(seed)
     weight = rng.dirichlet([1.0, 1.0, 1.0], 60)
-    on = rng.choice(len(faces), 60, p=mesh.area_faces / mesh.area)
-    points = np.einsum("nk,nkd->nd", weight, mesh.triangles[on]) - 1e-3 * mesh.face_normals[on]
-    deep = inside(points, model.solid)  # not through to the other side at a sharp edge
-    owners = np.sum([inside(points, part.solid) for part in result.parts], axis=0)
+    face_indices = rng.choice(len(faces), 60, p=mesh.area_faces / mesh.area)
+    points = (
+        np.einsum("nk,nkd->nd", weight, mesh.triangles[face_indices]) - 1e-3 * mesh.face_normals[face_indices]
+    )
+    deep = find_points_inside(points, model.solid)  # at a sharp edge, not on the opposite side
+    owners = np.sum([find_points_inside(points, part.solid) for part in result.parts], axis=0)
     assert (owners[deep] == 1).all()
 
 
-def options_of(engine: Engine, interior: Interior, seed: int) -> Options:
+def make_options(engine: Engine, interior: Interior, seed: int) -> Options:
     return Options(
         engine,
         5,
@@ -86,33 +88,33 @@ def options_of(engine: Engine, interior: Interior, seed: int) -> Options:
 @pytest.mark.parametrize("interior", Interior)
 @pytest.mark.parametrize("engine", ENGINES)
 def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostModel) -> None:
-    model = model_of([], (0.3, 0.2, 0.1))
-    held(decompose_model(model, PRINTERS, options_of(engine, interior, 0), cost), model, 0)
+    model = make_model([], (0.3, 0.2, 0.1))
+    check_laws(decompose_model(model, PRINTERS, make_options(engine, interior, 0), cost), model, 0)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @settings(max_examples=1, deadline=None)
 @given(
     blocks=st.lists(st.tuples(corners, sizes), max_size=2),
-    turn=turns,
+    angles=turns,
     seed=st.integers(0, 10**6),
     keep=st.booleans(),
 )
-@example(blocks=[((15, 15, 15), (15, 15, 15))], turn=(0.0, 1.7e-197, -4e-58), seed=0, keep=False)
-@example(blocks=[], turn=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077), seed=0, keep=True)
+@example(blocks=[((15, 15, 15), (15, 15, 15))], angles=(0.0, 1.7e-197, -4e-58), seed=0, keep=False)
+@example(blocks=[], angles=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077), seed=0, keep=True)
 def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     engine: Engine,
     blocks: list[tuple[tuple[int, ...], tuple[int, ...]]],
-    turn: tuple[float, ...],
+    angles: tuple[float, ...],
     seed: int,
     keep: bool,
     cost: CostModel,
 ) -> None:
-    model = model_of(blocks, turn)
+    model = make_model(blocks, angles)
     interior = Interior.KEEP if keep else Interior.LEAVE
     try:
-        result = decompose_model(model, PRINTERS, options_of(engine, interior, seed), cost)
+        result = decompose_model(model, PRINTERS, make_options(engine, interior, seed), cost)
     except NoFit:
-        assert engine is not Engine.GUILLOTINE  # which finds parts wherever there are any
+        assert engine is not Engine.GUILLOTINE  # this engine always finds parts
         return
-    held(result, model, seed)
+    check_laws(result, model, seed)

@@ -20,52 +20,52 @@ ROOM = ((170.0, 170.0, 200.0),)
 box = Solid.box
 
 
-def ball(radius: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
+def make_ball(radius: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
     sphere = trimesh.creation.icosphere(3, radius)
     return Solid.from_arrays(sphere.vertices + np.array(centre), sphere.faces)
 
 
-def nested() -> Solid:
+def make_nested_bodies() -> Solid:
     hollow = box((0, 0, 0), (260, 260, 260)).subtract(box((20, 20, 20), (240, 240, 240)))
     return Solid.union([hollow, box((100, 100, 100), (150, 150, 150))])
 
 
-def touching() -> Solid:
+def make_touching_bodies() -> Solid:
     return Solid.union([box((0, 0, 0), (150, 100, 80)), box((150, 100, 0), (300, 200, 80))])
 
 
-def apart() -> Solid:
+def make_separate_bodies() -> Solid:
     return Solid.union(
-        [box((0, 0, 0), (150, 100, 80)), box((200, 0, 0), (300, 100, 80)), ball(40, (90, 250, 60))]
+        [box((0, 0, 0), (150, 100, 80)), box((200, 0, 0), (300, 100, 80)), make_ball(40, (90, 250, 60))]
     )
 
 
-def sheet() -> Solid:
+def make_sheet() -> Solid:
     return box((0, 0, 0), (400, 300, 2))
 
 
-def wall() -> Solid:
+def make_wall() -> Solid:
     return box((0, 0, 0), (400, 2, 300))
 
 
-def pins() -> Solid:
-    """A slab with pins as thin as a line of filament."""
+def make_pins() -> Solid:
+    """Make a slab with pins as thin as a line of filament."""
     thin = [box((20 * i + 10, 15 * i + 10, 59), (20 * i + 10.3, 15 * i + 10.3, 62)) for i in range(10)]
     return Solid.union([box((0, 0, 0), (300, 200, 60)), *thin])
 
 
-def cube(side: float) -> Callable[[], Solid]:
+def make_cube(side: float) -> Callable[[], Solid]:
     return lambda: box((0, 0, 0), (side, side, side))
 
 
-def pyramid() -> Solid:
-    """A model with steps of 40 mm, which coincide with the planes of a grid of 40 mm."""
+def make_pyramid() -> Solid:
+    """Make a model with steps of 40 mm, which coincide with the planes of a grid of 40 mm."""
     return Solid.union(
         [box((40 * i, 40 * i, 40 * i), (400 - 40 * i, 400 - 40 * i, 40 * i + 40)) for i in range(5)]
     )
 
 
-def pipe() -> Solid:
+def make_pipe() -> Solid:
     return box((0, 0, 0), (300, 300, 300)).subtract(box((1, 1, -1), (299, 299, 301)))
 
 
@@ -78,17 +78,17 @@ def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decom
 @pytest.mark.parametrize(
     ("make", "granularity", "printers"),
     [
-        (nested, 6, 12),
-        (touching, 6, 8),
-        (apart, 6, 8),
-        (sheet, 3, 10),
-        (wall, 3, 10),
-        (pins, 6, 8),
-        (cube(100.0), 5, 8),
-        (cube(200.0), 5, 8),
-        (cube(400.0), 8, 27),
-        (pyramid, 5, 20),
-        (pipe, 5, 16),
+        (make_nested_bodies, 6, 12),
+        (make_touching_bodies, 6, 8),
+        (make_separate_bodies, 6, 8),
+        (make_sheet, 3, 10),
+        (make_wall, 3, 10),
+        (make_pins, 6, 8),
+        (make_cube(100.0), 5, 8),
+        (make_cube(200.0), 5, 8),
+        (make_cube(400.0), 8, 27),
+        (make_pyramid, 5, 20),
+        (make_pipe, 5, 16),
     ],
 )
 def test_whole_models_are_cut_without_faults(
@@ -100,12 +100,12 @@ def test_whole_models_are_cut_without_faults(
     assert result.faults == ()
     assert result.coverage.surface_error < 1e-6
     assert sum(p.solid.volume_mm3 for p in result.parts) <= solid.volume_mm3 * (1.0 + 1e-9)
-    held = [j for j in result.joints if j.area_mm2 >= 25.0]
-    assert len(held) >= len(result.parts) - len(solid.pieces())
+    held_joints = [j for j in result.joints if j.area_mm2 >= 25.0]
+    assert len(held_joints) >= len(result.parts) - len(solid.pieces())
 
 
 def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
-    solid = ball(30.0)
+    solid = make_ball(30.0)
     result = run(solid, cost, 1, 6)
     (part,) = result.parts
     assert part.solid.volume_mm3 == pytest.approx(solid.volume_mm3)
@@ -113,18 +113,18 @@ def test_model_that_fits_one_printer_is_not_cut(cost: CostModel) -> None:
 
 
 def test_sufficient_number_of_printers_is_reported(cost: CostModel) -> None:
-    with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as raised:
-        run(cube(400.0)(), cost, 2, 8)
-    needed = raised.value.printers_needed
-    assert needed is not None
-    assert len(run(cube(400.0)(), cost, needed, 8).parts) <= needed
+    with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as error:
+        run(make_cube(400.0)(), cost, 2, 8)
+    printers_needed = error.value.printers_needed
+    assert printers_needed is not None
+    assert len(run(make_cube(400.0)(), cost, printers_needed, 8).parts) <= printers_needed
 
 
 def test_model_too_large_for_any_fleet_is_reported(cost: CostModel) -> None:
-    """A bed so small that a cell of the finest grid is larger."""
+    """Use a bed that is smaller than a cell of the finest grid."""
     rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
     with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would be enough"):
-        decompose_model(Model(ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
+        decompose_model(Model(make_ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
 
 
 def test_rod_of_100_m_is_refused_before_any_grid_is_laid(
@@ -134,13 +134,13 @@ def test_rod_of_100_m_is_refused_before_any_grid_is_laid(
         raise AssertionError("lays a grid over it")
 
     monkeypatch.setattr("decompose.problem.problem.build_grid", refuse_call)
-    with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as raised:
+    with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as error:
         run(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
-    assert "\n" not in str(raised.value)
-    assert raised.value.printers_needed is None
-    with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as raised:
+    assert "\n" not in str(error.value)
+    assert error.value.printers_needed is None
+    with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as error:
         run(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
-    assert raised.value.printers_needed == 5
+    assert error.value.printers_needed == 5
     far_apart = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
     with pytest.raises(AssertionError, match="lays a grid"):
         run(far_apart, cost, 20, 10)

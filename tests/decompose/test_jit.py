@@ -1,4 +1,4 @@
-"""Machine code is kept until a compiled file changes, also where the sources cannot be written."""
+"""Cache of machine code, kept until a compiled file changes, also if the sources cannot be written."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def test_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
     cost.write_text("from decompose.jit import jit\nPRICE = 1.0\n")
     boxes.write_text("from decompose.jit import jit\nfrom decompose.cost import PRICE\n")
     text.write_text("SAID = 'nothing that is compiled'\n")
-    before = hash_sources(tmp_path)
+    old_hash = hash_sources(tmp_path)
     text.write_text("SAID = 'something else'\n")
-    assert hash_sources(tmp_path) == before
+    assert hash_sources(tmp_path) == old_hash
     cost.write_text("from decompose.jit import jit\nPRICE = 2.0\n")
-    assert hash_sources(tmp_path) != before
+    assert hash_sources(tmp_path) != old_hash
 
 
 @pytest.fixture
@@ -39,21 +39,21 @@ def test_code_is_stored_beside_writable_sources(tmp_path: Path) -> None:
 def test_installed_code_is_copied_for_a_user_who_may_not_write_it(
     tmp_path: Path, read_only: set[Path]
 ) -> None:
-    installed, own_folder = tmp_path / "installed", tmp_path / "home" / "own"
-    (installed / "grid").mkdir(parents=True)
-    (installed / "grid" / "boxes.nbc").write_bytes(b"code")
-    read_only.add(installed)
-    assert find_code_folder(installed, [own_folder]) == own_folder
+    installed_folder, own_folder = tmp_path / "installed", tmp_path / "home" / "own"
+    (installed_folder / "grid").mkdir(parents=True)
+    (installed_folder / "grid" / "boxes.nbc").write_bytes(b"code")
+    read_only.add(installed_folder)
+    assert find_code_folder(installed_folder, [own_folder]) == own_folder
     assert (own_folder / "grid" / "boxes.nbc").read_bytes() == b"code"
     assert [path.name for path in own_folder.parent.iterdir()] == ["own"]
     (own_folder / "grid" / "rays.nbc").write_bytes(b"more")
-    find_code_folder(installed, [own_folder])
+    find_code_folder(installed_folder, [own_folder])
     assert (own_folder / "grid" / "rays.nbc").exists()  # it is not copied again
 
 
 def test_unwritable_home_falls_back_to_a_temporary_folder(tmp_path: Path, read_only: set[Path]) -> None:
     (tmp_path / "file").write_text("no folder")
     read_only.add(tmp_path / "installed")
-    others = [tmp_path / "file" / "own", tmp_path / "scratch"]
-    assert find_code_folder(tmp_path / "installed", others) == tmp_path / "scratch"
-    assert find_code_folder(tmp_path / "installed", others[:1]) is None
+    other_folders = [tmp_path / "file" / "own", tmp_path / "scratch"]
+    assert find_code_folder(tmp_path / "installed", other_folders) == tmp_path / "scratch"
+    assert find_code_folder(tmp_path / "installed", other_folders[:1]) is None

@@ -22,8 +22,8 @@ def test_libraries_are_pinned_by_hashes_and_name_no_host():
     assert all(package["integrity"].startswith("sha512-") for package in packages.values())
     assert "resolved" not in text
     assert "http" not in json.dumps([package.get("version") for package in packages.values()])
-    wanted = json.loads((SOURCES / "package.json").read_text())
-    for name, version in {**wanted["dependencies"], **wanted["devDependencies"]}.items():
+    required = json.loads((SOURCES / "package.json").read_text())
+    for name, version in {**required["dependencies"], **required["devDependencies"]}.items():
         assert packages[f"node_modules/{name}"]["version"] == version
 
 
@@ -40,10 +40,10 @@ def test_installation_goes_on_without_node_and_keeps_no_old_bundle(tmp_path):
     (place / "deploy").mkdir(parents=True)
     shutil.copy(ROOT / SCRIPT, place / "deploy")
     shutil.copytree(SOURCES, place / "farm/web/pages/browser")
-    built = place / "farm/web/pages/built"
-    built.mkdir()
-    (built / "viewer.js").write_text("old")
-    (built / ".sources").write_text("digest of earlier sources")
+    bundle_folder = place / "farm/web/pages/built"
+    bundle_folder.mkdir()
+    (bundle_folder / "viewer.js").write_text("old")
+    (bundle_folder / ".sources").write_text("digest of earlier sources")
     tools = tmp_path / "tools"  # all that the script needs but npm
     tools.mkdir()
     for name in ("bash", "cat", "cp", "cut", "dirname", "env", "mkdir", "rm", "sha256sum"):
@@ -55,4 +55,4 @@ def test_installation_goes_on_without_node_and_keeps_no_old_bundle(tmp_path):
     )
     assert run.returncode == 0, run.stderr
     assert "The pages work without their 3D view" in run.stderr
-    assert not built.exists()
+    assert not bundle_folder.exists()

@@ -19,8 +19,8 @@ class Repository:
 
     def git(self, *arguments: str) -> str:
         command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *arguments]
-        done = subprocess.run(command, cwd=self.folder, check=True, capture_output=True, text=True)
-        return done.stdout.strip()
+        result = subprocess.run(command, cwd=self.folder, check=True, capture_output=True, text=True)
+        return result.stdout.strip()
 
     def commit(self, subject: str) -> str:
         self.git("commit", "--quiet", "--allow-empty", "--no-verify", "-m", subject)
@@ -41,10 +41,10 @@ class Repository:
 def repository(tmp_path: Path) -> Repository:
     folder = tmp_path / "work"
     folder.mkdir()
-    created = Repository(folder)
-    created.git("init", "--quiet")
-    created.begin_rule_at(created.commit("before the rule: " + LONG))
-    return created
+    new_repository = Repository(folder)
+    new_repository.git("init", "--quiet")
+    new_repository.begin_rule_at(new_repository.commit("before the rule: " + LONG))
+    return new_repository
 
 
 def test_subject_of_72_characters_passes(repository: Repository):

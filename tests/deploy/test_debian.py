@@ -46,8 +46,8 @@ def test_the_fleet_file_of_the_package_lists_no_printer_and_opens_no_port():
 def test_every_commented_line_of_the_fleet_file_is_valid(tmp_path: Path):
     text = (DEBIAN / "fleet.yaml").read_text()
     body = text[text.index("fleet:") :].replace("printers: []", "printers:")
-    on = re.sub(r"(?m)^( *)# ?( *)(- \{|web:|attended:)", r"\1\2\3", body)
-    (tmp_path / "fleet.yaml").write_text(on)
+    uncommented = re.sub(r"(?m)^( *)# ?( *)(- \{|web:|attended:)", r"\1\2\3", body)
+    (tmp_path / "fleet.yaml").write_text(uncommented)
     fleet = load_fleet(tmp_path / "fleet.yaml", MODELS)
     assert len(fleet.printers) == 3 and fleet.web is not None and fleet.fleet.attended
 
@@ -71,8 +71,8 @@ def test_every_command_has_a_man_page_that_names_its_options(share: Path):
 def test_man_pages_are_laid_out_without_a_warning(share: Path):
     for page in (share / "man" / "man1").iterdir():
         command = ["groff", "-man", "-ww", "-Tutf8", "-z", str(page)]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        assert done.stderr == ""
+        result = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert result.stderr == ""
 
 
 def test_text_is_escaped_for_roff(command_files: ModuleType):
@@ -82,8 +82,8 @@ def test_text_is_escaped_for_roff(command_files: ModuleType):
 def test_bash_completes_commands_by_the_script_of_the_package(share: Path):
     script = share / "bash-completion" / "completions" / "farm"
     command = f". {script} && complete -p farm"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
-    assert done.stdout.strip().endswith("_farm_completion farm")
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
+    assert result.stdout.strip().endswith("_farm_completion farm")
     assert (share / "zsh" / "vendor-completions" / "_farm").read_text().startswith("#compdef farm")
 
 
@@ -100,8 +100,8 @@ def test_maintainer_scripts_stop_at_an_error_and_touch_no_agent(name: str):
 
 def test_apt_refuses_another_python_and_another_cura():
     [depends] = re.findall(r"^Depends: (.*)$", (DEBIAN / "control").read_text(), re.MULTILINE)
-    for wanted in ("python3 (<< 3.12)", "cura-engine (>= 1:4.13)", "cura-engine (<< 1:4.14)"):
-        assert wanted in depends
+    for required in ("python3 (<< 3.12)", "cura-engine (>= 1:4.13)", "cura-engine (<< 1:4.14)"):
+        assert required in depends
 
 
 def test_running_agents_of_every_user_are_found():

@@ -22,13 +22,13 @@ def labels(tmp_path):
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(PrintState.DONE)
     farm.print_plate(PrintState.PRINTING)
-    found = {}
+    labels_by_name = {}
     for family in text_string_to_metric_families(farm.scrape()):
-        found.setdefault(family.name, set())
-        found.setdefault(f"{family.name}_total", set())
+        labels_by_name.setdefault(family.name, set())
+        labels_by_name.setdefault(f"{family.name}_total", set())
         for sample in family.samples:
-            found.setdefault(sample.name, set()).update(sample.labels)
-    return found
+            labels_by_name.setdefault(sample.name, set()).update(sample.labels)
+    return labels_by_name
 
 
 def test_every_expression_uses_existing_metrics_and_labels(labels):
@@ -37,8 +37,8 @@ def test_every_expression_uses_existing_metrics_and_labels(labels):
     for target in expressions:
         (name,) = set(re.findall(r"\bfarm_[a-z_]+", target["expr"]))
         assert name in labels, name
-        used = {*LABEL.findall(target["expr"]), *re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])}
-        assert not labels[name] or used <= labels[name], (name, used - labels[name])
+        names_used = {*LABEL.findall(target["expr"]), *re.findall(r"\{\{(\w+)\}\}", target["legendFormat"])}
+        assert not labels[name] or names_used <= labels[name], (name, names_used - labels[name])
     assert "printer" in labels["farm_printer_info"]
 
 

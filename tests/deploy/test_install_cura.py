@@ -29,8 +29,8 @@ class TestInstall:
     def test_configured_engine_of_a_supported_version_is_used(self, tmp_path, version):
         host = Host(tmp_path)
         engine = host.engine(version, tmp_path / "mine")
-        given = resources(tmp_path / "cura", version)
-        code, message, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(given))
+        engine_files = resources(tmp_path / "cura", version)
+        code, message, calls = host.run(FARM_CURA_ENGINE=str(engine), FARM_CURA_RESOURCES=str(engine_files))
         assert (code, message, calls) == (0, "", "")
 
     @pytest.mark.parametrize(

@@ -52,13 +52,19 @@ def install(tmp_path: Path):
         (tmp_path / "bin" / name).write_text(f"#!/bin/bash\n{text}\n")
         (tmp_path / "bin" / name).chmod(0o700)
 
-    def run(present: str = "", **more: str) -> str:
+    def run(present: str = "", **variables: str) -> str:
         for name in present.split():
             (tmp_path / "bin" / name).symlink_to("/bin/true")
-        env = {"PATH": f"{tmp_path}/bin", "SBIN": "/none", "STATE": str(tmp_path), "PYTHON": "python", **more}
+        env = {
+            "PATH": f"{tmp_path}/bin",
+            "SBIN": "/none",
+            "STATE": str(tmp_path),
+            "PYTHON": "python",
+            **variables,
+        }
         command = [SCRIPT, tmp_path / "env"]
-        done = subprocess.run(command, env=env, capture_output=True, text=True, check=True, timeout=60)
-        return done.stderr
+        result = subprocess.run(command, env=env, capture_output=True, text=True, check=True, timeout=60)
+        return result.stderr
 
     return run
 
@@ -79,11 +85,11 @@ def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path
         *("libx", "openssh-server", "prometheus", "prusa-slicer", "ser2net", "tcc")
     }
     assert not (tmp_path / "other-calls").exists()
-    unpacked = tmp_path / "env" / "debian" / "usr"
+    unpacked_folder = tmp_path / "env" / "debian" / "usr"
     message = subprocess.check_output([tmp_path / "env" / "bin" / "sshd", "-D", "a b"], text=True, env={})
-    assert message == f"{unpacked}/sbin/sshd {unpacked}/lib -D a b\n"
+    assert message == f"{unpacked_folder}/sbin/sshd {unpacked_folder}/lib -D a b\n"
     message = subprocess.check_output([tmp_path / "env" / "bin" / "tcc", "x.c"], text=True, env={})
-    assert message.endswith(f" -B{unpacked}/lib/tcc x.c\n")
+    assert message.endswith(f" -B{unpacked_folder}/lib/tcc x.c\n")
     assert install() == ""
 
 

@@ -14,7 +14,7 @@ WRONG = re.compile(r"\(\?>|[*+?}]\+")  # an atomic group, a possessive quantifie
 NO_PATTERN = {"k-means++"}
 
 
-def literals(tree: ast.AST) -> Iterator[str]:
+def list_literals(tree: ast.AST) -> Iterator[str]:
     """Yield the strings and bytes of a module except for docstrings."""
     docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
@@ -28,10 +28,10 @@ def is_wrong(text: str) -> bool:
         return False
     try:
         with warnings.catch_warnings(action="ignore"):
-            parsed = repr(re._parser.parse(text).data)  # type: ignore[attr-defined]
+            pattern = repr(re._parser.parse(text).data)  # type: ignore[attr-defined]
     except re.error:
         return True  # a piece of a pattern
-    return "POSSESSIVE_REPEAT" in parsed or "ATOMIC_GROUP" in parsed
+    return "POSSESSIVE_REPEAT" in pattern or "ATOMIC_GROUP" in pattern
 
 
 @pytest.mark.parametrize("text", ["a++", "(a*+b)?", "[0-9]{2}+", "(?>a|ab)c", "(x?+"])
@@ -50,7 +50,7 @@ def test_no_source_has_a_possessive_quantifier_or_an_atomic_group() -> None:
     results = [
         f"{path.relative_to(ROOT)}: {text!r}"
         for path in files
-        for text in literals(ast.parse(path.read_text()))
+        for text in list_literals(ast.parse(path.read_text()))
         if is_wrong(text)
     ]
     assert not results, "match wrongly before Python 3.11.5: " + "; ".join(results)

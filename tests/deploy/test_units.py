@@ -16,7 +16,7 @@ DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS = sorted((DEPLOY / "systemd").glob("*.service"))
 
 
-def without_this_host(text: str) -> str:
+def replace_host_names(text: str) -> str:
     """Return a unit with programs and a user that exist on any host."""
     text = re.sub(r"/opt/farm/\.venv/bin/\w+", "/bin/true", text)
     return text.replace("=farm\n", "=root\n").replace("/opt/farm", "/")
@@ -27,7 +27,7 @@ def test_systemd_accepts_the_units_without_a_warning(tmp_path: Path):
     paths = []
     for unit in UNITS:
         path = tmp_path / unit.name.replace("@.", "@um2-01.")
-        path.write_text(without_this_host(unit.read_text()))
+        path.write_text(replace_host_names(unit.read_text()))
         paths.append(path)
     command = ["systemd-analyze", "verify", "--man=no", *map(str, paths)]
     process = subprocess.run(command, check=False, capture_output=True, text=True)
@@ -58,11 +58,11 @@ def test_service_of_farm_estop_takes_the_listening_socket_of_its_unit(tmp_path: 
         try:
             assert serving.stderr is not None and "Listening" in serving.stderr.readline()
             for _ in range(2):  # the second one by the same process
-                with socket.socket(socket.AF_UNIX) as asking:
-                    asking.settimeout(60.0)
-                    asking.connect(str(path))
-                    asking.sendall(b'{"printers":["um2-01"]}\n')
-                    message = asking.makefile().read()
+                with socket.socket(socket.AF_UNIX) as client:
+                    client.settimeout(60.0)
+                    client.connect(str(path))
+                    client.sendall(b'{"printers":["um2-01"]}\n')
+                    message = client.makefile().read()
                 assert '"over":true' in message and "fleet.yaml" in message
         finally:
             serving.kill()
@@ -124,10 +124,10 @@ def test_modem_manager_ignores_printer_boards_only(subsystem: str, product: str)
     properties = find_properties(event)
     assert (properties["ENV{ID_MM_DEVICE_IGNORE}"], properties["ENV{ID_MM_PORT_IGNORE}"]) == ("1", "1")
     assert properties.get("GROUP") == ("dialout" if subsystem == "tty" else None)
-    for other in (
+    for other_device in (
         {"ATTRS{idVendor}": "1a86"},
         {"ATTRS{idProduct}": "9999"},
         {"ACTION": "remove"},
         {"SUBSYSTEM": "net"},
     ):
-        assert not any(key.startswith("ENV") for key in find_properties(event | other))
+        assert not any(key.startswith("ENV") for key in find_properties(event | other_device))

@@ -50,19 +50,19 @@ def run(environment: Path, host: Host, *arguments: str) -> tuple[int, str]:
 
 def test_wheel_has_all_files_of_the_packages_that_git_has(wheel: Path):
     command = ["git", "ls-files", "farm", "drivers", "decompose", "slicing"]
-    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
-    assert len(listed) > 100
+    git_files = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    assert len(git_files) > 100
     bundle = {f"{BUNDLE}/{path.name}" for path in (ROOT / BUNDLE).glob("[!.]*")}
-    expected = {name for name in listed if not name.startswith(BROWSER_SOURCES)} | bundle
+    expected = {name for name in git_files if not name.startswith(BROWSER_SOURCES)} | bundle
     with zipfile.ZipFile(wheel) as archive:
         assert expected - set(archive.namelist()) == set()
 
 
 def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path):
     host = Host(tmp_path, apt="4.13")
-    _, before = run(environment, host, "doctor")
-    missing = [line for line in before.splitlines() if line.startswith("problem  cura")]
-    assert len(missing) == 2 and all(line.count("farm setup") == 1 for line in missing)
+    _, doctor_before = run(environment, host, "doctor")
+    missing_items = [line for line in doctor_before.splitlines() if line.startswith("problem  cura")]
+    assert len(missing_items) == 2 and all(line.count("farm setup") == 1 for line in missing_items)
 
     code, output = run(environment, host, "setup")
     assert code == 0, output
@@ -70,10 +70,10 @@ def test_setup_installs_what_the_doctor_misses(environment: Path, tmp_path: Path
     assert f"its settings are in {settings}" in output
     assert "install -y -qq --no-install-recommends cura-engine" in host.calls
 
-    _, after = run(environment, host, "doctor")
-    assert "problem  cura" not in after
-    assert f"ok       cura: {settings}" in after
-    assert f"ok       code: the planning code is compiled in {environment}" in after
+    _, doctor_after = run(environment, host, "doctor")
+    assert "problem  cura" not in doctor_after
+    assert f"ok       cura: {settings}" in doctor_after
+    assert f"ok       code: the planning code is compiled in {environment}" in doctor_after
 
 
 def test_setup_names_missing_packages_without_apt(environment: Path, tmp_path: Path):

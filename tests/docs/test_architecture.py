@@ -10,7 +10,7 @@ PACKAGES = ("farm", "drivers", "decompose", "slicing")
 MOST_WORDS = 30
 
 
-def rows(title: str) -> list[list[str]]:
+def list_rows(title: str) -> list[list[str]]:
     """List the cells of the table under a heading, without its first two lines."""
     section = TEXT.split(f"## {title}\n")[1].split("\n## ")[0]
     lines = [line for line in section.splitlines() if line.startswith("|")]
@@ -23,7 +23,7 @@ def test_every_folder_has_its_row() -> None:
         for package in PACKAGES
         for init in (ROOT / package).rglob("__init__.py")
     }
-    folder_names = [cells[0].strip("`") for cells in rows("Folders")]
+    folder_names = [cells[0].strip("`") for cells in list_rows("Folders")]
     assert sorted(folder_names) == sorted(folders)
 
 
@@ -33,7 +33,7 @@ def test_no_cell_is_longer_than_thirty_words() -> None:
 
 
 def test_every_word_of_the_glossary_is_in_the_code() -> None:
-    for term, _, name in rows("Words"):
+    for term, _, name in list_rows("Words"):
         module, _, member = name.strip("`").rpartition(".")
         if member[0].isupper():
             assert hasattr(importlib.import_module(module), member), term

@@ -18,42 +18,42 @@ COMMANDS = {
     name: {option for param in command.params for option in (*param.opts, *param.secondary_opts)} | {"--help"}
     for name, command in load_commands(app).items()
 }
-TYPED = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^`\n]*)?)", re.MULTILINE)
+COMMAND = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^`\n]*)?)", re.MULTILINE)
 
 
-def mistakes_in(text: str) -> list[str]:
+def list_mistakes(text: str) -> list[str]:
     """List the commands and options in a page that the program does not have."""
     results = []
-    for name, rest in TYPED.findall(text):
+    for name, arguments in COMMAND.findall(text):
         if name not in COMMANDS:
             results.append(f"farm {name}")
             continue
-        options = re.findall(r"(?<![\w-])--[a-z][a-z-]*", re.split(r";|&&|#|\|", rest)[0])
+        options = re.findall(r"(?<![\w-])--[a-z][a-z-]*", re.split(r";|&&|#|\|", arguments)[0])
         results += [f"farm {name} {option}" for option in options if option not in COMMANDS[name]]
     return results
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_names_commands_and_options_that_exist(page: Path):
-    assert mistakes_in(page.read_text(encoding="utf-8")) == []
+    assert list_mistakes(page.read_text(encoding="utf-8")) == []
 
 
 def test_wrong_command_and_a_wrong_option_are_found():
     text = "Type `farm sumbit x.stl`.\n\n```text\n$ farm submit x.stl --overnite --wait\n```\n"
-    assert mistakes_in(text) == ["farm sumbit", "farm submit --overnite"]
+    assert list_mistakes(text) == ["farm sumbit", "farm submit --overnite"]
 
 
 def test_readme_submits_existing_or_generated_files_only():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     lines = [line for block in re.findall(r"```\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
-    created = set[str]()
-    submitted = 0
+    created_files = set[str]()
+    submit_count = 0
     for line in lines:
         arguments = line.partition("#")[0].split()
         if arguments[:1] == ["python"]:
             assert (ROOT / arguments[1]).exists()
-            created.update(arguments[2:])
+            created_files.update(arguments[2:])
         elif arguments[:2] == ["farm", "submit"]:
-            submitted += 1
-            assert arguments[2] in created or (ROOT / arguments[2]).exists(), line
-    assert submitted
+            submit_count += 1
+            assert arguments[2] in created_files or (ROOT / arguments[2]).exists(), line
+    assert submit_count

@@ -38,7 +38,7 @@ def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pyte
     monkeypatch.setattr(time, "time", lambda: real() + step_s)
     assert clock.follow_host() == pytest.approx(step_s, abs=1.0)
     assert clock.follow_host() == 0.0
-    assert clock.now() - agent_s.now() == pytest.approx(step_s, abs=1.0)  # which never follows
+    assert clock.now() - agent_s.now() == pytest.approx(step_s, abs=1.0)  # which does not arrive
     assert clock.wall(clock.now()) == pytest.approx(read_wall_s(), abs=60.0)
     monkeypatch.setattr(time, "time", real)
     assert clock.follow_host() == pytest.approx(-step_s, abs=1.0)

@@ -26,7 +26,7 @@ FARM = Path(sys.executable).with_name("farm")
 
 @pytest.fixture
 def printer(tmp_path: Path) -> Iterator[Path]:
-    """Emulated printer behind a path without further information."""
+    """Start an emulated printer behind a path without further information."""
     folder = tmp_path / "printer"
     launch(f"sim://{MODEL}", folder, Clock(120.0, time.time()))
     yield folder / "tty"
@@ -78,16 +78,16 @@ def test_board_that_prints_from_its_card_is_not_reset():
     master, slave = pty.openpty()
     tty.setraw(slave)
     path = Path(os.ttyname(slave))  # the slave stays open: a close would be seen by the master
-    received = b""
+    received_data = b""
 
     def board() -> None:
-        nonlocal received
+        nonlocal received_data
         while True:
             try:
                 data = os.read(master, 4096)
             except OSError:
                 return
-            received += data
+            received_data += data
             for line in data.split(b"\n")[:-1]:
                 if b"M27" in line:
                     os.write(master, b"SD printing byte 77/900\n")
@@ -98,7 +98,7 @@ def test_board_that_prints_from_its_card_is_not_reset():
     try:
         with pytest.raises(PortError, match="SD card"):
             commission(str(path), None, ULTIMAKER2, answer_s=30.0)
-        assert b"M27" in received
+        assert b"M27" in received_data
     finally:
         os.close(slave)
         os.close(master)
@@ -112,12 +112,14 @@ def test_board_of_an_unknown_version_is_refused(banner: bytes):
 
 @pytest.mark.system
 def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, printer: Path):
-    alone = farm(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
-    assert alone.returncode == 0, alone.stderr
-    assert f"model: {MODEL}" in alone.stdout  # the line for fleet.yaml
+    result_alone = farm(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
+    assert result_alone.returncode == 0, result_alone.stderr
+    assert f"model: {MODEL}" in result_alone.stdout  # the line for fleet.yaml
     (tmp_path / "by-path").symlink_to(printer)
-    wrong = farm(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")  # by another name
-    assert wrong.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong.stderr
+    wrong_result = farm(
+        tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes"
+    )  # with another name
+    assert wrong_result.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong_result.stderr
     folder = tmp_path / "state" / "agents" / "b"
     process = spawn_agent("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
     try:
@@ -137,6 +139,8 @@ def test_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, p
         process.wait(10.0)
     assert Journal(folder / "journal.jsonl").state.board.reset_verified == str(printer)
     far = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
-    assert far.returncode == 5 and "is on pc-b" in far.stderr  # the port of that name here is another's
+    assert (
+        far.returncode == 5 and "is on pc-b" in far.stderr
+    )  # the port of that name here belongs to another printer
     unknown = farm(tmp_path, printer, "--commission", "z", "--yes")
     assert unknown.returncode == 4

@@ -56,8 +56,8 @@ def test_full_disk_leaves_the_log_unchanged(tmp_path: Path, monkeypatch: pytest.
     def fill(*_: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with monkeypatch.context() as full:
-        full.setattr(os, "open", fill)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", fill)
         assert not rotate_log(path, 100)
     assert path.read_text() == "x" * 100
 

@@ -22,7 +22,7 @@ def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("logging.basicConfig", lambda **_: None)
     state = StateFolder(tmp_path / "state")
     state.make()
-    state.lock.mkdir()  # as a full disk or a read-only one does, it takes no lock
+    state.lock.mkdir()  # like a full or read-only disk, it refuses the lock
     with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: check its disk space"):
         run(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
@@ -32,37 +32,37 @@ COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__)
 
 @pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", *COMMANDS])
 def test_modules_of_workers_are_not_loaded_by_the_daemon(module):
-    """A restarted daemon, and every `farm status`, has to be up at once."""
+    """Limit the imports, so that a restarted daemon and every `farm status` start fast."""
     slow = ("numpy", "scipy", "trimesh", "numba", "sklearn", "matplotlib", "shapely", "manifold3d", "httpx")
     script = f"import sys, {module}; print([m for m in {slow} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout == "[]\n"
 
 
 def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
-    """A step arrives at the next check; one that cannot be stored (a full disk) ends nothing."""
+    """Follow a step at the next check; one that cannot be stored (full disk) ends no component."""
     monkeypatch.setattr("farm.daemon._FOLLOW_INTERVAL_S", 0.0)
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
-    real, reported = time.time, []
-    monkeypatch.setattr(daemon._timers, "clock_set", lambda: reported.append("timers"))
-    monkeypatch.setattr(daemon._controller, "handle", lambda *events: reported.extend(events))
+    real, reports = time.time, []
+    monkeypatch.setattr(daemon._timers, "clock_set", lambda: reports.append("timers"))
+    monkeypatch.setattr(daemon._controller, "handle", lambda *events: reports.extend(events))
     monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
     before_s = daemon._clock.now()
 
     async def look():
-        following = asyncio.get_running_loop().create_task(daemon._follow_clock())
+        follow_task = asyncio.get_running_loop().create_task(daemon._follow_clock())
         for _ in range(10):
             await asyncio.sleep(0)
-        following.cancel()
+        follow_task.cancel()
 
     asyncio.run(look())
     daemon._workers.close()
     daemon._store.close()
     assert daemon._clock.now() - before_s == pytest.approx(6 * 3600.0, abs=60.0)
-    assert reported[0] == "timers"
-    (event,) = [event for event in reported if isinstance(event, ev.ClockSet)]
+    assert reports[0] == "timers"
+    (event,) = [event for event in reports if isinstance(event, ev.ClockSet)]
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
 
 
@@ -71,17 +71,17 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
-    planning, looked, ended = iter([[1], [1], []]), [], []
+    planning_states, polls, ends = iter([[1], [1], []]), [], []
 
     def list_planning(_):
-        looked.append(next(planning))
-        return looked[-1]
+        polls.append(next(planning_states))
+        return polls[-1]
 
     async def no_time(_):
         pass
 
     async def shut_down_agents():
-        ended.append(list(looked))
+        ends.append(list(polls))
 
     monkeypatch.setattr(daemon._controller.planning, "list_running", list_planning)
     monkeypatch.setattr("farm.daemon.asyncio.sleep", no_time)
@@ -89,22 +89,22 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
     asyncio.run(daemon._end(now))
     daemon._workers.close()
     daemon._store.close()
-    assert len(ended[0]) == looks
+    assert len(ends[0]) == looks
 
 
 def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
     state = StateFolder(tmp_path / "state")
     state.make()
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
-    controller, waited = daemon._controller, []
+    controller, waits = daemon._controller, []
     controller.books = Books.from_entities([planned_job(1)])
     controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))
     daemon._inspections[tmp_path] = "bunny.stl"
 
     async def sleep(_):
-        waited.append(list(daemon._inspections.values()))
+        waits.append(list(daemon._inspections.values()))
         daemon._inspections.clear()
-        if len(waited) == 2:
+        if len(waits) == 2:
             controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
 
     async def shut_down_agents():
@@ -115,7 +115,7 @@ def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space
     asyncio.run(daemon._end(now=False))
     daemon._workers.close()
     daemon._store.close()
-    assert waited == [["bunny.stl"], []]
+    assert waits == [["bunny.stl"], []]
 
 
 def planned_job(number):

@@ -47,8 +47,10 @@ def test_printers_have_the_fit_of_the_fleet_unless_they_have_their_own(tmp_path)
 
 
 def test_reel_has_a_price_if_given(tmp_path):
-    priced = GOOD.replace("timezone", "currency: CHF, timezone").replace("colour: red", "price_per_kg: 28.50")
-    fleet = load(tmp_path, priced.replace("colour: blue", "price_per_kg: 0"))
+    priced_text = GOOD.replace("timezone", "currency: CHF, timezone").replace(
+        "colour: red", "price_per_kg: 28.50"
+    )
+    fleet = load(tmp_path, priced_text.replace("colour: blue", "price_per_kg: 0"))
     assert fleet.fleet.currency == "CHF"
     assert [p.price(200.0) for p in fleet.printers] == [pytest.approx(5.70), 0.0]
     assert [p.price(200.0) for p in load(tmp_path, GOOD).printers] == [None, None]
@@ -246,7 +248,7 @@ HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in rang
 
 
 @pytest.mark.parametrize(
-    ("text", "why"),
+    ("text", "reason"),
     [
         ("a0: &a0 {k: v}\n" + MERGES + GOOD, "expands to more than 100000 values: use fewer aliases"),
         ("a0: &a0 [v]\n" + LISTS + GOOD, "expands to more than 100000 values: use fewer aliases"),
@@ -258,10 +260,10 @@ HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in rang
     ],
     ids=["merges", "lists", "hours", "size"],
 )
-def test_expanding_file_is_refused(tmp_path, text, why):
+def test_expanding_file_is_refused(tmp_path, text, reason):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text)
-    assert str(error.value).endswith(why)
+    assert str(error.value).endswith(reason)
 
 
 def test_aliases_of_a_usual_file_are_resolved(tmp_path):

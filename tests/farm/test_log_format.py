@@ -35,17 +35,17 @@ def test_exception_is_a_field_of_its_line():
     try:
         raise ValueError("broken\nin two lines")
     except ValueError:
-        broken = record("job 3")
-        broken.exc_info = sys.exc_info()
-    [line] = JsonFormatter().format(broken).splitlines()
+        broken_record = record("job 3")
+        broken_record.exc_info = sys.exc_info()
+    [line] = JsonFormatter().format(broken_record).splitlines()
     assert "ValueError: broken\nin two lines" in json.loads(line)["exception"]
 
 
 def test_log_of_a_printer_begins_with_its_name(caplog: pytest.LogCaptureFixture):
     PrinterLog(logging.getLogger("farm.test"), "um2-01").warning("its agent ended with %s", 3)
-    [logged] = caplog.records
-    assert logged.getMessage() == "um2-01: its agent ended with 3"
-    assert logged.__dict__["printer"] == "um2-01"
+    [log_record] = caplog.records
+    assert log_record.getMessage() == "um2-01: its agent ended with 3"
+    assert log_record.__dict__["printer"] == "um2-01"
 
 
 @pytest.mark.parametrize("log_format", LogFormat)

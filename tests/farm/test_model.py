@@ -1,4 +1,4 @@
-"""Records as the books of farm 0.1 have them."""
+"""Records in the form of the books of farm 0.1."""
 
 import pytest
 from pydantic import ValidationError
@@ -27,7 +27,7 @@ def test_part_of_farm_0_1_is_read_into_nested_records():
     assert part.print_options == PartPrintOptions(brim_width_mm=3.0, layer_0_expansion_mm=-0.2, stands=False)
     assert (part.geometry, part.cut_from) == (make_plan_event().parts[0].geometry, "1/p00")
     assert Part.model_validate_json(part.model_dump_json()) == part
-    assert "brim_width_mm" in FLAT  # what was read is left as it was
+    assert "brim_width_mm" in FLAT  # the input is unchanged
 
 
 def test_part_without_print_options_has_those_of_its_quality():

@@ -38,7 +38,7 @@ def test_long_socket_path_is_replaced_by_a_short_one():
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """The system's temporary folder, and where a socket lies there whose path is too long."""
+    """Return the system's temporary folder, and the path there of a socket whose own path is too long."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = tmp_path / f"farm-{os.getuid()}"
     return folder, lambda: find_places(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
@@ -48,7 +48,7 @@ def test_socket_of_a_long_path_is_in_a_private_folder(temporary):
     folder, find_socket = temporary
     assert find_socket().parent == folder
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert find_socket().parent == folder  # it is there now
+    assert find_socket().parent == folder  # the folder exists now
 
 
 @pytest.mark.parametrize(
@@ -79,19 +79,19 @@ def test_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
 
 def test_user_without_a_farm_uses_the_shared_one(tmp_path):
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
-    shared = tmp_path / "shared" / "farm.sock"
+    shared_socket = tmp_path / "shared" / "farm.sock"
     own_socket = tmp_path / "run" / "farm" / "farm.sock"
-    assert find_places(None, None, None, env, shared).socket == own_socket
-    shared.parent.mkdir()
-    assert find_places(None, None, None, env, shared).socket == shared
-    assert find_places(tmp_path, None, None, env, shared).socket == tmp_path / "farm.sock"
+    assert find_places(None, None, None, env, shared_socket).socket == own_socket
+    shared_socket.parent.mkdir()
+    assert find_places(None, None, None, env, shared_socket).socket == shared_socket
+    assert find_places(tmp_path, None, None, env, shared_socket).socket == tmp_path / "farm.sock"
     own_socket.parent.mkdir(parents=True)
     own_socket.touch()
-    assert find_places(None, None, None, env, shared).socket == own_socket
+    assert find_places(None, None, None, env, shared_socket).socket == own_socket
 
 
 def test_inaccessible_folders_are_skipped(tmp_path, monkeypatch):
-    """`su` keeps the caller's XDG_RUNTIME_DIR and working folder."""
+    """Skip folders of another user: `su` keeps the caller's XDG_RUNTIME_DIR and working folder."""
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": "/run/user/0", "XDG_CONFIG_HOME": "/root/.config"}
 
     def refuse(path):
@@ -133,7 +133,7 @@ def test_state_folder_keeps_its_clock(tmp_path):
         printer = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}
         return Fleet.model_validate({"fleet": {"time_scale": scale}, "printers": [printer]})
 
-    first = open_farm_clock(fleet(60), StateFolder(tmp_path))
-    assert open_farm_clock(fleet(60), StateFolder(tmp_path)) == first
+    first_clock = open_farm_clock(fleet(60), StateFolder(tmp_path))
+    assert open_farm_clock(fleet(60), StateFolder(tmp_path)) == first_clock
     with pytest.raises(Refused, match="time_scale 60, not 1"):
         open_farm_clock(fleet(1), StateFolder(tmp_path))

@@ -10,7 +10,7 @@ TLS = {"cert": "c.pem", "key": "k.pem"}
 
 
 @pytest.mark.parametrize(
-    ("keys", "url", "encrypted"),
+    ("keys", "url", "is_encrypted"),
     [
         ({}, "http://127.0.0.1:8467", False),
         ({"listen": "0.0.0.0:80"}, "http://pc-b:80", False),
@@ -23,9 +23,9 @@ TLS = {"cert": "c.pem", "key": "k.pem"}
         ({"url": "http://farm.lab:81", "tls": TLS}, "http://farm.lab:81", False),
     ],
 )
-def test_url_for_browsers_follows_from_the_section(keys, url, encrypted):
+def test_url_for_browsers_follows_from_the_section(keys, url, is_encrypted):
     section = WebSection.model_validate(keys)
-    assert (section.find_browser_url("pc-b"), section.is_encrypted) == (url, encrypted)
+    assert (section.find_browser_url("pc-b"), section.is_encrypted) == (url, is_encrypted)
 
 
 @pytest.mark.parametrize(

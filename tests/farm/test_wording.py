@@ -8,7 +8,7 @@ from farm.wording import describe_material, format_filament, format_planning, fo
 
 
 @pytest.mark.parametrize(
-    ("seconds", "expected"),
+    ("seconds", "expected_text"),
     [
         (None, "-"),
         (0.4, "0 s"),
@@ -19,8 +19,8 @@ from farm.wording import describe_material, format_filament, format_planning, fo
         (360000, "100h00"),
     ],
 )
-def test_durations_are_formatted_in_hours_minutes_or_seconds(seconds, expected):
-    assert format_duration(seconds) == expected
+def test_durations_are_formatted_in_hours_minutes_or_seconds(seconds, expected_text):
+    assert format_duration(seconds) == expected_text
 
 
 def test_filament_is_shown_with_its_price_if_known():
@@ -44,10 +44,11 @@ def test_progress_of_a_plan_is_formatted():
     assert (
         format_planning(PlanProgress(step=PlanStep.LEVELLING)) == "balancing the parts by their sliced times"
     )
-    slicing = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
-    assert format_planning(slicing) == "slicing 3 of 8"
+    slicing_progress = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
+    assert format_planning(slicing_progress) == "slicing 3 of 8"
     assert (
-        format_planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"
+        format_planning(slicing_progress.model_copy(update={"cached": 1}))
+        == "slicing 3 of 8 (1 plate from the cache)"
     )
 
 

@@ -13,9 +13,9 @@ from octorest import OctoRest
 def main():
     url, key, file = sys.argv[1:]
     client = OctoRest(url=url, apikey=key)
-    uploaded = client.upload(file)  # its options `select` and `print` never reach a server
-    path = uploaded["files"]["local"]["path"]
-    answers = {"version": client.version, "upload": uploaded, "held": client.files_info("local", path)}
+    upload_result = client.upload(file)  # its options `select` and `print` never reach a server
+    path = upload_result["files"]["local"]["path"]
+    answers = {"version": client.version, "upload": upload_result, "held": client.files_info("local", path)}
     client.select(path, print=True)
     answers["job"] = client.job_info()
     answers["printer"] = client.printer()

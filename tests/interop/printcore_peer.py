@@ -28,8 +28,8 @@ def main():
     while not core.online:
         time.sleep(0.01)
     time.sleep(1.0)
-    for before in head:
-        send(core, before)
+    for header in head:
+        send(core, header)
         time.sleep(0.5)
     print(send(core, path), flush=True)
     core.send_now("M400")

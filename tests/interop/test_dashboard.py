@@ -34,7 +34,7 @@ PAGES = (
     *("/printers/a/wire", "/history", "/login", "/api/v1/docs", "/nothing"),
 )
 TASK = "document.querySelector('.task')"
-STALE = "document.querySelector('.stale')"
+STALE_ELEMENT = "document.querySelector('.stale')"
 HOSTS = "performance.getEntriesByType('resource').map((one) => new URL(one.name).host)"
 
 
@@ -65,14 +65,14 @@ def browse(tmp_path, act):
 @pytest.mark.skipif(not AXE.exists(), reason="make pages")
 def test_pages_are_accessible_load_nothing_from_elsewhere_and_fit_a_narrow_phone(tmp_path):
     async def act(farm, browser, base):
-        found = {}
+        results = {}
         link = f"/login/{farm.sessions.make_link('ann', Role.LOOK)}"
         for path in (*PAGES, link):
             await browser.open(base + path)
             assert set(await read(browser, HOSTS)) <= {base.removeprefix("http://")}, path
             if faults := await find_faults(browser):
-                found[path] = faults
-        assert found == {}
+                results[path] = faults
+        assert results == {}
 
     browse(tmp_path, act)
 
@@ -129,7 +129,7 @@ def test_home_changes_by_itself_while_focus_and_what_is_typed_stay(tmp_path):
     browse(tmp_path, act)
 
 
-MARKED = "[...document.querySelectorAll('time, [data-time]')].map((one) => one.textContent).join('; ')"
+MARKED_TEXTS = "[...document.querySelectorAll('time, [data-time]')].map((one) => one.textContent).join('; ')"
 
 
 def read_times(text):
@@ -147,7 +147,7 @@ def test_times_in_sentences_and_charts_are_in_the_reader_s_zone(tmp_path):
             await browser.call("Emulation.setTimezoneOverride", timezoneId=zone)
             await browser.open(f"{base}/jobs/1")
             pages[zone] = await browser.read_text()
-            pages[f"times {zone}"] = read_times(await browser.evaluate(MARKED))
+            pages[f"times {zone}"] = read_times(await browser.evaluate(MARKED_TEXTS))
         assert "Times are in UTC, the farm's time zone." in pages["UTC"]
         assert "Times are in your time zone, Asia/Tokyo. The farm is in UTC." in pages["Asia/Tokyo"]
         assert "its job starts Tue 22:15" in pages["UTC"]
@@ -164,25 +164,25 @@ def test_times_in_sentences_and_charts_are_in_the_reader_s_zone(tmp_path):
 
 def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
     async def act(farm, browser, _):
-        await browser.wait_for(f"{STALE} !== null && {STALE}.hidden")
+        await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
         streams = farm.services.page_streams
         streams.close()
-        await browser.wait_for(f"!{STALE}.hidden")
-        assert "No news from the farm since" in await browser.evaluate(f"{STALE}.innerText")
+        await browser.wait_for(f"!{STALE_ELEMENT}.hidden")
+        assert "No news from the farm since" in await browser.evaluate(f"{STALE_ELEMENT}.innerText")
         make_bed_unknown(farm, "its board was reset")
         streams._closing.clear()
-        await browser.wait_for(f"{STALE}.hidden && {TASK}.innerText.includes('its board was reset')")
+        await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
 
     browse(tmp_path, act)
 
 
 def test_page_catches_up_after_the_computer_has_slept(tmp_path):
     async def act(farm, browser, _):
-        await browser.wait_for(f"{STALE} !== null && {STALE}.hidden")
+        await browser.wait_for(f"{STALE_ELEMENT} !== null && {STALE_ELEMENT}.hidden")
         browser.sleep()
         make_bed_unknown(farm, "its board was reset")
         browser.sleep(False)
-        await browser.wait_for(f"{STALE}.hidden && {TASK}.innerText.includes('its board was reset')")
+        await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
 
     browse(tmp_path, act)
 
@@ -237,11 +237,11 @@ def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
     async def act(farm, browser, base):
         await browser.call("Emulation.setScriptExecutionDisabled", value=True)
         await browser.open(base)
-        focused = []
+        focus_path = []
         for _ in range(3):
             await press_key(browser, "Tab", 9)
-            focused.append(await browser.evaluate("document.activeElement.textContent"))
-        assert focused == ["Skip to the content", "Home", "Submit"]
+            focus_path.append(await browser.evaluate("document.activeElement.textContent"))
+        assert focus_path == ["Skip to the content", "Home", "Submit"]
         await browser.press(".task form[action='/printers/a/cleared'] button")
         assert "a is clear." in await browser.read_text()
         assert "Inspect a" not in await browser.read_text()
@@ -251,6 +251,6 @@ def test_forms_work_without_scripts_and_by_keyboard(tmp_path):
 
 async def press_key(browser, key, code):
     """Press a key."""
-    named = {"key": key, "windowsVirtualKeyCode": code}
-    await browser.call("Input.dispatchKeyEvent", type="keyDown", **named)
-    await browser.call("Input.dispatchKeyEvent", type="keyUp", **named)
+    key_fields = {"key": key, "windowsVirtualKeyCode": code}
+    await browser.call("Input.dispatchKeyEvent", type="keyDown", **key_fields)
+    await browser.call("Input.dispatchKeyEvent", type="keyUp", **key_fields)

@@ -46,20 +46,20 @@ def instructions(tmp_path):
     options = Options(engine=Engine.GUILLOTINE, granularity=4, prove=False)
     block = Model(Solid.box((0, 0, 0), (120, 60, 40)), (), 1.0)
     decomposition = decompose_model(block, rooms, options, CostModel(1.0, *[1e-3] * 7, brim_mm=0.0))
-    drilled = replace(decomposition.with_assembly(), options=replace(options, connectors=connectors))
+    drilled_parts = replace(decomposition.with_assembly(), options=replace(options, connectors=connectors))
     path = tmp_path / "instructions.html"
-    write_instructions(connect_parts(drilled), path)
+    write_instructions(connect_parts(drilled_parts), path)
     return path
 
 
 def test_documents_are_accessible_and_fit_a_narrow_phone(tmp_path, report, instructions):
     async def run():
-        found = {}
+        results = {}
         async with Chromium(tmp_path / "profile", "MAP * ~NOTFOUND") as browser:
             for path in (report, instructions):
                 await browser.open(path.as_uri())
                 if faults := await find_faults(browser):
-                    found[path.name] = faults
-        assert found == {}
+                    results[path.name] = faults
+        assert results == {}
 
     asyncio.run(run())

@@ -38,11 +38,11 @@ pytestmark = [
 
 
 @contextmanager
-def octoprint(folder: Path, *injected: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
+def octoprint(folder: Path, *faults: str, firmware: Firmware = ULTIMAKER2) -> Iterator[SerialPort]:
     """Provide an open port of a virtual printer; each fault is NAME@LINE."""
     name = "marlin2" if firmware is MARLIN2 else "ultimaker2"
     peer = subprocess.Popen(
-        [PYTHON, FOLDER / "octoprint_peer.py", folder, name, *injected],
+        [PYTHON, FOLDER / "octoprint_peer.py", folder, name, *faults],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -66,13 +66,13 @@ def stream(
 ) -> tuple[Link, list[Fault]]:
     """Print to a virtual printer until the end, or until the link gives up."""
     clock = Clock(SCALE, time.time())
-    link, connected = Link(firmware, 2.0 * SCALE), False
+    link, is_connected = Link(firmware, 2.0 * SCALE), False
     faults: list[Fault] = []
     link.poll_every_s = 10.0
     with octoprint(folder, *injected, firmware=firmware) as port:
         until_s = time.monotonic() + PATIENCE_S
         link.on_opened(clock.now())
-        while not faults and not (connected and link.is_drained):
+        while not faults and not (is_connected and link.is_drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed_lines} lines"
             wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
             try:
@@ -83,14 +83,14 @@ def stream(
             now_s = clock.now()
             events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
             faults += [event.fault for event in events if isinstance(event, LinkFault)]
-            if not connected and link.phase is Phase.LIVE:
-                connected = True
+            if not is_connected and link.phase is Phase.LIVE:
+                is_connected = True
                 link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
             port.write(link.take())
     return link, faults
 
 
-def spiral(count: int) -> list[bytes]:
+def make_spiral(count: int) -> list[bytes]:
     return [
         b"G1 F9000 X%.2f Y%.2f E%.3f" % (50 + i % 90 * 0.3, 50 + i * 0.05, i * 0.01) for i in range(count)
     ]
@@ -104,7 +104,7 @@ def done(folder: Path) -> list[bytes]:
 
 def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     """Print with its default simulated errors (lines 100 to 115) and its debug commands."""
-    program = spiral(600)
+    program = make_spiral(600)
     link, faults = stream(
         tmp_path,
         program,
@@ -121,16 +121,16 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     )
     assert faults == []
     assert link.streamed_lines == len(program)
-    printed = done(tmp_path)
-    assert printed == [line for line in program if line in set(printed)]
-    dropped = (tmp_path / "dropped.txt").read_text().splitlines()
-    assert len(program) - len(printed) <= len(dropped)  # by its own doing; one may be an M105
+    printed_lines = done(tmp_path)
+    assert printed_lines == [line for line in program if line in set(printed_lines)]
+    dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
+    assert len(program) - len(printed_lines) <= len(dropped_lines)  # by its own doing; one may be an M105
     assert link.repeated >= 8  # an ok that was only lost costs no repeat
 
 
 def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):
     """Print with numbered oks, busy messages, and the answer of Marlin 2 to the query."""
-    program = spiral(600)
+    program = make_spiral(600)
     link, faults = stream(
         tmp_path,
         program,
@@ -144,15 +144,15 @@ def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path:
     )
     assert faults == []
     assert link.streamed_lines == len(program)
-    printed = done(tmp_path)
-    assert printed == [line for line in program if line in set(printed)]
-    dropped = (tmp_path / "dropped.txt").read_text().splitlines()
-    assert len(program) - len(printed) <= len(dropped)
+    printed_lines = done(tmp_path)
+    assert printed_lines == [line for line in program if line in set(printed_lines)]
+    dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
+    assert len(program) - len(printed_lines) <= len(dropped_lines)
 
 
 def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     """Identify the printer, heat, print every line, and confirm the heaters off."""
-    profile, moves = PROFILES["creality_ender3"], spiral(300)
+    profile, moves = PROFILES["creality_ender3"], make_spiral(300)
     start = "\n".join(profile.start_code).format(bed_c=40.0, nozzle_c=190.0, prime_mm=5.0)
     end = "\n".join(profile.end_code).format(park_mm=-profile.parked_mm)
     text = b"\n".join((start.encode(), b";LAYER:0", *moves, end.encode()))
@@ -171,8 +171,8 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
             wait_s = max(0.0, min(clock.wall_seconds(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
             now_s = clock.now()
-            received = (link.receive(data, now_s) or ()) if data else ()
-            session.advance([*received, *link.tick(now_s)], now_s)
+            events = (link.receive(data, now_s) or ()) if data else ()
+            session.advance([*events, *link.tick(now_s)], now_s)
             assert not context.wants_reset, context.reason
             port.write(link.take())
     assert (context.phase, context.fault) == (PrintPhase.DONE, None), context.reason
@@ -194,7 +194,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     ],
 )
 def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, trigger: str, fault: Fault):
-    program = spiral(200)
+    program = make_spiral(200)
     _, faults = stream(tmp_path, program, f"{trigger}@60")
     assert faults == [fault]
     assert program[: len(done(tmp_path))] == done(tmp_path)
@@ -203,7 +203,7 @@ def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, tri
 @pytest.mark.parametrize("faults", ["", "?resend=0.01"])
 def test_printcore_prints_to_the_emulator_to_the_end(tmp_path: Path, faults: str):
     path = tmp_path / "spiral.gcode"
-    moves = spiral(1500)
+    moves = make_spiral(1500)
     path.write_bytes(b"\n".join([b"M302 S0", b"G28", b"G92 E0", *moves, b"M400"]) + b"\n")
     emulator = tmp_path / "emulator"
     tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(SCALE, time.time()))

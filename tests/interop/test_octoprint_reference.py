@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from farm.model import Role
-from make_gcode import marlin
+from make_gcode import make_marlin
 from octoprint_server import OctoPrintServer
 from same_process import SameProcess
 from web_farm import WebFarm
@@ -20,7 +20,7 @@ pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(not Path(os.environ.get("FARM_INTEROP", "none")).exists(), reason="make interop"),
 ]
-GCODE = "\n".join(marlin()).encode() + b"\n"
+GCODE = "\n".join(make_marlin()).encode() + b"\n"
 UPLOAD = "/api/files/local"
 ONE = "/to/a"  # printer of the farm; OctoPrint has one only
 FLAGS = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
@@ -28,7 +28,7 @@ FORM = ["done", "effectivePrint", "effectiveSelect", "files.local.name", "files.
 FORM += ["files.local.path", "files.local.refs.resource"]
 
 
-def upload(*fields, name="part.gcode", content=GCODE):
+def make_upload(*fields, name="part.gcode", content=GCODE):
     """Form with fields and a file, in the order given; None stands for the file."""
     file = ("file", (name, content, "application/octet-stream"))
     return {"files": [file if field is None else (field[0], (None, field[1])) for field in fields]}
@@ -59,16 +59,16 @@ ANSWERS = {  # title -> (method, path, body), keys that clients read
     "server": (("GET", "/api/server", {}), ["version"]),
     "files": (("GET", "/api/files", {}), ["files"]),
     "files of local": (("GET", UPLOAD, {}), ["files"]),
-    "upload": (("POST", UPLOAD, upload(("print", "false"), ("path", ""), None)), FORM),
-    "upload, file first": (("POST", UPLOAD, upload(("path", ""), None, ("select", "true"))), FORM),
-    "upload and print": (("POST", UPLOAD, upload(("print", "true"), ("path", ""), None)), FORM),
+    "upload": (("POST", UPLOAD, make_upload(("print", "false"), ("path", ""), None)), FORM),
+    "upload, file first": (("POST", UPLOAD, make_upload(("path", ""), None, ("select", "true"))), FORM),
+    "upload and print": (("POST", UPLOAD, make_upload(("print", "true"), ("path", ""), None)), FORM),
     "probe for app keys": (("GET", "/plugin/appkeys/probe", {}), []),
     "request of an app key": (("POST", "/plugin/appkeys/request", {"json": {"app": "Cura"}}), ["app_token"]),
 }
 REFUSALS = {  # title -> (method, path, body), status of the farm where it is another
-    "no file": (("POST", UPLOAD, upload(("print", "false"))), None),
-    "file that is no G-code": (("POST", UPLOAD, upload(None, name="a.txt")), 400),
-    "unknown storage": (("POST", "/api/files/nowhere", upload(None)), None),
+    "no file": (("POST", UPLOAD, make_upload(("print", "false"))), None),
+    "file that is no G-code": (("POST", UPLOAD, make_upload(None, name="a.txt")), 400),
+    "unknown storage": (("POST", "/api/files/nowhere", make_upload(None)), None),
     "select an unknown file": (("POST", f"{UPLOAD}/none.gcode", {"json": {"command": "select"}}), None),
     "unknown address": (("GET", "/api/nothing", {}), None),
     "no key": (("GET", "/api/version", {"text": None}), 401),  # OctoPrint has guests, who may do less
@@ -79,7 +79,7 @@ REFUSALS = {  # title -> (method, path, body), status of the farm where it is an
 @pytest.fixture(scope="module")
 def octoprint(tmp_path_factory):
     server = OctoPrintServer(tmp_path_factory.mktemp("octoprint"))
-    server.ask("POST", UPLOAD, **upload(("select", "true"), None)).raise_for_status()
+    server.ask("POST", UPLOAD, **make_upload(("select", "true"), None)).raise_for_status()
     yield server
     server.close()
 
@@ -92,9 +92,9 @@ class FarmAnswers:
         self.farm.ready("a", nozzle_c=25.0, bed_c=24.0, nozzle_target_c=0.0, bed_target_c=0.0)
         self._key = self.farm.add_key(Role.PRINT)
 
-    def ask(self, method, path, text="", **more):
+    def ask(self, method, path, text="", **options):
         key = self._key if text == "" else text and SimpleNamespace(text=text)
-        return self.farm.ask(method, path, key, **more)
+        return self.farm.ask(method, path, key, **options)
 
 
 @pytest.fixture
@@ -114,18 +114,18 @@ def list_types(value, at=""):
     return {at.lstrip("."): "number" if number else type(value).__name__}
 
 
-def compare(answer, reference, needed):
+def compare(answer, reference, required_keys):
     """Compare the keys of two answers, and the types of their values; None stands for any."""
     answer, reference = list_types(answer), list_types(reference)
     assert answer.keys() - reference.keys() == set()
-    differing = {key: (kind, reference[key]) for key, kind in answer.items() if reference[key] != kind}
-    assert {key: kinds for key, kinds in differing.items() if "NoneType" not in kinds} == {}
-    assert set(needed) <= answer.keys()
+    differing_types = {key: (kind, reference[key]) for key, kind in answer.items() if reference[key] != kind}
+    assert {key: kinds for key, kinds in differing_types.items() if "NoneType" not in kinds} == {}
+    assert set(required_keys) <= answer.keys()
 
 
 @pytest.mark.parametrize("title", ANSWERS)
 def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answers):
-    (method, path, body), needed = ANSWERS[title]
+    (method, path, body), required_keys = ANSWERS[title]
     answer, reference = (
         farm_answers.ask(method, path, **body),
         octoprint.ask(method, path.removeprefix(ONE), **body),
@@ -141,7 +141,7 @@ def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answe
         )  # whose tokens are random
     if reference.content:
         assert answer.headers["content-type"] == reference.headers["content-type"]
-        compare(answer.json(), reference.json(), needed)
+        compare(answer.json(), reference.json(), required_keys)
 
 
 @pytest.mark.parametrize("title", REFUSALS)

@@ -25,18 +25,18 @@ def run(*arguments, text=None):
 def test_metrics_follow_the_rules_for_names(tmp_path):
     farm = ScrapedFarm(tmp_path)
     farm.print_plate(PrintState.DONE)
-    checked = run("check", "metrics", text=farm.scrape())
-    assert (checked.returncode, checked.stdout, checked.stderr) == (0, "", "")
+    result = run("check", "metrics", text=farm.scrape())
+    assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     assert run("check", "metrics", text="farm_wrong_total 1 2 3\n").returncode != 0
 
 
 def test_alert_rules_are_valid_and_use_existing_metrics_only(tmp_path):
-    checked = run("check", "rules", str(RULES))
-    assert checked.returncode == 0, checked.stdout + checked.stderr
+    result = run("check", "rules", str(RULES))
+    assert result.returncode == 0, result.stdout + result.stderr
     text = ScrapedFarm(tmp_path).scrape()
-    used = set(re.findall(r"\bfarm_[a-z_]+", RULES.read_text()))
-    assert len(used) > 4
-    for name in used:
+    metric_names = set(re.findall(r"\bfarm_[a-z_]+", RULES.read_text()))
+    assert len(metric_names) > 4
+    for name in metric_names:
         assert f"# TYPE {name} " in text, name
 
 
@@ -48,6 +48,6 @@ def test_expressions_of_the_grafana_board_are_valid(tmp_path):
     rules = [{"record": f"panel:{number}", "expr": expr} for number, expr in enumerate(expressions)]
     path = tmp_path / "rules.json"  # JSON is YAML
     path.write_text(json.dumps({"groups": [{"name": "board", "rules": rules}]}))
-    checked = run("check", "rules", str(path))
-    assert checked.returncode == 0, checked.stdout + checked.stderr
-    assert f"{len(rules)} rules found" in checked.stdout
+    result = run("check", "rules", str(path))
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert f"{len(rules)} rules found" in result.stdout

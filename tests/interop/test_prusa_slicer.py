@@ -2,7 +2,7 @@
 
 import pytest
 
-from make_gcode import FILAMENT_MM2, Summed
+from make_gcode import FILAMENT_MM2, TravelStopwatch
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
 from slicing_printers import UM2_PLUS
@@ -10,7 +10,7 @@ from slicing_printers import UM2_PLUS
 
 def accept(path):
     target = PrintTarget(UM2_PLUS, FILAMENT_MM2, 0.4, nozzle_c=210.0, bed_c=60.0)
-    return accept_gcode(path.read_bytes().splitlines(keepends=True), target, stopwatch=Summed())
+    return accept_gcode(path.read_bytes().splitlines(keepends=True), target, stopwatch=TravelStopwatch())
 
 
 @pytest.mark.parametrize(
@@ -29,16 +29,16 @@ def accept(path):
     ids=" ".join,
 )
 def test_slices_with_the_profile_for_the_ultimaker_2_are_accepted(slice_box, options):
-    accepted = accept(slice_box("-".join(options).replace("/", "") or "default", *options))
-    assert (accepted.filament_type, accepted.nozzle_mm, accepted.nozzle_c, accepted.bed_c) == (
+    result = accept(slice_box("-".join(options).replace("/", "") or "default", *options))
+    assert (result.filament_type, result.nozzle_mm, result.nozzle_c, result.bed_c) == (
         "PLA",
         0.4,
         205.0,
         55.0,
     )
-    warning = [notice for notice in accepted.notices if notice.startswith("Warning")]
+    warning = [notice for notice in result.notices if notice.startswith("Warning")]
     assert len(warning) == 1 and "'ULTIMAKER2'" in warning[0] and "fits the Ultimaker 2+" in warning[0]
-    assert max(accepted.max_mm) < 220.0
+    assert max(result.max_mm) < 220.0
 
 
 @pytest.mark.parametrize(

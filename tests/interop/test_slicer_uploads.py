@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from make_gcode import marlin, square
+from make_gcode import make_marlin, make_square
 from real_farm import PATIENCE_S, RealFarm, wait_for
 
 FOLDER = Path(__file__).parent
@@ -32,11 +32,11 @@ needs_curl = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is mi
 @pytest.fixture(scope="module")
 def qt():
     """Skip where Qt lacks libraries of the system, as on a server without a desktop."""
-    imported = subprocess.run(
+    result = subprocess.run(
         [PYTHON, "-c", "import PySide6.QtNetwork"], capture_output=True, text=True, check=False
     )
-    if imported.returncode != 0:
-        pytest.skip(f"Qt cannot be loaded: {imported.stderr.strip().rpartition(chr(10))[2]}")
+    if result.returncode != 0:
+        pytest.skip(f"Qt cannot be loaded: {result.stderr.strip().rpartition(chr(10))[2]}")
 
 
 class ServedFarm(RealFarm):
@@ -71,15 +71,15 @@ def farm(tmp_path_factory):
 def tower(tmp_path_factory):
     """G-code of a small tower."""
     path = tmp_path_factory.mktemp("tower") / "tower.gcode"
-    path.write_text("\n".join(marlin(square(layers=2))) + "\n")
+    path.write_text("\n".join(make_marlin(make_square(layers=2))) + "\n")
     return path
 
 
-def send_by_curl(farm, path, to="", **fields):
+def send_by_curl(farm, path, url_path="", **fields):
     """Send a file as PrusaSlicer does; return the status, the type and the body that it would show."""
     form = [argument for name, value in fields.items() for argument in ("-F", f"{name}={value}")]
     command = ["curl", "-sS", "-A", "PrusaSlicer/2.9.4", "-H", f"X-Api-Key: {farm.key}", *form, "-F", "path="]
-    command += ["-F", f"file=@{path};type=application/octet-stream", f"{farm.url}{to}/api/files/local"]
+    command += ["-F", f"file=@{path};type=application/octet-stream", f"{farm.url}{url_path}/api/files/local"]
     answer = subprocess.run(
         [*command, "-w", "\n%{http_code} %{content_type}"],
         check=True,
@@ -87,13 +87,13 @@ def send_by_curl(farm, path, to="", **fields):
         text=True,
         timeout=PATIENCE_S,
     ).stdout
-    body, _, last = answer.rpartition("\n")
-    status, _, kind = last.partition(" ")
+    body, _, status_line = answer.rpartition("\n")
+    status, _, kind = status_line.partition(" ")
     return int(status), kind, body
 
 
-def send_by_qt(farm, path, *fields, to=""):
-    url = f"{farm.url}{to}/api/files/local"
+def send_by_qt(farm, path, *fields, url_path=""):
+    url = f"{farm.url}{url_path}/api/files/local"
     command = [PYTHON, FOLDER / "qt_peer.py", url, farm.key, path, path.name, *fields]
     return json.loads(
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=PATIENCE_S).stdout
@@ -102,8 +102,8 @@ def send_by_qt(farm, path, *fields, to=""):
 
 @needs_curl
 def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, slice_box):
-    sliced = slice_box("sent")
-    status, _, body = send_by_curl(farm, sliced, "/to/b", print="true")
+    gcode_path = slice_box("sent")
+    status, _, body = send_by_curl(farm, gcode_path, "/to/b", print="true")
     assert status == 201, body
     job = farm.job(int(json.loads(body)["files"]["local"]["path"].partition("/")[0]))
     assert (job["name"], job["submitted_by"]) == ("sent.gcode", "key slicer")
@@ -112,8 +112,8 @@ def test_gcode_of_prusaslicer_is_printed_by_the_printer_of_its_address(farm, sli
 
 @needs_curl
 def test_refusal_is_shown_by_prusaslicer_with_its_line(farm, slice_box):
-    sliced = slice_box("hot", "--temperature", "290")
-    status, kind, body = send_by_curl(farm, sliced, print="true")
+    gcode_path = slice_box("hot", "--temperature", "290")
+    status, kind, body = send_by_curl(farm, gcode_path, print="true")
     assert (status, kind) == (400, "text/plain")
     assert body.startswith("line ") and "M104 sets 290 C, and the nozzle may have at most 260" in body[:100]
 
@@ -143,7 +143,7 @@ def test_upload_of_qt_is_a_job_with_the_location_that_cura_s_plugin_reads(farm, 
 
 def test_refusal_to_qt_is_exactly_plain_text(farm, qt, tmp_path):
     path = tmp_path / "hot.gcode"
-    path.write_text("\n".join(marlin()).replace("M109 S205", "M109 S999") + "\n")
+    path.write_text("\n".join(make_marlin()).replace("M109 S205", "M109 S999") + "\n")
     answer = send_by_qt(farm, path, "print=true")
     assert (answer["status"], answer["headers"]["content-type"]) == (400, "text/plain")
     assert answer["body"].startswith("line 5: M109 sets 999 C")

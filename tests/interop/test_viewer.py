@@ -13,7 +13,7 @@ from decompose.results import Part
 from farm.control import JobCommands, PrinterCommands
 from farm.model import Role
 from farm.web.pages.static_files import load_static_files
-from make_3mf import mesh_xml, model_xml, object_xml, package_bytes
+from make_3mf import pack_3mf, write_mesh_xml, write_model_xml, write_object_xml
 from network_farm import HOST, NetworkFarm
 from planned_job import plan_job
 from served_farm import serve
@@ -64,8 +64,8 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
         await browser.evaluate("document.querySelectorAll('#viewer [type=radio]')[1].click()")
         assert await browser.evaluate(COLOURS) == "a"  # which the forecast has for both
         await browser.evaluate("document.querySelector('#p02 th button').click()")
-        picked = "document.querySelector('tr.picked').id"
-        assert await browser.evaluate(picked) == "p02"
+        picked_row = "document.querySelector('tr.picked').id"
+        assert await browser.evaluate(picked_row) == "p02"
         assert await browser.evaluate(STATUS_TEXT) == "p02: waiting, a"
         await browser.evaluate("document.querySelector('#viewer').scrollIntoView()")
         area = "document.querySelector('#viewer canvas').getBoundingClientRect()"
@@ -73,7 +73,7 @@ def test_part_is_found_from_its_row_and_its_row_from_the_part(tmp_path, glb):
             await browser.evaluate(f"{area}.{side}") for side in ("left", "top", "width", "height")
         ]
         await browser.click(left + 0.35 * width, top + 0.5 * height)
-        assert await browser.evaluate(picked) == "p01"
+        assert await browser.evaluate(picked_row) == "p01"
         await browser.click(left + 2, top + 2)  # beside all parts
         assert await browser.evaluate("document.querySelector('tr.picked')") is None
 
@@ -119,7 +119,9 @@ def test_model_that_is_no_glb_leaves_the_picture(tmp_path):
 def write_model(mesh, kind):
     """Return a mesh as a file; as 3MF, in inches."""
     if kind == "3mf":
-        return package_bytes(model_xml([object_xml(1, mesh_xml(mesh))], ['objectid="1"'], "inch"))
+        return pack_3mf(
+            write_model_xml([write_object_xml(1, write_mesh_xml(mesh))], ['objectid="1"'], "inch")
+        )
     content = mesh.export(file_type=kind)
     return content if isinstance(content, bytes) else content.encode()
 

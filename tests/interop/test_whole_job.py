@@ -8,7 +8,7 @@ import trimesh
 from playwright.sync_api import expect, sync_playwright
 
 from chromium import CHROMIUM, OPTIONS, PATIENCE_S
-from real_farm import RealFarm, free_port, wait_for
+from real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = [
     pytest.mark.system,
@@ -19,7 +19,7 @@ pytestmark = [
 @pytest.fixture
 def farm(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
-    farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{free_port()}'}}\n")
+    farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{find_free_port()}'}}\n")
     farm.up()
     yield farm
     farm.end()
@@ -44,11 +44,11 @@ def open_context(browser, base):
 def drop_file(page, selector, path):
     """Drag a file onto an element, and drop it."""
     box = page.locator(selector).bounding_box()
-    at = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
+    position = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2}
     data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
     session = page.context.new_cdp_session(page)
     for kind in ("dragEnter", "dragOver", "drop"):
-        session.send("Input.dispatchDragEvent", {"type": kind, "data": data, **at})
+        session.send("Input.dispatchDragEvent", {"type": kind, "data": data, **position})
 
 
 def test_job_is_dropped_planned_printed_taken_off_and_seen_in_two_tabs(farm, browser, tmp_path):

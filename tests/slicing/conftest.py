@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from make_stl import stl_bytes
+from make_stl import write_stl_bytes
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
@@ -42,11 +42,11 @@ def settings_of(resources):
 
 @pytest.fixture
 def request_for(tmp_path, engine, settings_of):
-    """A PlateRequest for a mesh (put in the middle of the bed) or for the bytes of a file."""
+    """Return a function that makes a PlateRequest for a mesh (centred on the bed) or the bytes of a file."""
 
-    def make(model, *, settings=None, bed=WHOLE_BED, cache=None, out="part.gcode", **rest):
+    def make(model, *, settings=None, bed=WHOLE_BED, cache=None, out="part.gcode", **fields):
         stl = tmp_path / "part.stl"
-        stl.write_bytes(model if isinstance(model, bytes) else stl_bytes(model))
+        stl.write_bytes(model if isinstance(model, bytes) else write_stl_bytes(model))
         return PlateRequest(
             stl=stl,
             settings=settings or settings_of(),
@@ -54,7 +54,7 @@ def request_for(tmp_path, engine, settings_of):
             engine=engine,
             bed=bed,
             cache=cache,
-            **{"timeout_s": 60.0, **rest},
+            **{"timeout_s": 60.0, **fields},
         )
 
     return make
@@ -62,7 +62,7 @@ def request_for(tmp_path, engine, settings_of):
 
 @pytest.fixture
 def script(tmp_path):
-    """A program that stands in for the engine."""
+    """Return a function that writes a script in place of the engine."""
 
     def make(body):
         path = Path(tmp_path / "engine.sh")

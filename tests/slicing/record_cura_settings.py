@@ -1,7 +1,8 @@
-"""Record what Cura itself computes: every setting of a spread of printers, nozzles, materials and qualities.
+"""Record all settings that Cura computes for a selection of printers, nozzles, materials and qualities.
 
-Cura's own container stacks, formulas and material reader do the work; only its application, which needs a
-window, is stood in for. It needs Debian's packages unpacked beside each other, not installed; on Debian 12::
+Cura's own container stacks, formulas and material reader compute them; its application, which needs a
+window, is replaced by a stub. It needs Debian's packages, unpacked beside each other and not installed. On
+Debian 12::
 
     apt-get download cura fdm-materials python3-uranium python3-pyqt5 python3-pyqt5.sip python3-savitar \
         libqt5core5a libqt5gui5 libqt5qml5 libqt5qmlmodels5 libqt5network5 libqt5quick5 libqt5widgets5 \
@@ -42,7 +43,7 @@ GLUE = {
     "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
 }
 ODD = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
-# Cura leaves the material of a plain Ultimaker 2 to its menu; here it is in its place of the stack.
+# Cura leaves the material of a plain Ultimaker 2 to its menu; here it is in the stack.
 COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
     (PLUS, "0.4 mm", "generic_pla", "fast", {}),
     (PLUS, "0.4 mm", "generic_pla", "fast", PAPER),
@@ -181,11 +182,11 @@ class Cura:
         self.Material.getProductIdMap = classmethod(
             lambda cls: {name: [item] for name, item in products.items()}
         )
-        # The files are of this version: nothing is upgraded.
+        # The files are of this version and need no upgrade.
         of("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
             lambda cls, text, name=None, **rest: text
         )
-        definition = of("UM.Settings.SettingDefinition", "SettingDefinition")  # as CuraApplication does it
+        definition = of("UM.Settings.SettingDefinition", "SettingDefinition")  # as in CuraApplication
         kind = of("UM.Settings.SettingDefinition", "DefinitionPropertyType")
         for name, per_extruder in {
             "settable_per_mesh": True,
@@ -196,7 +197,7 @@ class Cura:
             definition.addSupportedProperty(name, kind.Any, default=per_extruder, read_only=True)
         definition.addSupportedProperty("limit_to_extruder", kind.Function, default="-1", depends_on="value")
         definition.addSupportedProperty("resolve", kind.Function, default=None, depends_on="value")
-        # From 5.0 on, numbers of extruders are numbers.
+        # From 5.0 on, extruder numbers are integers.
         number = getattr(importlib.import_module("UM.Settings.SettingDefinition"), "toIntConversion", str)
         for name in ("extruder", "optional_extruder"):
             definition.addSettingType(name, None, number, None)
@@ -256,17 +257,17 @@ class Cura:
             for item in self.profiles("quality", base)
             if item.getMetaDataEntry("quality_type") == quality
         ]
-        shared = next(item for item in qualities if item.getMetaDataEntry("global_quality") == "True")
-        variant, own = self.empty("variant"), shared
+        global_quality = next(item for item in qualities if item.getMetaDataEntry("global_quality") == "True")
+        variant, own_quality = self.empty("variant"), global_quality
         kind = self.material(material, machine, hotend).getMetaDataEntry("material")
         if metadata.get("has_variants"):
             variant = next(item for item in self.profiles("variants", machine) if item.getName() == hotend)
-            fitting = [item for item in qualities if item.getMetaDataEntry("variant") == hotend]
-            own = next(
-                (item for item in fitting if item.getMetaDataEntry("material") == material), None
+            fitting_qualities = [item for item in qualities if item.getMetaDataEntry("variant") == hotend]
+            own_quality = next(
+                (item for item in fitting_qualities if item.getMetaDataEntry("material") == material), None
             ) or next(
                 item
-                for item in fitting
+                for item in fitting_qualities
                 if self.material(item.getMetaDataEntry("material"), machine, hotend).getMetaDataEntry(
                     "material"
                 )
@@ -276,10 +277,10 @@ class Cura:
         train = self.Extruder("extruder")
         self.managers.activeMachine = all_values
         number = self.definition(metadata["machine_extruder_trains"]["0"], "extruders")
-        self.fill(all_values, [None, None, None, shared, None, None, None, definition], user, machine)
+        self.fill(all_values, [None, None, None, global_quality, None, None, None, definition], user, machine)
         self.fill(
             train,
-            [None, None, None, own, self.material(material, machine, hotend), variant, None, number],
+            [None, None, None, own_quality, self.material(material, machine, hotend), variant, None, number],
             user,
             machine,
         )
@@ -327,15 +328,15 @@ class Cura:
 
 
 def main():
-    root, out = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
+    root, path = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
     cura = Cura(root)
-    recorded = [cura.record(*combination) for combination in COMBINATIONS]
+    records = [cura.record(*combination) for combination in COMBINATIONS]
     tables = {}
     for scope in ("global", "extruder"):
-        keys = sorted({key for item in recorded for key in item[scope]})
-        tables[scope] = {key: [item[scope].get(key) for item in recorded] for key in keys}
+        keys = sorted({key for item in records for key in item[scope]})
+        tables[scope] = {key: [item[scope].get(key) for item in records] for key in keys}
     content = json.dumps({"combinations": COMBINATIONS, **tables}, indent=0)
-    out.write_bytes(gzip.compress(content.encode(), 9, mtime=0))
+    path.write_bytes(gzip.compress(content.encode(), 9, mtime=0))
 
 
 if __name__ == "__main__":

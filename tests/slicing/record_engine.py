@@ -1,4 +1,4 @@
-"""Record what a CuraEngine says and writes of a small model, for machines that have only another version.
+"""Record log and G-code of a CuraEngine for a small model, for machines that have another version.
 
 Run it with that version and its files, from the repository's root. On Debian 13 (``apt-get install
 cura-engine cura fdm-materials``), or with those packages unpacked in a chroot::
@@ -25,7 +25,7 @@ MOVE = trimesh.transformations.translation_matrix
 
 
 def model():
-    """A plate with a hole, a fin of one line on it and a post: rings, a line, and several islands."""
+    """Make a plate with a hole, a fin of one line and a post: rings, a line, and several islands."""
     plate = trimesh.creation.box((14, 14, 2), MOVE((0, 0, 1)))
     fin = trimesh.creation.box((0.3, 10, 2), MOVE((-5.5, 0, 3)))
     post = trimesh.creation.cylinder(1.2, 2, sections=24, transform=MOVE((5, 5, 3)))

@@ -15,15 +15,17 @@ ENTRIES = st.lists(
 
 @given(ENTRIES, st.integers(0, 5000))
 def test_kept_entries_fit_and_were_used_last(entries, max_bytes):
-    removed = set(find_least_recently_used(entries, max_bytes))
-    kept = [entry for entry in entries if entry.name not in removed]
-    gone = [entry for entry in entries if entry.name in removed]
-    assert sum(entry.size_bytes for entry in kept) <= max_bytes
-    assert max((e.used_s for e in gone), default=0.0) <= min((e.used_s for e in kept), default=1e9)
-    # None too many: with the last that went, it would not fit.
-    if gone:
-        last = max(gone, key=lambda entry: (entry.used_s, entry.name))
-        assert sum(entry.size_bytes for entry in (*kept, last)) > max_bytes
+    removed_names = set(find_least_recently_used(entries, max_bytes))
+    kept_entries = [entry for entry in entries if entry.name not in removed_names]
+    removed_entries = [entry for entry in entries if entry.name in removed_names]
+    assert sum(entry.size_bytes for entry in kept_entries) <= max_bytes
+    assert max((e.used_s for e in removed_entries), default=0.0) <= min(
+        (e.used_s for e in kept_entries), default=1e9
+    )
+    # No entry too many: with the last removed one, the cache would not fit.
+    if removed_entries:
+        last_removed = max(removed_entries, key=lambda entry: (entry.used_s, entry.name))
+        assert sum(entry.size_bytes for entry in (*kept_entries, last_removed)) > max_bytes
 
 
 def put(folder, letter, used_s, ends=("json", "gcode")):
@@ -45,8 +47,8 @@ def test_longest_unused_entries_are_deleted_completely(tmp_path):
     thesis.write_bytes(b"x" * 1000)
     os.utime(thesis, (1, 1))
     trim_cache(tmp_path, 200)
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {thesis.name, *(f"{letter * 64}.{end}" for letter in "ac" for end in ("json", "gcode"))}
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {thesis.name, *(f"{letter * 64}.{end}" for letter in "ac" for end in ("json", "gcode"))}
 
 
 def test_missing_folder_is_ignored(tmp_path):

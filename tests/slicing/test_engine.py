@@ -1,4 +1,4 @@
-"""Small programs in place of the engine: each failure is reported and leaves nothing behind."""
+"""Scripts in place of the engine: each failure is reported and leaves no process and no file."""
 
 import os
 import select
@@ -43,13 +43,13 @@ def run(tmp_path, script, monkeypatch):
 
 @contextmanager
 def writers(fifo):
-    """Wait for all who hold the writing end of a fifo to be gone."""
+    """Wait until no process holds the writing end of a FIFO."""
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    removed = select.poll()
-    removed.register(reader, 0)
+    hang_up_poll = select.poll()
+    hang_up_poll.register(reader, 0)
     try:
-        yield lambda: bool(removed.poll(20_000))
+        yield lambda: bool(hang_up_poll.poll(20_000))
     finally:
         os.close(reader)
 
@@ -98,17 +98,17 @@ def test_success_at_the_second_attempt_counts(run, tmp_path):
 
 def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with writers(fifo) as removed:
+    with writers(fifo) as hang_up_poll:
         with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
             run(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
-        assert removed()
+        assert hang_up_poll()
 
 
 def test_children_left_running_are_killed(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with writers(fifo) as removed:
+    with writers(fifo) as hang_up_poll:
         assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
-        assert removed()
+        assert hang_up_poll()
 
 
 def test_engine_with_closed_streams_is_awaited(run):
@@ -152,14 +152,14 @@ def test_progress_is_read_from_the_log(run):
 
 def test_engine_dies_with_its_caller(tmp_path, script):
     fifo = tmp_path / "fifo"
-    requested = script(f"exec sleep 600 > {fifo}")
+    engine = script(f"exec sleep 600 > {fifo}")
     code = (
         "import sys, pathlib\n"
         "from slicing.engine import EngineLimits, run_engine\n"
         f"limits = EngineLimits(1, 600)\n"
-        f"run_engine(pathlib.Path({str(requested)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
+        f"run_engine(pathlib.Path({str(engine)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
     )
-    with writers(fifo) as removed:
+    with writers(fifo) as hang_up_poll:
         root = Path(engine_module.__file__).parents[1]
         environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
         worker = subprocess.Popen([sys.executable, "-c", code], env=environ)
@@ -167,11 +167,11 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         os.close(reader)
         worker.send_signal(signal.SIGKILL)
         worker.wait()
-        assert removed()
+        assert hang_up_poll()
 
 
 @pytest.mark.parametrize(
-    ("version", "extruder", "good"),
+    ("version", "extruder", "is_valid"),
     [
         ("4.13.0", {"outer_inset_first": "False"}, True),
         ("5.0.0", {"inset_direction": "outside_in"}, True),
@@ -180,11 +180,11 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         ("master", {"inset_direction": "outside_in"}, True),
     ],
 )
-def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, good):
+def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, is_valid):
     engine = tmp_path / "engine"
     engine.write_text(f"#!/bin/sh\necho Cura_SteamEngine version {version}\n")
     engine.chmod(0o755)
-    if good:
+    if is_valid:
         check_versions(engine, extruder)
         return
     with pytest.raises(EngineMissing, match=f"{version}, and Cura's settings files are of version"):

@@ -1,4 +1,4 @@
-"""CuraEngine 5: what it said and wrote of a model (`record_engine`), by the same path as that of 4.13."""
+"""Recorded log and G-code of CuraEngine 5 (`record_engine`), processed like those of 4.13."""
 
 import base64
 import dataclasses
@@ -25,7 +25,7 @@ def record():
 
 @pytest.fixture
 def cura5(record, request_for, settings_of, tmp_path):
-    """A request to an engine that repeats the recording, on either of its output streams."""
+    """Make a request to a script that repeats the recording, on either of its output streams."""
 
     def make(stream=1, edit=lambda gcode: gcode, body=None):
         (tmp_path / "log").write_text(record["log"])
@@ -37,9 +37,9 @@ def cura5(record, request_for, settings_of, tmp_path):
             + (body or f"cat {log} >&{stream}\ncp {gcode} part.gcode\n")
         )
         engine.chmod(0o755)
-        expected = {field.name for field in dataclasses.fields(EngineSettings)}
-        recorded = {key: value for key, value in record["settings"].items() if key in expected}
-        settings = dataclasses.replace(settings_of(), **recorded)
+        names = {field.name for field in dataclasses.fields(EngineSettings)}
+        values = {key: value for key, value in record["settings"].items() if key in names}
+        settings = dataclasses.replace(settings_of(), **values)
         request = request_for(base64.b64decode(record["stl"]), settings=settings)
         return dataclasses.replace(request, engine=engine)
 
@@ -56,23 +56,23 @@ def test_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
     text = result.gcode.read_bytes()
     assert b"MINX:2.14748" not in text
     assert b"Cura_SteamEngine 5.0.0" in text
-    assert result.unprinted == ()  # the fin is a line of its own here
+    assert result.unprinted == ()  # the fin is a separate line here
     with result.gcode.open("rb") as lines:
         program = read_program(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.sliced_s
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.SKIN}
 
 
-def without_layer(gcode, number, kinds):
-    """The G-code with some features of a layer left out: its moves only travel."""
-    before, after = gcode.split(f";LAYER:{number}\n")
-    layer, rest = after.split(f";LAYER:{number + 1}\n")
-    kept, feature = [], ""
+def remove_layer_features(gcode, number, kinds):
+    """Return the G-code with some features of a layer changed to travels."""
+    head, tail = gcode.split(f";LAYER:{number}\n")
+    layer, end = tail.split(f";LAYER:{number + 1}\n")
+    kept_lines, feature = [], ""
     for line in layer.splitlines():
         feature = line if line.startswith(";TYPE:") else feature
-        dropped = feature in kinds and line.startswith("G1")
-        kept.append(line.partition(" E")[0] if dropped else line)
-    return f"{before};LAYER:{number}\n" + "\n".join(kept) + f"\n;LAYER:{number + 1}\n{rest}"
+        is_dropped = feature in kinds and line.startswith("G1")
+        kept_lines.append(line.partition(" E")[0] if is_dropped else line)
+    return f"{head};LAYER:{number}\n" + "\n".join(kept_lines) + f"\n;LAYER:{number + 1}\n{end}"
 
 
 WALLS = (";TYPE:WALL-OUTER", ";TYPE:WALL-INNER")
@@ -83,9 +83,9 @@ WALLS = (";TYPE:WALL-OUTER", ";TYPE:WALL-INNER")
     [(5, WALLS, Rule.OUTLINE), (15, (*WALLS, ";TYPE:SKIN", ";TYPE:FILL"), Rule.LAYERS)],
 )
 def test_layer_that_lacks_its_walls_is_refused(cura5, number, kinds, rule):
-    with pytest.raises(SliceRejected, match="layer") as refused:
-        slice_plate(cura5(edit=lambda gcode: without_layer(gcode, number, kinds)))
-    assert refused.value.rule is rule
+    with pytest.raises(SliceRejected, match="layer") as error:
+        slice_plate(cura5(edit=lambda gcode: remove_layer_features(gcode, number, kinds)))
+    assert error.value.rule is rule
 
 
 def test_unknown_setting_is_not_passed_on(cura5):

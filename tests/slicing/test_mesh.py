@@ -1,4 +1,4 @@
-"""Triangles of an STL, read or refused; and with waves, with which CuraEngine keeps all corners."""
+"""Triangles of an STL: reading, refusal, and waves, with which CuraEngine keeps all corners."""
 
 import numpy as np
 import pytest
@@ -12,17 +12,17 @@ from slicing.plate import slice_plate
 
 
 def test_stl_of_trimesh_is_read(cube_20):
-    read = read_triangles(cube_20.export(file_type="stl"))
-    assert read.shape == (12, 3, 3)
-    assert (read.min(), read.max()) == (-10.0, 10.0)
-    assert (read_triangles(write_triangles(read)) == read).all()
+    triangles = read_triangles(cube_20.export(file_type="stl"))
+    assert triangles.shape == (12, 3, 3)
+    assert (triangles.min(), triangles.max()) == (-10.0, 10.0)
+    assert (read_triangles(write_triangles(triangles)) == triangles).all()
 
 
-@pytest.mark.parametrize("cut", [slice(0), slice(50), slice(84), slice(-25), slice(300)])
-def test_files_that_are_cut_short_are_refused(cube_20, cut):
-    with pytest.raises(SliceRejected) as refused:
-        read_triangles(cube_20.export(file_type="stl")[cut])
-    assert refused.value.rule is Rule.BROKEN_MESH
+@pytest.mark.parametrize("length", [slice(0), slice(50), slice(84), slice(-25), slice(300)])
+def test_files_that_are_cut_short_are_refused(cube_20, length):
+    with pytest.raises(SliceRejected) as error:
+        read_triangles(cube_20.export(file_type="stl")[length])
+    assert error.value.rule is Rule.BROKEN_MESH
 
 
 def test_stl_with_nan_is_refused(cube_20):
@@ -40,10 +40,10 @@ def test_any_bytes_are_read_or_refused(content):
         assert refused.rule is Rule.BROKEN_MESH
 
 
-def slab(low, high, height):
-    """A block that widens from its foot to its top."""
+def make_slab(low_mm, high_mm, height):
+    """Make a block that widens from its foot to its top."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2.0
-    points = [(*(corner * size), z) for size, z in ((low, 0.0), (high, height)) for corner in corners]
+    points = [(*(corner * size), z) for size, z in ((low_mm, 0.0), (high_mm, height)) for corner in corners]
     return trimesh.convex.convex_hull(np.array(points))
 
 
@@ -52,22 +52,22 @@ def merge(corners):
 
 
 @pytest.mark.parametrize(
-    "mesh", [trimesh.creation.icosphere(2, 60.0), slab((100.0, 80.0), (90.0, 85.0), 40.0)]
+    "mesh", [trimesh.creation.icosphere(2, 60.0), make_slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
 def test_waved_part_differs_by_hundredths_of_a_mm_only(mesh):
-    new = merge(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
-    assert new.is_watertight
-    assert new.volume == pytest.approx(mesh.volume, rel=2e-4)
-    assert new.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_MM)
-    _, away_mm, _ = trimesh.proximity.closest_point_naive(mesh, new.vertices[:200])
+    waved_mesh = merge(read_triangles(write_triangles(add_waves(np.asarray(mesh.triangles)))))
+    assert waved_mesh.is_watertight
+    assert waved_mesh.volume == pytest.approx(mesh.volume, rel=2e-4)
+    assert waved_mesh.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_MM)
+    _, away_mm, _ = trimesh.proximity.closest_point_naive(mesh, waved_mesh.vertices[:200])
     assert away_mm.max() <= 1.01 * np.hypot(WAVE_MM, WAVE_MM)
 
 
 def test_corners_of_a_waved_part_lie_on_the_crests():
-    """Waves keep flat sides straight between crest and trough."""
+    """Check that flat sides stay straight between crest and trough."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
-    new = merge(add_waves(np.asarray(block.triangles)))
-    front = new.vertices[np.abs(new.vertices[:, 1] + 20.0) < 0.1]
+    waved_mesh = merge(add_waves(np.asarray(block.triangles)))
+    front = waved_mesh.vertices[np.abs(waved_mesh.vertices[:, 1] + 20.0) < 0.1]
     xs = np.unique(front[:, 0].round(1))
     assert np.diff(xs).max() <= STEPS_MM[0] + 0.1
     depths = [front[np.abs(front[:, 0] - x) < 0.1][:, 1].mean() for x in xs[1:-1]]
@@ -75,9 +75,9 @@ def test_corners_of_a_waved_part_lie_on_the_crests():
 
 
 def test_slowly_widening_part_keeps_its_corners(request_for, settings_of):
-    """The lengths of the outer walls multiply to 2**32 um2 in some layer of any variant."""
+    """Use a part whose wall lengths multiply to 2**32 um2 in some layer of every variant."""
     settings = settings_of(infill_sparse_density="0", layer_height=0.1)
-    request = request_for(slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)
+    request = request_for(make_slab((84.6, 51.0), (85.4, 51.3), 42.0), settings=settings)
     result = slice_plate(request)
     assert result.unprinted == ()
     assert result.height_mm == pytest.approx(42.0, abs=0.11)

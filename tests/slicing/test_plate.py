@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from make_stl import stl_bytes
+from make_stl import write_stl_bytes
 from slicing import plate
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
 from slicing.mesh import read_triangles
@@ -20,7 +20,7 @@ from slicing.slice_store import write_atomically
 
 
 def test_cube_of_50_mm_with_the_settings_of_the_paper(request_for, settings_of):
-    """The checksum of the whole chain: other settings give up to six times this time."""
+    """Compare the result of the whole chain; other settings take up to six times this time."""
     result = slice_plate(request_for(trimesh.creation.box((50, 50, 50)), settings=settings_of("paper")))
     assert int(result.sliced_s) == 4906
     assert int(result.filament_mm3) == 17911
@@ -71,18 +71,18 @@ def test_unprintable_tips_are_not_a_fault(request_for, mesh):
     assert result.height_mm < mesh.extents[2]
 
 
-def prism(bottom_mm, top_mm, height_mm):
-    """A box 51.142 mm deep that is not as wide at its top as at its bottom."""
+def make_prism(bottom_mm, top_mm, height_mm):
+    """Make a box 51.142 mm deep whose top is narrower than its bottom."""
     ends = ((0.0, bottom_mm / 2), (height_mm, top_mm / 2))
     corners = [(x * half, y * 25.571, z) for z, half in ends for x in (-1, 1) for y in (-1, 1)]
     return trimesh.convex.convex_hull(np.array(corners))
 
 
 @pytest.mark.parametrize(
-    "mesh", [prism(85.042, 85.042, 2), prism(84.98, 85.1, 6)], ids=["all layers", "one layer"]
+    "mesh", [make_prism(85.042, 85.042, 2), make_prism(84.98, 85.1, 6)], ids=["all layers", "one layer"]
 )
 def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_for, settings_of, mesh):
-    """The outer wall's middle is 84.642 x 50.742 mm: as many square micrometres as 2**32."""
+    """Use an outer wall whose centre line is 84.642 x 50.742 mm: 2**32 square micrometres."""
     result = slice_plate(request_for(mesh, settings=settings_of(infill_sparse_density="0")))
     assert result.unprinted == ()
     assert result.height_mm == pytest.approx(mesh.extents[2], abs=0.11)
@@ -90,7 +90,7 @@ def test_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_fo
 
 
 def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
-    """A section can lose its corner before any offset of the walls: the mesh itself has to be another."""
+    """Slice another mesh if a section loses its corner before any offset of the walls."""
     request = request_for(trimesh.creation.box((80, 60, 2)))
     corners = read_triangles(request.stl.read_bytes())
     folder = tmp_path / "wider"
@@ -105,7 +105,7 @@ def test_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
 
 
 def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
-    """The middle is 84.642 x 50.742 mm; without it the part is filled with skin, in four times the time."""
+    """Use an inner wall of 84.642 x 50.742 mm, without which the part is filled with skin."""
     result = slice_plate(request_for(trimesh.creation.box((85.692, 51.792, 3))))
     text = result.gcode.read_text()
     layer = text[text.index(";LAYER:7\n") : text.index(";LAYER:8\n")]
@@ -117,7 +117,7 @@ BALL = trimesh.creation.icosphere(3, 20)
 
 
 def without_facets(mesh, keep):
-    return stl_bytes(trimesh.Trimesh(mesh.vertices, mesh.faces[:keep], process=False))
+    return write_stl_bytes(trimesh.Trimesh(mesh.vertices, mesh.faces[:keep], process=False))
 
 
 @pytest.mark.parametrize(
@@ -126,15 +126,15 @@ def without_facets(mesh, keep):
         (np.random.default_rng(1).bytes(4096), Rule.BROKEN_MESH),
         (b"", Rule.BROKEN_MESH),
         (b"solid nothing\nendsolid nothing\n", Rule.BROKEN_MESH),
-        (stl_bytes(BALL)[:30_000], Rule.BROKEN_MESH),
+        (write_stl_bytes(BALL)[:30_000], Rule.BROKEN_MESH),
         (without_facets(BALL, 640), Rule.BROKEN_MESH),
         (without_facets(trimesh.creation.box((20, 20, 20)), 11), Rule.BROKEN_MESH),
-        (stl_bytes(trimesh.creation.box((20, 20, 0.1))), Rule.NOTHING_PRINTED),
-        (stl_bytes(trimesh.creation.box((20, 0.2, 20))), Rule.NOTHING_PRINTED),
-        (stl_bytes(trimesh.creation.box((0.02, 0.02, 0.02))), Rule.NOTHING_PRINTED),
+        (write_stl_bytes(trimesh.creation.box((20, 20, 0.1))), Rule.NOTHING_PRINTED),
+        (write_stl_bytes(trimesh.creation.box((20, 0.2, 20))), Rule.NOTHING_PRINTED),
+        (write_stl_bytes(trimesh.creation.box((0.02, 0.02, 0.02))), Rule.NOTHING_PRINTED),
         (trimesh.creation.box((20, 20, 20)).export(file_type="stl"), Rule.HEIGHT),
-        (stl_bytes(trimesh.creation.box((213, 50, 3))), Rule.OUTSIDE_BED),
-        (stl_bytes(trimesh.creation.box((10, 10, 206))), Rule.OUTSIDE_BED),
+        (write_stl_bytes(trimesh.creation.box((213, 50, 3))), Rule.OUTSIDE_BED),
+        (write_stl_bytes(trimesh.creation.box((10, 10, 206))), Rule.OUTSIDE_BED),
     ],
     ids=[
         "random bytes",
@@ -153,20 +153,20 @@ def without_facets(mesh, keep):
 )
 def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
     request = request_for(content)
-    with pytest.raises(SliceRejected) as refused:
+    with pytest.raises(SliceRejected) as error:
         slice_plate(request)
-    assert refused.value.rule is rule
-    assert "\n" not in str(refused.value)
+    assert error.value.rule is rule
+    assert "\n" not in str(error.value)
     assert [path.name for path in request.output_path.parent.iterdir()] == ["part.stl"]
 
 
 def test_repeated_slice_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
     request = request_for(cube_20, cache=tmp_path / "cache")
-    first = slice_plate(request)
-    repeated = slice_plate(replace(request, output_path=tmp_path / "again.gcode"))
-    assert (first.cached, repeated.cached) == (False, True)
-    assert repeated == replace(first, gcode=repeated.gcode, cached=True)
-    assert repeated.gcode.read_bytes() == first.gcode.read_bytes()
+    first_result = slice_plate(request)
+    second_result = slice_plate(replace(request, output_path=tmp_path / "again.gcode"))
+    assert (first_result.cached, second_result.cached) == (False, True)
+    assert second_result == replace(first_result, gcode=second_result.gcode, cached=True)
+    assert second_result.gcode.read_bytes() == first_result.gcode.read_bytes()
     assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
     with pytest.raises(SliceRejected, match="build volume"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
@@ -195,11 +195,11 @@ def test_reading_an_entry_counts_as_use(request_for, cube_20, tmp_path):
 def test_damaged_cache_entry_is_sliced_again(request_for, cube_20, tmp_path):
     cache = tmp_path / "cache"
     request = request_for(cube_20, cache=cache)
-    first = slice_plate(request)
+    first_result = slice_plate(request)
     for path in cache.glob("*.gcode"):
         path.write_text("G28")
-    repeated = slice_plate(request)
-    assert (repeated.cached, repeated.sha256) == (False, first.sha256)
+    second_result = slice_plate(request)
+    assert (second_result.cached, second_result.sha256) == (False, first_result.sha256)
     for path in cache.glob("*.json"):
         path.write_text("{}")
     assert not slice_plate(request).cached
@@ -208,15 +208,15 @@ def test_damaged_cache_entry_is_sliced_again(request_for, cube_20, tmp_path):
 def test_stored_slice_needs_no_engine_but_an_incomplete_one_does(
     request_for, cube_20, tmp_path, script, engine
 ):
-    passing = script(f'exec {engine} "$@"')
+    engine_script = script(f'exec {engine} "$@"')
     cache = tmp_path / "cache"
-    request = replace(request_for(cube_20, cache=cache), engine=passing)
-    first = slice_plate(request)
-    assert not first.cached
-    script("echo '[ERROR] was asked to slice'; exit 1")  # the same program, now without the will
-    assert slice_plate(request) == replace(first, cached=True)
+    request = replace(request_for(cube_20, cache=cache), engine=engine_script)
+    first_result = slice_plate(request)
+    assert not first_result.cached
+    script("echo '[ERROR] was asked to slice'; exit 1")  # the same program, which now fails
+    assert slice_plate(request) == replace(first_result, cached=True)
     (entry,) = cache.glob("*.json")
-    entry.unlink()  # as a worker leaves it that was killed between the two files
+    entry.unlink()  # as after a kill of the worker between the two files
     with pytest.raises(EngineFailed, match="was asked to slice"):
         slice_plate(request)
 
@@ -251,7 +251,7 @@ def test_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cube_2
             slice_plate(replace(request_for(cube_20), engine=engine, timeout_s=1.0))
         hang_up = select.poll()
         hang_up.register(reader, 0)
-        assert hang_up.poll(10_000)  # there were writers, and all of them are gone
+        assert hang_up.poll(10_000)  # the processes that wrote have ended
     finally:
         os.close(reader)
 

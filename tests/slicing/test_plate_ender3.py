@@ -4,7 +4,7 @@ import pytest
 import trimesh
 
 from drivers.printers import BEDS, compute_part_room
-from make_stl import stl_bytes
+from make_stl import write_stl_bytes
 from slicing.errors import BadSetting
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, resolve_settings
@@ -15,18 +15,20 @@ MODEL = "creality_ender3"
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "standard"])
 def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality):
-    expected = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
-    settings = resolve_settings(expected, resources)
+    request = SettingsRequest(PRINTERS[MODEL], quality, material="generic_pla_175")
+    settings = resolve_settings(request, resources)
     assert settings.filament_diameter_mm == 1.75
     boxes = compute_part_room(BEDS[MODEL], 0.0)
     bed = tuple((*corners(box.rect), box.height_mm) for box in boxes)
     stl = tmp_path / "part.stl"
-    stl.write_bytes(stl_bytes(trimesh.creation.box((60, 30, 10))))
-    sliced = slice_plate(PlateRequest(stl, settings, tmp_path / "part.gcode", engine, bed, timeout_s=60.0))
-    text = sliced.gcode.read_text()
+    stl.write_bytes(write_stl_bytes(trimesh.creation.box((60, 30, 10))))
+    result = slice_plate(PlateRequest(stl, settings, tmp_path / "part.gcode", engine, bed, timeout_s=60.0))
+    text = result.gcode.read_text()
     order = [text.index(f"\n{mark}") for mark in ("M190 S", "M109 S200", "G28\n", ";LAYER:0\n")]
-    assert order == sorted(order)  # it heats before it homes
-    assert text.rindex("\nG1 F1500 E-1.5\n") > text.rindex(";TIME_ELAPSED")  # 6.5 of 8 mm are back already
+    assert order == sorted(order)  # the printer heats before it homes
+    assert text.rindex("\nG1 F1500 E-1.5\n") > text.rindex(
+        ";TIME_ELAPSED"
+    )  # 6.5 of 8 mm are already retracted
     assert "M83" not in text and "G10" not in text
 
 
@@ -40,6 +42,6 @@ def test_thick_filament_is_refused_and_a_thin_one_suggested(resources):
 
 
 def test_missing_nozzle_is_refused(resources):
-    expected = SettingsRequest(PRINTERS[MODEL], material="generic_pla_175", nozzle_mm=0.7)
+    request = SettingsRequest(PRINTERS[MODEL], material="generic_pla_175", nozzle_mm=0.7)
     with pytest.raises(BadSetting, match=r"nozzle 0.7 mm.*0.4mm Nozzle"):
-        resolve_settings(expected, resources)
+        resolve_settings(request, resources)

@@ -1,4 +1,4 @@
-"""Faults of a page in the browser by axe, light and dark, and on a phone 320 px wide."""
+"""Accessibility faults of a page, found by axe in the light and the dark scheme and at a width of 320 px."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ NARROW_PX = 320
 
 
 async def read(browser, expression):
-    """Return the value of an expression, once it has one."""
+    """Wait until an expression has a value, and return it."""
     answer = await browser.call(
         "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
     )
@@ -19,7 +19,7 @@ async def read(browser, expression):
 
 
 async def find_faults(browser):
-    """Find the faults of the open page: violations by the colour scheme, and whether it is too wide."""
+    """Find the faults of the open page: violations in each colour scheme, and excess width."""
     faults = {}
     await browser.evaluate(AXE.read_text() + ";0")
     for scheme in ("light", "dark"):

@@ -1,4 +1,4 @@
-"""One real agent with its emulator, and a client as the daemon has it."""
+"""One real agent with its emulator, and a client like the daemon's."""
 
 import asyncio
 import hashlib
@@ -44,7 +44,7 @@ TAIL = (
 )
 
 
-def gcode(moves: int) -> str:
+def make_gcode(moves: int) -> str:
     path = "".join(
         f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{(i + 1) * 0.5:.2f}\n" for i in range(moves)
     )
@@ -60,31 +60,31 @@ class Printer:
         self.clock = Clock(SCALE, time.time())
         self.process: subprocess.Popen[bytes] | None = None
         self.client = AgentClient(folder)
-        self.last: m.Snapshot | None = None
-        self._following: asyncio.Task[None] | None = None
+        self.last_snapshot: m.Snapshot | None = None
+        self._follow_task: asyncio.Task[None] | None = None
 
     def spawn(self) -> None:
         self.process = spawn_agent("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
 
     async def connect(self) -> None:
-        self.last = None
+        self.last_snapshot = None
         await self.client.connect()
-        self._following = asyncio.create_task(self._follow())
+        self._follow_task = asyncio.create_task(self._follow())
 
     async def _follow(self) -> None:
         async for snapshot in self.client.snapshots():
-            self.last = snapshot
+            self.last_snapshot = snapshot
 
-    async def until(self, seen: Callable[[m.Snapshot], bool]) -> m.Snapshot:
+    async def until(self, condition: Callable[[m.Snapshot], bool]) -> m.Snapshot:
         async with asyncio.timeout(DEADLINE_S):
-            while self.last is None or not seen(self.last):
+            while self.last_snapshot is None or not condition(self.last_snapshot):
                 await asyncio.sleep(0.01)
-            return self.last
+            return self.last_snapshot
 
-    async def ready(self) -> m.Snapshot:
+    async def wait_until_ready(self) -> m.Snapshot:
         return await self.until(lambda s: s.link is m.LinkState.READY)
 
-    async def phase(self, phase: m.PrintPhase) -> m.PrintSnapshot:
+    async def wait_for_phase(self, phase: m.PrintPhase) -> m.PrintSnapshot:
         snapshot = await self.until(lambda s: s.print is not None and s.print.phase is phase)
         assert snapshot.print is not None
         return snapshot.print
@@ -103,14 +103,14 @@ class Printer:
         )
         return await self.client.request(request)
 
-    def targets(self) -> tuple[float, float]:
+    def read_targets(self) -> tuple[float, float]:
         status = read_status(self.folder / "emulator")
         return status.nozzle_target_c, status.bed_target_c
 
     async def close(self) -> None:
         await self.client.close()
-        if self._following is not None:
-            await self._following
+        if self._follow_task is not None:
+            await self._follow_task
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
         if self.process is not None:
@@ -125,7 +125,7 @@ async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
     printer.spawn()
     try:
         await printer.connect()
-        await printer.ready()
+        await printer.wait_until_ready()
         yield printer
     finally:
         await printer.close()
@@ -135,16 +135,16 @@ def run(scenario: Coroutine[Any, Any, None]) -> None:
     asyncio.run(scenario)
 
 
-def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
-    """Wait until an emulator shows a state; return whether it did."""
+def wait_for_emulator(folder: Path, condition: Callable[[EmulatorStatus], bool]) -> bool:
+    """Wait until the state of an emulator meets a condition; return False at the deadline."""
     until_s = time.monotonic() + DEADLINE_S
-    while not seen(read_status(folder)) and time.monotonic() < until_s:
+    while not condition(read_status(folder)) and time.monotonic() < until_s:
         select.select([], [], [], 0.02)
-    return seen(read_status(folder))
+    return condition(read_status(folder))
 
 
-def everything(master: int) -> bytes:
-    """Read all bytes that wait for a board."""
+def read_all(master: int) -> bytes:
+    """Read all bytes that are buffered for a board."""
     os.set_blocking(master, False)
     result = b""
     with suppress(BlockingIOError):

@@ -42,7 +42,7 @@ exit 0
 
 
 def resources(folder, version):
-    """Create the files by which a resources folder is recognised."""
+    """Create the files that identify a folder of Cura's resources."""
     for name in ("definitions", "extruders", "variants", "quality", "materials"):
         (folder / name).mkdir(parents=True)
     text = f'{{"metadata": {{"setting_version": {NUMBERS[version]}}}}}\n'
@@ -53,9 +53,9 @@ def resources(folder, version):
 
 
 class Host:
-    """A computer with an apt of a given version, and what is on it."""
+    """A computer with a given version of apt, and its files."""
 
-    def __init__(self, folder, *, apt=None, lists=True, packaged=None):
+    def __init__(self, folder, *, apt=None, lists=True, apt_has_packages=None):
         self.folder, self.bin, self.state = folder, folder / "bin", folder / "state"
         self.bin.mkdir()
         self.state.mkdir()
@@ -70,7 +70,7 @@ class Host:
                 epoch = "1:" if package == "cura-engine" else ""
                 (self.state / f"candidate-{package}").write_text(f"{epoch}{apt}.0-6")
             self.engine(apt, self.state / "new-engine")
-            resources(self.state / "packaged", packaged or apt)
+            resources(self.state / "packaged", apt_has_packages or apt)
         if lists:
             (self.state / "lists").touch()
 
@@ -91,14 +91,14 @@ class Host:
 
     def run(self, **environ):
         command = [self.bin / "bash", SCRIPT, self.settings]
-        done = subprocess.run(
+        result = subprocess.run(
             command, env=self.environ | environ, capture_output=True, text=True, check=False
         )
-        return done.returncode, done.stderr, self.calls
+        return result.returncode, result.stderr, self.calls
 
     @property
     def environ(self):
-        """The environment of its processes."""
+        """Environment variables of its processes."""
         return {
             "PATH": str(self.bin),
             "STATE": str(self.state),
@@ -108,6 +108,6 @@ class Host:
 
     @property
     def calls(self):
-        """The calls of apt-get, a line each."""
+        """Calls of apt-get, one on each line."""
         calls = self.state / "calls"
         return calls.read_text() if calls.exists() else ""

@@ -22,7 +22,7 @@ class Tab:
     pipe
         Connection to the browser.
     session
-        Its session there.
+        Session of the page.
     """
 
     def __init__(self, pipe, session):
@@ -31,7 +31,7 @@ class Tab:
         pipe.tabs[session] = self
 
     async def prepare(self):
-        """Turn on what is reported about the page."""
+        """Enable the reports about the page."""
         for domain in ("Page", "Log", "Network", "Runtime"):
             await self.call(f"{domain}.enable")
         return self
@@ -57,17 +57,17 @@ class Tab:
         return (await self.call("Runtime.evaluate", expression=expression))["result"].get("value")
 
     async def wait_for(self, expression):
-        """Wait until an expression on the page is true, which the page itself looks at ten times a second."""
+        """Wait until an expression on the page is true, polled by the page ten times a second."""
         watch = f"""new Promise(done => {{
             const look = () => {{ if ({expression}) done(true); else setTimeout(look, 100) }}
             look()
         }})"""
         async with asyncio.timeout(PATIENCE_S):
             while not await self._await_promise(watch):
-                await asyncio.sleep(0)  # another page was loaded, and takes over
+                await asyncio.sleep(0)  # another page was loaded
 
     async def _await_promise(self, expression):
-        """Return the value of a promise on the page, or None where the page is left before it is known."""
+        """Return the value of a promise on the page, or None if the page is left before."""
         try:
             answer = await self.call("Runtime.evaluate", expression=expression, awaitPromise=True)
         except AssertionError:
@@ -88,8 +88,8 @@ class Tab:
         ]
         data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
         for kind in ("dragEnter", "dragOver", "drop"):
-            at = {"x": left + width / 2, "y": top + height / 2}
-            await self.call("Input.dispatchDragEvent", type=kind, data=data, **at)
+            position = {"x": left + width / 2, "y": top + height / 2}
+            await self.call("Input.dispatchDragEvent", type=kind, data=data, **position)
 
     async def click(self, x, y):
         """Click a point of the window."""
@@ -98,8 +98,8 @@ class Tab:
 
     async def cut_network(self, is_cut=True):
         """Cut the page off from the network, or connect it again."""
-        unlimited = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
-        await self.call("Network.emulateNetworkConditions", offline=is_cut, **unlimited)
+        no_limits = {"latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+        await self.call("Network.emulateNetworkConditions", offline=is_cut, **no_limits)
 
     async def read_text(self):
         """Return the text of the page."""
@@ -114,7 +114,7 @@ class Tab:
             await self._loaded.wait()
 
     def on_event(self, method, params):
-        """Take up an event of the page."""
+        """Process an event of the page."""
         if method == "Page.loadEventFired":
             self._loaded.set()
 
@@ -144,13 +144,13 @@ class Pipe:
 
     async def open_session(self):
         """Return the session of a new tab."""
-        made = await self.call("Target.createTarget", None, {"url": "about:blank", "newWindow": True})
-        attach = {"targetId": made["targetId"], "flatten": True}
-        attached = await self.call("Target.attachToTarget", None, attach)
-        return attached["sessionId"]
+        target = await self.call("Target.createTarget", None, {"url": "about:blank", "newWindow": True})
+        attach = {"targetId": target["targetId"], "flatten": True}
+        attachment = await self.call("Target.attachToTarget", None, attach)
+        return attachment["sessionId"]
 
     async def read(self, reader):
-        """Give answers to who waits for them, and events to their tabs."""
+        """Pass answers to the calls that wait for them, and events to their tabs."""
         while True:
             message = json.loads((await reader.readuntil(b"\0"))[:-1])
             if message.get("id") in self._answers:
@@ -169,7 +169,7 @@ class Chromium(Tab):
     profile
         Folder for the profile.
     hosts
-        Rules by which names are found, such as `MAP farm.lab 127.0.0.1`.
+        Rules that resolve host names, such as `MAP farm.lab 127.0.0.1`.
     """
 
     def __init__(self, profile, hosts):
@@ -187,22 +187,22 @@ class Chromium(Tab):
         return await Tab(self._pipe, await self._pipe.open_session()).prepare()
 
     def sleep(self, is_asleep=True):
-        """Stop all processes of the browser, as a computer that goes to sleep does, or let them go on."""
+        """Stop all processes of the browser, as a computer does when it goes to sleep, or continue them."""
         os.killpg(self._process.pid, signal.SIGSTOP if is_asleep else signal.SIGCONT)
 
     async def __aenter__(self):
         to_browser, own_write = os.pipe()
         own_read, from_browser = os.pipe()
 
-        def place_pipes():
+        def place_pipes_at_3_and_4():
             read, write = os.dup(to_browser), os.dup(from_browser)
             for number, end in ((3, read), (4, write)):
                 os.dup2(end, number)
-                os.set_inheritable(number, True)  # dup2 leaves that as it was if both are the same
+                os.set_inheritable(number, True)  # dup2 does nothing if both are the same
 
         self._process = await asyncio.create_subprocess_exec(
             *self._command,
-            preexec_fn=place_pipes,
+            preexec_fn=place_pipes_at_3_and_4,
             close_fds=False,
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.DEVNULL,

@@ -1,4 +1,4 @@
-"""A scheduler, or a worker of farms, as a process of its own."""
+"""Scheduler and workers of a cluster, each in a process of its own."""
 
 import asyncio
 import os
@@ -11,7 +11,7 @@ import dask
 
 
 def make_certificates(folder):
-    """Make a key, and a certificate that is its own authority."""
+    """Make a key and a self-signed certificate."""
     folder.mkdir()
     request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=farm-cluster"]
     files = ["-keyout", folder / "key.pem", "-out", folder / "cert.pem", "-days", "2"]
@@ -21,7 +21,7 @@ def make_certificates(folder):
 
 
 async def run_scheduler(folder, certificates):
-    """Run a scheduler; its address is in a file of the folder, and stays the same later."""
+    """Run a scheduler; a file in the folder keeps its address over restarts."""
     from distributed import Scheduler
 
     from farm.compute.cluster.security import make_security
@@ -39,10 +39,10 @@ async def run_scheduler(folder, certificates):
 
 def run_worker(folder, certificates, address, name):
     """Run a worker with one slot, whose versions are those of the tests."""
-    from dask_cluster import HERE
+    from dask_cluster import INSTALLATION
     from farm.compute.cluster import serve
 
-    serve.read_installation = lambda: HERE
+    serve.read_installation = lambda: INSTALLATION
     options = serve.WorkerOptions(address, certificates, name, folder / name, slots=1)
     options.folder.mkdir(exist_ok=True)
     asyncio.run(serve.serve_tasks(options, None))

@@ -22,14 +22,14 @@ def make_fleet(names="abc", **options):
     return Fleet.model_validate({"fleet": {"name": "lab", **options}, "printers": rows})
 
 
-def submit(books, number, plates=2, at_s=START_S, held=False, **changes):
+def submit(books, number, plates=2, at_s=START_S, is_held=False, **changes):
     """Return the books with another planned job, which waits for an approval if it is held."""
-    submitted = make_job(number).model_copy(update={"submitted_s": at_s, **changes})
+    job = make_job(number).model_copy(update={"submitted_s": at_s, **changes})
     return apply_events(
         books,
-        ev.JobSubmitted(at_s=at_s, job=submitted),
+        ev.JobSubmitted(at_s=at_s, job=job),
         ev.PlanningStarted(at_s=at_s, job=number),
-        make_plan_event(number, plates, at_s).model_copy(update={"held": held}),
+        make_plan_event(number, plates, at_s).model_copy(update={"held": is_held}),
     )[0]
 
 
@@ -44,12 +44,12 @@ def print_plate(books, plate, printer_name, begin_s, took_s, **changes):
     return books
 
 
-def judge(books, printer_name, at_s, verdict=Verdict.GOOD, why=None):
+def judge(books, printer_name, at_s, verdict=Verdict.GOOD, reason=None):
     """Return the books with a cleared bed and a verdict on its part."""
-    cleared = ev.BedCleared(
-        at_s=at_s, printer=printer_name, by="ann", filament=None, verdict=verdict, why=why
+    cleared_event = ev.BedCleared(
+        at_s=at_s, printer=printer_name, by="ann", filament=None, verdict=verdict, why=reason
     )
-    return apply_events(books, cleared)[0]
+    return apply_events(books, cleared_event)[0]
 
 
 def empty_books(names="abc"):
@@ -64,6 +64,6 @@ def make_context(books, now_s, fleet=None, **changes):
 
 def make_situation(books, now_s, names="abc", attended=(), quiet=()):
     """Return the situation with all waiting plates of the books."""
-    waiting = tuple(describe_plates(books.waiting_plates(), books))
+    plates = tuple(describe_plates(books.waiting_plates(), books))
     fleet = tuple(printer(n, booked=books.open_print_on(n) is not None) for n in names)
-    return Situation(waiting, fleet, rules(attended, quiet), now_s)
+    return Situation(plates, fleet, rules(attended, quiet), now_s)

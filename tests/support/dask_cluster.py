@@ -1,4 +1,4 @@
-"""A Dask cluster in the process of a test, with workers of farms."""
+"""A Dask cluster in the process of a test."""
 
 import asyncio
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -13,11 +13,11 @@ from farm.compute.cluster.installation import Installation
 from farm.compute.cluster.task_executor import TaskExecutor
 from same_process import SameProcess
 
-HERE = Installation("1", "4.13", "abc", "numpy 2", "", "", "")
+INSTALLATION = Installation("1", "4.13", "abc", "numpy 2", "", "", "")
 
 
 class Recorder:
-    """Pool of the computer that submits, which runs each task at once and records it."""
+    """Local pool that runs each task immediately and records it."""
 
     starting = None
     has_idle = True
@@ -43,16 +43,16 @@ async def cluster(folder, workers, pools=None, installations=None):
             Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0")
         )
         for name in workers:
-            own = folder / name
-            own.mkdir(parents=True)
-            here = (installations or {}).get(name, HERE)
-            executor = TaskExecutor(name, own, pools.get(name, SameProcess()), here)
-            worker = FarmWorker(scheduler.address, executor, 1, own / "dask")
+            worker_folder = folder / name
+            worker_folder.mkdir(parents=True)
+            installation = (installations or {}).get(name, INSTALLATION)
+            executor = TaskExecutor(name, worker_folder, pools.get(name, SameProcess()), installation)
+            worker = FarmWorker(scheduler.address, executor, 1, worker_folder / "dask")
             await stack.enter_async_context(worker)
-        own = Recorder()
-        link = partial(Connection, scheduler.address, None, HERE)
-        pool = ClusterPool(own, scheduler.address, HERE, link)
-        pool.own = own
+        local_pool = Recorder()
+        link = partial(Connection, scheduler.address, None, INSTALLATION)
+        pool = ClusterPool(local_pool, scheduler.address, INSTALLATION, link)
+        pool.own = local_pool
         pool.start()
         while len(pool.state.workers) < len(workers):
             await asyncio.sleep(0.02)

@@ -23,7 +23,7 @@ def decompose_task(bar, files, tmp_path, printers=2, rounds=1):
         printers=fleet(printers).printers,
         rounds=rounds,
         folder=tmp_path / "work",
-        budget_s=0.0,  # the first engine alone: what it is cut by does not matter here
+        budget_s=0.0,  # a single engine is enough here
     )
 
 
@@ -34,23 +34,25 @@ class Slice:
         self.sliced_s = sliced_s
 
 
-def slice_tasks(work, cut):
-    return build_slice_tasks(SliceBatch(cut.parts, work.printers, work.options.quality, work.folder, None))
+def slice_tasks(work, decomposition):
+    return build_slice_tasks(
+        SliceBatch(decomposition.parts, work.printers, work.options.quality, work.folder, None)
+    )
 
 
-def join_slices(work, cut, tasks, slices):
-    """A sliced job of these slices."""
+def join_slices(work, decomposition, tasks, slices):
+    """Return a sliced job with these slices."""
     sections = {section.name: section for section in work.printers}
-    triples = zip(cut.parts, tasks, slices, strict=True)
+    triples = zip(decomposition.parts, tasks, slices, strict=True)
     parts = (SlicedPart(part, sections[part.printer], item, result) for part, item, result in triples)
-    return SlicedJob(work, cut, tuple(parts))
+    return SlicedJob(work, decomposition, tuple(parts))
 
 
-def slice_late(work, cut, late_s):
-    """A sliced job whose parts take the mean of their prices, but for the last part, which takes longer."""
-    tasks = slice_tasks(work, cut)
+def slice_late(work, decomposition, late_s):
+    """Return a sliced job in which each part takes the mean price, and the last part longer."""
+    tasks = slice_tasks(work, decomposition)
     prelude_s = compute_prelude_seconds(work.printers[0], tasks[0].settings)
-    seconds = [part.price_s - prelude_s for part in cut.parts]
+    seconds = [part.price_s - prelude_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)
     seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]
-    return join_slices(work, cut, tasks, map(Slice, seconds))
+    return join_slices(work, decomposition, tasks, map(Slice, seconds))

@@ -26,7 +26,7 @@ NOW_S = 7 * 3600.0
 HOLD = Hold(code=HoldCode.BED_NOT_CLEAR, text="its bed is not clear")
 
 
-def night_books():
+def make_night_books():
     books, _ = apply_events(
         Books(),
         *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS),
@@ -53,14 +53,14 @@ def night_books():
     return books
 
 
-def view_context_of(books):
+def make_view_context(books):
     idle = {"link": Link.READY, "filament": FilamentState.PARKED, "nozzle_c": 24.2, "bed_c": 22.0}
     snapshots = {name: AgentSnapshot(printer=name, **idle) for name in PRINTERS}
     return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), NOW_S)
 
 
-def status_of(books):
-    context = view_context_of(books)
+def make_status(books):
+    context = make_view_context(books)
     return api.Status(
         daemon=api.DaemonView(pid=1, version="0", since=""),
         todo=list_tasks(context),

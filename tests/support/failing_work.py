@@ -10,7 +10,7 @@ from slicing.engine import EngineLimits, run_engine
 
 
 def die_once(marker):
-    """Die as a process killed for its memory does, the first time."""
+    """Kill this process in the first call, as the kernel does if memory runs out."""
     if not marker.exists():
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -22,14 +22,14 @@ def die(signal_number=signal.SIGKILL):
 
 
 def raise_error():
-    raise FarmError("no such thing")
+    raise FarmError("no such file")
 
 
 class UnpicklableError(Exception):
-    """An exception that pickle cannot make again."""
+    """An exception that pickle cannot restore."""
 
-    def __init__(self, first, second):
-        super().__init__(first + second)
+    def __init__(self, first_text, second_text):
+        super().__init__(first_text + second_text)
 
 
 def raise_unpicklable_error():
@@ -44,7 +44,7 @@ def pause():
     signal.pause()
 
 
-def whoami():
+def get_pid():
     return os.getpid()
 
 
@@ -54,8 +54,8 @@ def read_oom_score():
 
 
 def slice_rod(folder):
-    """The layers of a rod."""
-    from farm.planning.local.slice_file import (  # here: the other work does without it
+    """Slice a rod and return its number of layers."""
+    from farm.planning.local.slice_file import (  # here: the other tasks do not need it
         SliceOptions,
         slice_to_file,
     )
@@ -65,28 +65,28 @@ def slice_rod(folder):
     return report["layers"]
 
 
-def start_after(fifo, first, report):
-    """Prepare a worker: the first one reports a step, and waits until somebody writes into the FIFO."""
+def start_after(fifo, marker, report):
+    """Prepare a worker: the first one reports a step, and waits until something is written to the FIFO."""
     try:
-        first.mkdir()
+        marker.mkdir()
     except FileExistsError:
         return
     report("compiling")
     fifo.read_text()
 
 
-def temporary_folder():
+def find_temporary_folder():
     return Path(tempfile.gettempdir())
 
 
-def speak(fifo, message):
-    """Write a line once a reader opens the file."""
+def write_line(fifo, message):
+    """Write a message when a reader opens the file."""
     fifo.write_text(message)
     return message
 
 
-def hang(folder):
-    """Run an engine that never ends and holds a FIFO open; what it says first is its process id."""
+def run_hanging_engine(folder):
+    """Run an engine that never ends and holds a FIFO open; its first line is its process id."""
     engine = folder / "engine"
     engine.write_text(f"#!/bin/sh\nexec 3>{folder / 'fifo'}\necho $$ >&3\nexec sleep 1000\n")
     engine.chmod(0o755)

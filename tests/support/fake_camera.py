@@ -1,4 +1,4 @@
-"""A camera on a port of this host, as good or as hostile as a test wants."""
+"""A camera on a port of this host, with valid or hostile answers."""
 
 import struct
 import threading
@@ -8,7 +8,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 
 def make_jpeg(width=640, height=480, tail=b"picture"):
-    """Bytes that begin as a JPEG of this size does: application segment, then the frame."""
+    """Make the beginning of a JPEG of this size: application segment, then frame header."""
     application = b"\xff\xe0" + struct.pack(">H", 16) + b"JFIF\0" + bytes(9)
     frame = b"\xff\xc0" + struct.pack(">HBHHB", 17, 8, height, width, 3) + bytes(9)
     return b"\xff\xd8" + application + frame + b"\xff\xda" + tail
@@ -27,7 +27,7 @@ def make_png(width=2, height=2):
 
 
 class FakeCamera(ThreadingHTTPServer):
-    """HTTP server whose answers a function writes; it records the requests.
+    """HTTP server that answers by a function and records the requests.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class FakeCamera(ThreadingHTTPServer):
     requests
         Path and headers of each request.
     stopped
-        Set when the server ends: a slow answer waits for it.
+        Event that is set when the server ends, for which slow answers wait.
     """
 
     daemon_threads = True

@@ -1,4 +1,4 @@
-"""Time that passes only while an event loop waits: days of timers in a moment."""
+"""Simulated time that advances only while the event loop waits, so that days of timers run at once."""
 
 import asyncio
 import selectors
@@ -13,9 +13,9 @@ HOST_TIME = (
 
 
 class FakeTime:
-    """A clock and an event loop that live on one time, in seconds since the epoch; APScheduler too.
+    """Simulated time of a clock, an event loop and APScheduler, in seconds since the epoch.
 
-    The host's clock can be set: `set_s` is by how much it was, and `ahead_s` what the farm's clock took over.
+    The host's clock can be set: `set_s` is its offset, `ahead_s` the offset that the farm's clock adopted.
     """
 
     scale = 1.0
@@ -34,10 +34,10 @@ class FakeTime:
         for module in HOST_TIME:
             monkeypatch.setattr(f"{module}.datetime", Datetime)
 
-        async def at_once(work, *args):
+        async def run_in_place(work, *args):
             return work(*args)
 
-        monkeypatch.setattr("asyncio.to_thread", at_once)
+        monkeypatch.setattr("asyncio.to_thread", run_in_place)
 
     def now(self):
         return self.now_s + self.ahead_s
@@ -71,8 +71,8 @@ class _Patient(selectors.SelectSelector):
         self._time = time
 
     def select(self, timeout=None):
-        ready = super().select(0)
-        if not ready:
+        events = super().select(0)
+        if not events:
             assert timeout is not None, "nothing will ever happen"
             self._time.now_s += timeout
-        return ready
+        return events

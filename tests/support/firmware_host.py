@@ -26,41 +26,41 @@ class Host:
 
     def wait(self, seconds: float) -> list[str]:
         """Return the lines sent in the next seconds."""
-        return self.until(self.now_s + seconds)
+        return self.wait_until(self.now_s + seconds)
 
-    def until(self, end_s: float) -> list[str]:
-        out = b""
+    def wait_until(self, end_s: float) -> list[str]:
+        data = b""
         while (due_s := self.firmware.deadline_s()) <= end_s:
             self.now_s = max(self.now_s, due_s)
-            out += self.firmware.feed(b"", self.now_s)
+            data += self.firmware.feed(b"", self.now_s)
         self.now_s = end_s
-        out += self.firmware.feed(b"", end_s)
-        return out.decode("latin-1").splitlines()
+        data += self.firmware.feed(b"", end_s)
+        return data.decode("latin-1").splitlines()
 
-    def put(self, *lines: str) -> list[str]:
+    def send_burst(self, *lines: str) -> list[str]:
         """Send lines in one burst, and return the answers."""
         data = "".join(f"{line}\n" for line in lines).encode("latin-1")
         return self.firmware.feed(data, self.now_s).decode("latin-1").splitlines()
 
-    def say(self, line: str, seconds: float = 600.0) -> list[str]:
+    def send(self, line: str, seconds: float = 600.0) -> list[str]:
         """Send a line and wait for its ok (which may follow other text on its line)."""
-        message = self.put(line)
+        message = self.send_burst(line)
         end_s = self.now_s + seconds
         while not any(text.endswith("ok") or text.startswith("ok") for text in message):
             due_s = self.firmware.deadline_s()
             assert due_s <= end_s, f"no ok to {line!r}, only {message}"
-            message += self.until(due_s)
+            message += self.wait_until(due_s)
         return message
 
-    def number(self, body: str) -> list[str]:
+    def send_numbered(self, body: str) -> list[str]:
         """Send a line with number and checksum."""
         self.n += 1
-        return self.say(numbered(self.n, body))
+        return self.send(add_number(self.n, body))
 
-    def warm(self, nozzle_c: float = 210.0) -> None:
-        self.say(f"M109 S{nozzle_c}")
+    def heat_nozzle(self, nozzle_c: float = 210.0) -> None:
+        self.send(f"M109 S{nozzle_c}")
 
 
-def numbered(n: int, body: str) -> str:
+def add_number(n: int, body: str) -> str:
     line = f"N{n} {body}"
     return f"{line}*{reduce(xor, line.encode())}"

@@ -1,4 +1,4 @@
-"""Stand-in for ssh to another host: the command in a shell on this one; it can be cut and counted."""
+"""Stand-in for ssh that runs the command on this host; connections can be cut and counted."""
 
 import os
 import signal
@@ -11,15 +11,15 @@ from drivers.remote import kill_agent
 
 
 class HostPipe:
-    """Route to a host whose state is in a folder of its own."""
+    """Connection to a host whose state is in a folder of its own."""
 
     def __init__(self, folder: Path, farm: str = "test") -> None:
         self._folder = folder / "pipe"
         self._folder.mkdir()
-        self._gone = self._folder / "gone"
+        self._cut_marker = self._folder / "gone"
         script = self._folder / "ssh.sh"
         script.write_text(
-            f'#!/bin/sh\n[ -e {self._gone} ] && {{ echo "no route" >&2; exit 255; }}\n'
+            f'#!/bin/sh\n[ -e {self._cut_marker} ] && {{ echo "no route" >&2; exit 255; }}\n'
             f'echo $$ >> {self._folder}/pids\nfor last; do :; done\nexec sh -c "exec env $last"\n'
         )
         script.chmod(0o700)
@@ -30,20 +30,20 @@ class HostPipe:
 
     @property
     def pids(self) -> list[int]:
-        """The process of each connection so far, oldest first."""
+        """Process ids of all connections, oldest first."""
         path = self._folder / "pids"
         return [int(number) for number in path.read_text().split()] if path.exists() else []
 
     def cut(self) -> None:
-        """Lose the connection, and make none."""
-        self._gone.touch()
+        """Close the connection and refuse new ones."""
+        self._cut_marker.touch()
         for number in self.pids:
             with suppress(ProcessLookupError):
                 os.kill(number, signal.SIGKILL)
 
     def mend(self) -> None:
         """Allow connections again."""
-        self._gone.unlink()
+        self._cut_marker.unlink()
 
     def close(self, *printers: str) -> None:
         """End the service and the agents."""

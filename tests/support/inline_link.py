@@ -15,5 +15,5 @@ class InlineLink:
         self._on_workers((ClusterWorker("w1", "tls://w1", 1),))
         await asyncio.Event().wait()
 
-    async def submit(self, task, sent):
-        return await self._executor.execute(task, sent)
+    async def submit(self, task, files):
+        return await self._executor.execute(task, files)

@@ -1,4 +1,4 @@
-"""Versions of farm, each installed from its own wheel into an environment of its own, as an operator does."""
+"""Versions of farm, each installed from its wheel into an environment of its own."""
 
 import re
 import shutil
@@ -19,9 +19,9 @@ def build_wheel(folder: Path, version: str | None = None) -> Path:
     Parameters
     ----------
     folder
-        A new folder, for a copy of the sources: nothing is left in the checkout.
+        New folder for a copy of the sources, so that the checkout stays clean.
     version
-        The version; None: that of the checkout.
+        Version of the wheel; None for that of the checkout.
     """
     folder.mkdir(parents=True)
     for name in _PARTS:
@@ -41,12 +41,12 @@ def build_wheel(folder: Path, version: str | None = None) -> Path:
 
 
 def install_wheel(wheel: Path, folder: Path) -> Path:
-    """Install a wheel into a new environment, with the dependencies that this one has.
+    """Install a wheel into a new environment, with the dependencies of this one.
 
     Returns
     -------
     Path
-        The folder that its packages are in.
+        Folder of its packages.
     """
     venv.create(folder)
     packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
@@ -62,7 +62,7 @@ class Versions:
     Parameters
     ----------
     folder
-        A folder that exists, for all of them.
+        Existing folder for all versions.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -70,15 +70,15 @@ class Versions:
         self.link = folder / "farm"
 
     def install(self, version: str) -> Path:
-        """Install a version; return the folder that its packages are in."""
+        """Install a version; return the folder of its packages."""
         wheel = build_wheel(self._folder / f"sources-{version}", version)
         return install_wheel(wheel, self._folder / f"farm-{version}")
 
     def use(self, version: str) -> None:
-        """Let the link name a version, in one step."""
-        new = self._folder / "farm.new"
-        new.symlink_to(self._folder / f"farm-{version}")
-        new.replace(self.link)
+        """Point the link to a version, in one step."""
+        link = self._folder / "farm.new"
+        link.symlink_to(self._folder / f"farm-{version}")
+        link.replace(self.link)
 
     def find(self, folder: str) -> str | None:
         """Return the version whose packages are in a folder; None if it is none of these."""

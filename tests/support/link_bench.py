@@ -1,4 +1,4 @@
-"""Board that keeps the firmware's rules of numbers and checksums, and a wire to it that loses and garbles."""
+"""Board that checks line numbers and checksums like the firmware, and a wire that loses or changes bytes."""
 
 import math
 import random
@@ -15,34 +15,34 @@ BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\ne
 
 
 class Firmware:
-    """Numbers, checksums, resends and oks; nothing of machines."""
+    """Line numbers, checksums, resends and oks, without a machine."""
 
     def __init__(self) -> None:
         self.last = 0
         self.partial = b""
-        self.done: list[tuple[int, bytes]] = []  # numbered lines that were carried out
+        self.executed: list[tuple[int, bytes]] = []  # numbered lines that were executed
         self.mute = False
 
     def feed(self, data: bytes) -> bytes:
-        out = b""
+        answers = b""
         *lines, self.partial = (self.partial + data).split(b"\n")
         for line in lines:
-            out += self.line(line)
-        return b"" if self.mute else out
+            answers += self.execute(line)
+        return b"" if self.mute else answers
 
-    def line(self, line: bytes) -> bytes:
+    def execute(self, line: bytes) -> bytes:
         body = line
         number = re.search(rb"N(-?\d+)", line)
         star = line.find(b"*")
         if number is not None:
             n = int(number[1])
             if n != self.last + 1 and b"M110" not in line:
-                return self.wrong(b"Line Number is not Last Line Number+1")
+                return self.reject(b"Line Number is not Last Line Number+1")
             if star < 0:
-                return self.wrong(b"No Checksum with line number")
+                return self.reject(b"No Checksum with line number")
             message = re.match(rb"\d*", line[star + 1 :])
             if reduce(xor, line[:star], 0) != int((message and message[0]) or b"-1"):
-                return self.wrong(b"checksum mismatch")
+                return self.reject(b"checksum mismatch")
             self.last = n
             body = remove_frame(line)
         elif star >= 0:
@@ -50,34 +50,38 @@ class Firmware:
         if not body.strip():
             return b""
         if number is not None and not body.startswith((b"M110", b"M105")):
-            self.done.append((self.last, body))
+            self.executed.append((self.last, body))
         if body.startswith(b"M105"):
             return b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
         if b"M119" in body:
             return b"Reporting endstop status\nx_min: openy_max: openz_max: openok\n"
         return b"ok\n"
 
-    def wrong(self, data: bytes) -> bytes:
+    def reject(self, data: bytes) -> bytes:
         self.partial = b""
         return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (data, self.last, self.last + 1)
 
 
 class Wire:
-    """Bytes from end to end, each lost or changed with the given probability; in pieces of `piece` bytes."""
+    """Wire that loses or changes each byte with a given probability, and delivers pieces of `piece` bytes."""
 
-    def __init__(self, lost: float, changed: float, piece: int, seed: int) -> None:
-        self.lost, self.changed, self.piece = lost, changed, piece
+    def __init__(self, loss_share: float, change_share: float, piece: int, seed: int) -> None:
+        self.loss_share, self.change_share, self.piece = loss_share, change_share, piece
         self.rng = random.Random(seed)
 
     def carry(self, data: bytes) -> list[bytes]:
-        if self.lost or self.changed:
-            out = bytearray()
+        if self.loss_share or self.change_share:
+            result = bytearray()
             for byte in data:
                 roll = self.rng.random()
-                if roll < self.lost:
+                if roll < self.loss_share:
                     continue
-                out.append(byte ^ (1 << self.rng.randrange(8)) if roll < self.lost + self.changed else byte)
-            data = bytes(out)
+                result.append(
+                    byte ^ (1 << self.rng.randrange(8))
+                    if roll < self.loss_share + self.change_share
+                    else byte
+                )
+            data = bytes(result)
         return [data[i : i + self.piece] for i in range(0, len(data), self.piece)]
 
 
@@ -97,29 +101,29 @@ class Bench:
         return self
 
     def run(self, until_s: float = 1e6) -> None:
-        """Run until nothing changes any more, or the link has given up."""
+        """Run until nothing changes any more or the link has given up."""
         for _ in range(20_000):
             if self.now_s >= until_s:
                 return
-            if out := self.link.take():
-                for delivered in self.wire.carry(out):
-                    for back in self.wire.carry(self.firmware.feed(delivered)):
-                        self.events += self.link.receive(back, self.now_s) or ()
+            if sent := self.link.take():
+                for received in self.wire.carry(sent):
+                    for answer in self.wire.carry(self.firmware.feed(received)):
+                        self.events += self.link.receive(answer, self.now_s) or ()
                 self.now_s += 0.01
             elif self.link.deadline_s == math.inf:
                 return
             else:
                 self.now_s = self.link.deadline_s
                 self.events += self.link.tick(self.now_s)
-        raise AssertionError(f"it does not end: {self.events[-5:]}")
+        raise AssertionError(f"the link does not come to an end: {self.events[-5:]}")
 
-    def faults(self) -> list[Fault]:
+    def list_faults(self) -> list[Fault]:
         return [event.fault for event in self.events if isinstance(event, LinkFault)]
 
 
-def lines(count: int) -> list[bytes]:
+def make_lines(count: int) -> list[bytes]:
     return [b"G1 X%d.%03d Y1 E%d" % (i % 200, i % 1000, i) for i in range(count)]
 
 
-def stream(bench: Bench, program: list[bytes]) -> None:
+def stream_program(bench: Bench, program: list[bytes]) -> None:
     bench.link.stream(bench.now_s, lambda a, b: program[a:b], 0, len(program))

@@ -12,24 +12,24 @@ RELATIONS = (
 )
 
 
-def mesh_xml(mesh):
-    """A mesh as the XML of a 3MF object."""
+def write_mesh_xml(mesh):
+    """Write a mesh as the XML of a 3MF object."""
     vertices = "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in mesh.vertices)
     faces = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.faces)
     return f"<mesh><vertices>{vertices}</vertices><triangles>{faces}</triangles></mesh>"
 
 
-def object_xml(number, content, kind="model"):
+def write_object_xml(number, content, kind="model"):
     return f'<object id="{number}" type="{kind}">{content}</object>'
 
 
-def components_xml(*references):
-    """Components: each the attributes of one."""
+def write_components_xml(*references):
+    """Write components, given by their attributes."""
     return f"<components>{''.join(f'<component {reference}/>' for reference in references)}</components>"
 
 
-def model_xml(objects, items, unit=None, head=""):
-    """A model part: the XML of its objects, and the attributes of each build item."""
+def write_model_xml(objects, items, unit=None, head=""):
+    """Write a model part from the XML of its objects and the attributes of its build items."""
     unit = f' unit="{unit}"' if unit else ""
     build = "".join(f"<item {item}/>" for item in items)
     return (
@@ -38,8 +38,8 @@ def model_xml(objects, items, unit=None, head=""):
     )
 
 
-def package_bytes(model, parts=None, relations=RELATIONS):
-    """A 3MF file of the XML of its model, and of other parts by name."""
+def pack_3mf(model, parts=None, relations=RELATIONS):
+    """Pack a 3MF file from the XML of its model and other parts by name."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as package:
         if relations is not None:

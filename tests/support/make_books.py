@@ -75,11 +75,11 @@ def make_plan_event(number=1, plates=2, at_s=1.0):
 def apply_events(books, *events):
     instructions = []
     for event in events:
-        before = books
-        books, more = apply(event, before)
-        assert list_undeclared_changes(event, before, books) == []
+        old_books = books
+        books, more_instructions = apply(event, old_books)
+        assert list_undeclared_changes(event, old_books, books) == []
         assert validate_books(books) == []
-        instructions += more
+        instructions += more_instructions
     return books, instructions
 
 

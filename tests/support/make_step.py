@@ -11,8 +11,8 @@ DATA;
 _SIDES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 
 
-def step_text(size_mm, unit_mm=1.0):
-    """A box of this size, from the origin, in a file whose unit has `unit_mm`."""
+def write_step_text(size_mm, unit_mm=1.0):
+    """Write a box of this size, from the origin, in a file whose unit is `unit_mm` long."""
     records = []
 
     def add(text):
@@ -79,7 +79,7 @@ def step_text(size_mm, unit_mm=1.0):
     formation = add(f"PRODUCT_DEFINITION_FORMATION('','',{product})")
     definition_context = add(f"PRODUCT_DEFINITION_CONTEXT('part definition',{application},'design')")
     definition = add(f"PRODUCT_DEFINITION('design','',{formation},{definition_context})")
-    meaning = add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
-    add(f"SHAPE_DEFINITION_REPRESENTATION({meaning},{shape})")
+    definition_shape = add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
+    add(f"SHAPE_DEFINITION_REPRESENTATION({definition_shape},{shape})")
     lines = "".join(f"#{number}={record};\n" for number, record in enumerate(records, 1))
     return f"{_HEAD}{lines}ENDSEC;\nEND-ISO-10303-21;\n"

@@ -1,4 +1,4 @@
-"""A farm whose first printer is idle, as callers of every kind reach it over the network."""
+"""A farm whose first printer is idle, with callers of every kind on the network."""
 
 import asyncio
 
@@ -23,7 +23,7 @@ OWN_PAGE = {"origin": f"http://{HOST}"}
 
 
 class Clock:
-    """A clock that stands still until it is set."""
+    """A clock that does not advance until it is set."""
 
     scale = 1.0
     now_s = 1.7e9
@@ -33,7 +33,7 @@ class Clock:
 
 
 class NetworkFarm:
-    """Controller and application for the network, with commands to make callers."""
+    """Controller and application for the network, with methods that create callers."""
 
     def __init__(self, folder, web=None, fleet=None, printers=("a",)):
         self.state = StateFolder(folder / "state")
@@ -65,21 +65,23 @@ class NetworkFarm:
     async def _go_down(self, now):
         self.went_down.append(now)
 
-    def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **more):
-        """Send a request, with the text of a key."""
+    def ask(self, method, path, text=None, host=HOST, address="10.0.0.9", headers=None, **options):
+        """Send a request with the text of a key."""
         own_headers = {"x-api-key": text} if text else {}
 
         async def call():
             transport = httpx.ASGITransport(self.web, client=(address, 1), raise_app_exceptions=False)
             async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
-                return await client.request(method, path, headers={**own_headers, **(headers or {})}, **more)
+                return await client.request(
+                    method, path, headers={**own_headers, **(headers or {})}, **options
+                )
 
         return asyncio.run(call())
 
-    def browse(self, method, path, session=None, headers=None, **more):
+    def browse(self, method, path, session=None, headers=None, **options):
         """Send a request as a browser does from the farm's own pages, with the text of a session."""
         own_headers = {"accept": "text/html", **OWN_PAGE, **(self.hold(session) if session else {})}
-        return self.ask(method, path, headers={**own_headers, **(headers or {})}, **more)
+        return self.ask(method, path, headers={**own_headers, **(headers or {})}, **options)
 
     def hold(self, session):
         """Return the header with the cookie of a session."""

@@ -1,7 +1,7 @@
 """Hosts with printers, each in a network namespace with a state folder of its own, reached over TCP.
 
 Run as a program, this file is the remote shell between them: ``listen ADDRESS`` on a host, and
-``call ... HOST COMMAND`` in place of ssh. It has no keys and no keep-alive: farm itself has to notice a cut
+``call ... HOST COMMAND`` in place of ssh. It has no keys and no keep-alive: farm itself has to detect a cut
 network. Needs root: see `virtual_network.find_obstacle`.
 """
 
@@ -35,7 +35,7 @@ class NetworkHosts:
     folder
         A new folder.
     names
-        Their names.
+        Names of the hosts.
     farm
         Name of the farm.
     program
@@ -69,7 +69,7 @@ class NetworkHosts:
         return f"XDG_STATE_HOME={self._folder / name} {self._program} host"
 
     def cut(self, name: str) -> None:
-        """Cut a host off the network; nothing is told."""
+        """Cut a host off the network; no end is notified."""
         self._network.disturb(name, cut=True)
 
     def mend(self, name: str) -> None:
@@ -77,7 +77,7 @@ class NetworkHosts:
         self._network.disturb(name)
 
     def kill_service(self, name: str) -> bool:
-        """Kill the service of a host; return whether it ran."""
+        """Kill the service of a host; return True if it ran."""
         return _kill(find_holder(self.places[name].lock))
 
     def kill_agents(self, name: str, printers: Sequence[str]) -> int:
@@ -90,7 +90,7 @@ class NetworkHosts:
         return [pid for name in self.places for pid in self._network.pids(name) if pid not in shells]
 
     def close(self) -> None:
-        """Remove the hosts, and end what still runs on them."""
+        """Remove the hosts, and end their remaining processes."""
         self._network.close()
         for shell in self._shells:
             shell.wait()
@@ -107,7 +107,7 @@ def _kill(pid: int | None) -> bool:
 
 
 def listen(address: str) -> None:
-    """Run a command for each connection, which is its stdin and stdout."""
+    """Run a command for each connection, with the connection as its stdin and stdout."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps the commands
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     with socket.create_server((address, _PORT)) as server:
@@ -123,7 +123,7 @@ def listen(address: str) -> None:
 
 
 def call(addresses: Path, host: str, command: str) -> None:
-    """Run a command on a host: copy bytes until one end closes."""
+    """Run a command on a host and copy bytes until one end closes."""
     address = json.loads(addresses.read_text())[host]
     with socket.create_connection((address, _PORT), _CONNECT_S) as remote:
         remote.settimeout(None)

@@ -11,7 +11,7 @@ import httpx
 
 KEY = "0123456789ABCDEF0123456789ABCDEF"
 PATIENCE_S = 120.0
-CONFIGURATION = {  # it reads YAML, which JSON is
+CONFIGURATION = {  # OctoPrint reads YAML, of which JSON is a subset
     "server": {
         "firstRun": False,
         "onlineCheck": {"enabled": False},
@@ -35,7 +35,7 @@ class OctoPrintServer:
     Parameters
     ----------
     folder
-        Takes its settings and files.
+        Folder for its settings and files.
     """
 
     def __init__(self, folder):
@@ -55,9 +55,9 @@ class OctoPrintServer:
             self.close()
             raise
 
-    def ask(self, method, path, text=KEY, **more):
+    def ask(self, method, path, text=KEY, **options):
         """Send a request with a key, and return its response."""
-        return self._client.request(method, path, headers={"x-api-key": text} if text else {}, **more)
+        return self._client.request(method, path, headers={"x-api-key": text} if text else {}, **options)
 
     def close(self):
         """End OctoPrint."""

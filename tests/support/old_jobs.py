@@ -11,26 +11,26 @@ DAY_S = 86400.0
 NOW_S = 1000 * DAY_S
 
 
-def books_of(*states_and_ages, shared=()):
-    """Books with a job for each (state, days since its end); jobs in `shared` have the same model."""
+def make_old_books(*states_and_ages, shared_numbers=()):
+    """Make books with a job for each (state, days since its end); those in `shared_numbers` share a model."""
     books = apply_events(Books(), *make_fleet_events())[0]
     for number, (state, age_days) in enumerate(states_and_ages, 1):
-        model = "shared.npz" if number in shared else f"model-{number}.npz"
-        planned = make_plan_event(number, plates=2)
+        model = "shared.npz" if number in shared_numbers else f"model-{number}.npz"
+        plan = make_plan_event(number, plates=2)
         entry = make_job(number).model_copy(
             update={
                 "state": state,
                 "model_file": model,
                 "ended_s": NOW_S - age_days * DAY_S if state.ended else None,
-                "parts": tuple(part.id for part in planned.parts),
-                "plates": tuple(plate.id for plate in planned.plates),
+                "parts": tuple(part.id for part in plan.parts),
+                "plates": tuple(plate.id for plate in plan.plates),
                 "picture": f"picture-{number}.png",
                 "cuts": {f"{number}/p01": f"cut-{number}.json"},
             }
         )
         files = [
-            *(part.model_copy(update={"file": _name(part.id, "stl")}) for part in planned.parts),
-            *(plate.model_copy(update={"gcode": _name(plate.id, "gcode")}) for plate in planned.plates),
+            *(part.model_copy(update={"file": _name(part.id, "stl")}) for part in plan.parts),
+            *(plate.model_copy(update={"gcode": _name(plate.id, "gcode")}) for plate in plan.plates),
         ]
         books = put(books, entry, *files)
     return books
@@ -40,8 +40,8 @@ def _name(entity, suffix):
     return f"{entity.replace('/', '-')}.{suffix}"
 
 
-def with_prints(books):
-    """Books in which every part of a job that is done was printed and found good."""
+def add_good_prints(books):
+    """Add a good print of every part of the jobs that are done."""
     for plate in books.plates.values():
         entry = books.jobs[plate.job]
         if entry.state is not JobState.DONE:
@@ -56,7 +56,7 @@ def with_prints(books):
 
 
 def write_files(books, state, size=1000, names=None):
-    """Write every file that the books name, stored long ago."""
+    """Write every file that the books name, with an old modification time."""
     state.files.mkdir(exist_ok=True)
     for name in list_named_files(books) if names is None else names:
         path = state.files / name

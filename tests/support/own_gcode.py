@@ -6,7 +6,7 @@ import pytest
 
 from drivers.gcode import HeaterName, measure_retraction, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
-from make_gcode import FILAMENT_MM2, Summed
+from make_gcode import FILAMENT_MM2, TravelStopwatch
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
 from slicing_printers import UM2_PLUS
@@ -16,52 +16,52 @@ ON_THE_LIST = re.compile(
 )
 
 
-def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
+def accept(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
     return accept_gcode(
         [line if isinstance(line, bytes) else line.encode() + end for line in lines],
         PrintTarget(UM2_PLUS, FILAMENT_MM2, nozzle_mm, nozzle_c=210.0, bed_c=65.0),
-        stopwatch=stopwatch or Summed(),
+        stopwatch=stopwatch or TravelStopwatch(),
     )
 
 
-def body(accepted):
+def extract_body(result):
     """Return the lines between the farm's start and end code."""
-    start = UM2_PLUS.code.build_start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
-    text = accepted.gcode.decode().removeprefix(f";FLAVOR:Marlin\n{start}\n")
+    start = UM2_PLUS.code.build_start_code(result.nozzle_c, result.bed_c, FILAMENT_MM2)
+    text = result.gcode.decode().removeprefix(f";FLAVOR:Marlin\n{start}\n")
     assert text.endswith(f"{UM2_PLUS.code.build_end_code(0.0)}\n")
     return text.removesuffix(f"{UM2_PLUS.code.build_end_code(0.0)}\n").splitlines()
 
 
-def followed(lines):
+def list_moves(lines):
     """List the moves of a body as (x, y, z, fed mm), by an independent reader."""
-    at, moves = {"X": 5.0, "Y": 50.0, "Z": 20.0, "E": 0.0}, []
+    position, moves = {"X": 5.0, "Y": 50.0, "Z": 20.0, "E": 0.0}, []
     for line in lines:
         values = {w[0]: float(w[1:]) for w in line.split()[1:] if not line.startswith((";", "M"))}
         if line.startswith("G92"):
-            at["E"] = 0.0
+            position["E"] = 0.0
         elif line.startswith("G"):
-            new = {**at, **{k: v for k, v in values.items() if k != "F"}}
-            moves.append((new["X"], new["Y"], new["Z"], new["E"] - at["E"]))
-            at = new
+            end = {**position, **{k: v for k, v in values.items() if k != "F"}}
+            moves.append((end["X"], end["Y"], end["Z"], end["E"] - position["E"]))
+            position = end
     return moves
 
 
-def fed(moves):
+def select_extrusions(moves):
     return [m for m in moves if m[3] > 1e-6]
 
 
-def safe(accepted):
-    """Check the rules for every program of the farm, and return it."""
-    program = read_program(accepted.gcode.splitlines(), ULTIMAKER2_PLUS)
+def check_rules(result):
+    """Check a program by the rules for all programs of the farm, and return it."""
+    program = read_program(result.gcode.splitlines(), ULTIMAKER2_PLUS)
     assert all(ON_THE_LIST.match(line) for line in program.lines(0, program.count))
     for heater in HeaterName:
         assert program.target_c(heater, program.count) == 0
     assert measure_retraction(program, program.count) == pytest.approx(20.0, abs=1e-3)
     assert program.home_line < program.extrusion_line < program.count
-    assert program.time_s == pytest.approx(accepted.print_time_s, abs=1e-3)
+    assert program.time_s == pytest.approx(result.print_time_s, abs=1e-3)
     return program
 
 
-def refused(lines, expected_text):
+def assert_refused(lines, expected_text):
     with pytest.raises(GcodeRefused, match=expected_text):
-        take(lines)
+        accept(lines)

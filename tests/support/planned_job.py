@@ -1,4 +1,4 @@
-"""A job with a plan of two parts, whose files lie in the store of a farm."""
+"""A job with a plan of two parts, whose files are in the store of a farm."""
 
 import hashlib
 
@@ -12,15 +12,15 @@ GCODE = b"G28\n"
 CURVE = '{"curve": [{"printers": 1, "makespan_s": 9.0}, {"printers": 2, "makespan_s": 5.0}]}'
 
 
-def submit_model(farm, by="ann", **options):
+def submit_model(farm, user="ann", **options):
     """Submit a model, and return the number of its job."""
     jobs = JobCommands(farm.controller, PrinterCommands(farm.controller))
-    return jobs.submit(f"request-{by}", "m.stl", MODEL, JobOptions(**options), by)[0]
+    return jobs.submit(f"request-{user}", "m.stl", MODEL, JobOptions(**options), user)[0]
 
 
-def plan_job(farm, by="ann", glb=None, **options):
+def plan_job(farm, user="ann", glb=None, **options):
     """Submit a model and plan it, and return the number of its job."""
-    number = submit_model(farm, by, **options)
+    number = submit_model(farm, user, **options)
     event = make_plan_event(number)
     files = {"picture": "a.png", "decomposition": "d.json", "instructions": "i.html"}
     contents = {"g.gcode": GCODE, "d.json": CURVE.encode(), "i.html": b"<h1>glue</h1>", "a.png": b"png"}
@@ -38,12 +38,12 @@ def plan_job(farm, by="ann", glb=None, **options):
 
 
 def copy_parts(parts, plates, copies):
-    """Return parts and plates for each of the copies, named as the planning does."""
+    """Return parts and plates for each of the copies, named as in planning."""
     numbers = range(1, copies + 1)
     names = [
         (n, part, {"id": f"{part.id}.{n}", "plate": f"{part.plate}.{n}"}) for n in numbers for part in parts
     ]
-    copied_parts = [part.model_copy(update={**own, "copy_number": n}) for n, part, own in names]
+    copied_parts = [part.model_copy(update={**fields, "copy_number": n}) for n, part, fields in names]
     copied_plates = [
         plate.model_copy(
             update={"id": f"{plate.id}.{n}", "parts": tuple(f"{part_id}.{n}" for part_id in plate.parts)}

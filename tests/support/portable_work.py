@@ -1,4 +1,4 @@
-"""Tasks with files that can run on a cluster, in a module that every process can import."""
+"""Tasks with files for a cluster, in a module that every process can import."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ def _allocate(source, folder, gigabytes):
 
 
 def _hold(source, folder, note):
-    """Report the process in a file of the test, and hold on until it is ended."""
+    """Write the process id to a file of the test, and wait until the process is ended."""
     folder.mkdir(exist_ok=True)
     (folder / "progress.json").write_text("held")
     with Path(note).open("a") as file:
@@ -38,7 +38,7 @@ def _hold(source, folder, note):
 
 
 def _hold_once(source, folder, note):
-    """Hold on the first time, and return the number of this call the second time."""
+    """Wait in the first call, and return the number of the call in the second one."""
     calls = Path(note).read_text().count("\n") + 1 if Path(note).exists() else 1
     if calls == 1:
         _hold(source, folder, note)

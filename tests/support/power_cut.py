@@ -1,4 +1,4 @@
-"""Disk after a power cut, in the worst case: only what was synced is left."""
+"""Disk after a power cut, in the worst case: only synced data is left."""
 
 import os
 from pathlib import Path
@@ -7,8 +7,8 @@ from pathlib import Path
 class PowerCut:
     """Recorder of the files that are synced in a folder.
 
-    A file keeps the bytes that it had when it was synced last; a name is kept where its folder was synced
-    after it was given. What was there before counts as synced.
+    A file keeps the bytes of its last sync; a name is kept if its folder was synced after the name was
+    set. Files from before the recording count as synced.
     """
 
     def __init__(self, monkeypatch, folder):
@@ -32,15 +32,15 @@ class PowerCut:
         else:
             self._bytes[path.stat().st_ino] = path.read_bytes()
 
-    def left(self, into):
+    def copy_rest(self, destination):
         """Copy what a power cut leaves into a new folder."""
-        self._rebuild(self._folder, into)
-        return into
+        self._rebuild(self._folder, destination)
+        return destination
 
-    def _rebuild(self, folder, into):
-        into.mkdir(parents=True)
+    def _rebuild(self, folder, destination):
+        destination.mkdir(parents=True)
         for name, inode in self._names.get(folder, {}).items():
             if (folder / name).is_dir():
-                self._rebuild(folder / name, into / name)
+                self._rebuild(folder / name, destination / name)
             else:
-                (into / name).write_bytes(self._bytes.get(inode, b""))
+                (destination / name).write_bytes(self._bytes.get(inode, b""))

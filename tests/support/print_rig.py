@@ -1,4 +1,4 @@
-"""Whole prints against the emulator's firmware, in one process and on a clock of its own."""
+"""Complete prints on the emulator's firmware, in one process and on a simulated clock."""
 
 import io
 import math
@@ -47,13 +47,13 @@ M84
 """
 
 
-def gcode(moves: int = 200) -> str:
+def make_gcode(moves: int = 200) -> str:
     path = "\n".join(f"G1 F3000 X{50 + 40 * (i % 2)} Y{50 + i * 0.2:.2f} E{i + 1}" for i in range(moves))
     return GCODE.format(moves=path, end=moves - 6.5)
 
 
 class Rig:
-    """Link, session and emulated firmware on one clock; a step is the next event."""
+    """Link, session and emulated firmware on one clock that advances to the next event."""
 
     def __init__(
         self,
@@ -69,39 +69,39 @@ class Rig:
         self.now_s = 1000.0
         self.firmware = EmulatedFirmware(PROFILES[model], faults, random.Random(seed), self.now_s)
         if faults.no_reset:
-            self.now_s += 60.0  # it was switched on long before
+            self.now_s += 60.0  # the printer was switched on long before
             self.firmware.feed(b"", self.now_s)
         self.link = Link(profile.firmware, 2.0)
-        self.program = read_program(io.BytesIO((text or gcode()).encode()), profile, store)
+        self.program = read_program(io.BytesIO((text or make_gcode()).encode()), profile, store)
         self.session = Session(
             SessionContext(self.link, self.program, profile, filament, Pace(), self.now_s, identity)
         )
         self.session.context.board_resets = not faults.no_reset
-        self.plugged = True
-        self.back_s = math.inf  # when it is plugged in again
+        self.is_plugged = True
+        self.back_s = math.inf  # time at which the cable is plugged in again
         self.sent = b""
         self.phases = [self.session.context.phase]
 
     def step(self) -> None:
         session, link = self.session, self.link
-        self.plugged = self.plugged or self.now_s >= self.back_s
-        if session.context.wants_reset and self.plugged:
+        self.is_plugged = self.is_plugged or self.now_s >= self.back_s
+        if session.context.wants_reset and self.is_plugged:
             session.context.wants_reset = False
             if self.session.context.board_resets:
                 self.firmware.reset(self.now_s)
             link.on_opened(self.now_s)
             session.advance((), self.now_s)
-        out = link.take()
-        self.sent += out
-        if not out:
+        sent = link.take()
+        self.sent += sent
+        if not sent:
             due_s = min(self.firmware.deadline_s(), link.deadline_s, session.deadline_s)
-            due_s = due_s if self.plugged else min(due_s, self.back_s)
-            assert due_s < math.inf, "nothing would ever happen again"
+            due_s = due_s if self.is_plugged else min(due_s, self.back_s)
+            assert due_s < math.inf, "no event is due"
             self.now_s = max(self.now_s + 1e-4, due_s)
         else:
             self.now_s += 0.005
-        back = self.firmware.feed(out if self.plugged else b"", self.now_s)
-        events = (link.receive(back, self.now_s) or ()) if back and self.plugged else ()
+        answer = self.firmware.feed(sent if self.is_plugged else b"", self.now_s)
+        events = (link.receive(answer, self.now_s) or ()) if answer and self.is_plugged else ()
         events = [*events, *link.tick(self.now_s)]
         session.advance(events, self.now_s)
         if session.context.phase is not self.phases[-1]:
@@ -109,7 +109,7 @@ class Rig:
 
     def run(self, until: Callable[[], bool] = lambda: False, limit_s: float = 20_000.0) -> "Rig":
         while not self.session.context.ended and not until():
-            assert self.now_s < 1000.0 + limit_s, "it does not end"
+            assert self.now_s < 1000.0 + limit_s, "the print does not end"
             self.step()
         return self
 
@@ -117,18 +117,22 @@ class Rig:
         board = self.firmware.board
         return board.nozzle.target_c, board.bed.target_c
 
-    def printing(self, lines: int = 100) -> "Rig":
+    def run_until_printing(self, lines: int = 100) -> "Rig":
         return self.run(until=lambda: self.session.context.acknowledged_lines >= lines)
 
-    def moves(self) -> list[bytes]:
-        """List the file's moves as they were sent, in the order of their line numbers."""
+    def list_moves(self) -> list[bytes]:
+        """List the sent moves of the file in the order of their line numbers."""
         frames = (line for line in self.sent.splitlines() if line.startswith(b"N"))
-        numbered = {line.partition(b" ")[0]: remove_frame(line) for line in frames}
+        commands_by_number = {line.partition(b" ")[0]: remove_frame(line) for line in frames}
         file = set(self.program.lines(0, self.program.count))
-        return [command for command in numbered.values() if command.startswith(b"G1 ") and command in file]
+        return [
+            command
+            for command in commands_by_number.values()
+            if command.startswith(b"G1 ") and command in file
+        ]
 
 
-def hopping(moves: int) -> str:
+def make_retracting_gcode(moves: int) -> str:
     """Make G-code in which every stroke is followed by a retraction, a travel and an un-retraction."""
     path = []
     for i in range(moves):
@@ -140,7 +144,7 @@ def hopping(moves: int) -> str:
     return GCODE.format(moves="\n".join(path), end=0.7 * moves - 6.5)
 
 
-def assert_ended_off(rig: Rig, phase: PrintPhase, fault: Fault | None) -> None:
+def assert_end_with_heaters_off(rig: Rig, phase: PrintPhase, fault: Fault | None) -> None:
     session = rig.session
     assert (session.context.phase, session.context.fault) == (phase, fault), session.context.reason
     assert session.context.heaters_off and not session.context.wants_power_off

@@ -1,4 +1,4 @@
-"""A whole farm of real processes on pseudo-terminals, in a folder of its own."""
+"""A complete farm of real processes on pseudo-terminals, in a folder of its own."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from farm.paths import find_places
 FARM = Path(sys.executable).with_name("farm")
 PATIENCE_S = 240.0
 TIME_SCALE = 150
-BUDGET_S = 2  # of the search for parts: little is gained on models as small
+BUDGET_S = 2  # of the search for parts: more time gains little on small models
 
 
-def wait_for(what, condition, patience_s=PATIENCE_S):
+def wait_for(description, condition, patience_s=PATIENCE_S):
     """Poll until a condition of a real process is true, up to a deadline."""
     give_up = time.monotonic() + patience_s
     while time.monotonic() < give_up:
@@ -31,10 +31,10 @@ def wait_for(what, condition, patience_s=PATIENCE_S):
         if value:
             return value
         time.sleep(0.1)
-    raise AssertionError(f"waited {patience_s:.0f} s for {what}")
+    raise AssertionError(f"waited {patience_s:.0f} s for {description}")
 
 
-def free_port():
+def find_free_port():
     """Return a port of this host on which nothing listens."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return probe.getsockname()[1]

@@ -11,7 +11,7 @@ ARCHIVE = Path(__file__).parent / "recorded" / "state-0.1.0.zip"
 
 
 def unpack_state(folder):
-    """Unpack state folder and fleet file into a folder."""
+    """Unpack the state folder and the fleet file into a folder."""
     with zipfile.ZipFile(ARCHIVE) as archive:
         archive.extractall(folder)
     return folder / "state"

@@ -1,4 +1,4 @@
-"""Controller whose effects are only recorded."""
+"""Controller whose effects are recorded and not executed."""
 
 from drivers.clock import Clock
 from farm.api import ClearedRequest
@@ -38,7 +38,7 @@ PLUS = "ultimaker2_plus"
 
 
 def fleet(models=(PLUS, PLUS), **fleet_options):
-    """Printers a, b, ... of these models."""
+    """Make printers a, b, ... of these models."""
     names = zip("abcdefgh", models, strict=False)
     printers = [{"name": name, "model": model, "port": f"sim://{model}"} for name, model in names]
     return Fleet.model_validate({"fleet": fleet_options, "printers": printers})
@@ -52,14 +52,14 @@ class Commands:
         self.parts = PartCommands(controller, self.printers)
         self.jobs = JobCommands(controller, self.printers)
 
-    def clear_bed(self, printer, filament=None, verdict=Verdict.GOOD, why=None, good=None, seen=None):
-        bad = verdict is Verdict.BAD
-        request = ClearedRequest(filament=filament, bad=bad, why=why, good=good, seen=seen)
+    def clear_bed(self, printer, filament=None, verdict=Verdict.GOOD, reason=None, good=None, seen=None):
+        is_bad = verdict is Verdict.BAD
+        request = ClearedRequest(filament=filament, bad=is_bad, why=reason, good=good, seen=seen)
         return self.printers.clear_bed(printer, request, "ann")
 
 
 class Farm(Commands):
-    """A controller on a store in a folder; made again, it is a daemon that was killed and started again."""
+    """A controller on a store in a folder; a second one is the daemon after a kill and a restart."""
 
     def __init__(self, folder, models=(PLUS, PLUS), clock=None, **fleet_options):
         self.effects = RecordedEffects()

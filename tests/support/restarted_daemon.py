@@ -1,10 +1,10 @@
-"""A real daemon that is killed again and again, and started again each time, as systemd does.
+"""A real daemon that is killed repeatedly and restarted each time, as by systemd.
 
-    python kept_daemon.py FATES FARM-WORDS...
+    python restarted_daemon.py FATES FARM-ARGUMENTS...
 
-FATES is JSON, of each life in turn: a moment, and of which event's first commit; or `later`, and after how
-many seconds. The life after the last of these goes on. What each died at is told. A life is cheap: it is
-forked off a process that has imported all of it, and what workers do is done in it.
+FATES is JSON with an item for each daemon in turn: a moment and the event at whose first commit it dies, or
+`later` and a number of seconds. The daemon after the last item survives. Each death is reported. A daemon
+starts fast: it is forked from a process with all imports, and runs the workers' tasks itself.
 """
 
 import itertools
@@ -19,7 +19,7 @@ from farm.cli.main import main
 from farm.state.storage.store import Store
 
 MOMENTS = ("before", "within", "after")
-"""Before the transaction begins, with all of it written but its COMMIT, and when it is on the disk."""
+"""Before the transaction begins, before its COMMIT, and when it is on the disk."""
 LATER = "later"
 
 
@@ -44,34 +44,34 @@ def die():
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def tell(*arguments):
+def report_death(*arguments):
     os.write(sys.stdout.fileno(), f"dies {' '.join(arguments)}\n".encode())
 
 
-def schedule_death(moment, what):
+def schedule_death(moment, event_or_delay_s):
     """Make this process die at a commit or at a time."""
     if moment == LATER:
-        threading.Timer(what, lambda: (tell(LATER), die())).start()
+        threading.Timer(event_or_delay_s, lambda: (report_death(LATER), die())).start()
         return
     commit = Store.commit
 
-    def last(store, event, before, after):
-        if type(event).__name__ != what:
-            commit(store, event, before, after)
+    def commit_until_death(store, event, old_books, new_books):
+        if type(event).__name__ != event_or_delay_s:
+            commit(store, event, old_books, new_books)
             return
-        tell(moment, what)
+        report_death(moment, event_or_delay_s)
         if moment == "before":
             die()
         if moment == "within":
             store._db.set_trace_callback(lambda sql: die() if sql == "COMMIT" else None)
-        commit(store, event, before, after)
+        commit(store, event, old_books, new_books)
         die()
 
-    Store.commit = last
+    Store.commit = commit_until_death
 
 
-def live(fate):
-    """Process of a daemon that dies at a given commit."""
+def start_daemon(fate):
+    """Fork a daemon that dies at a given commit; return its process id."""
     pid = os.fork()
     if pid == 0:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -82,12 +82,12 @@ def live(fate):
     return pid
 
 
-def keep(fates):
+def keep_running(fates):
     """Start daemons one after another until one ends by itself or this process is ended."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
     farm.daemon.Workers = NoWorkers
     for fate in itertools.chain(fates, itertools.repeat(None)):
-        pid = live(fate)
+        pid = start_daemon(fate)
         try:
             _, status = os.waitpid(pid, 0)
         except SystemExit:
@@ -100,4 +100,4 @@ def keep(fates):
 
 if __name__ == "__main__":
     _, reported, *sys.argv[1:] = sys.argv
-    keep(json.loads(reported))
+    keep_running(json.loads(reported))

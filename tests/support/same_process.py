@@ -1,10 +1,10 @@
-"""Workers that work in the process of a test."""
+"""Workers that run tasks in the process of a test."""
 
 from farm.planning.plan import InspectedSubmission
 
 
 class SameProcess:
-    """Workers that run each task at once."""
+    """Workers that run each task immediately."""
 
     starting = None
     has_idle = True

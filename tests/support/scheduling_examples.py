@@ -51,6 +51,8 @@ def plate(name, planned, **changes):
     return WaitingPlate(id=name, planned=planned, **{**facts, **changes})
 
 
-def situation(waiting, fleet, start_rules=None, now_s=0.0, spares=0, **changes):
-    kept = {0: spares} if spares else {}
-    return Situation(tuple(waiting), tuple(fleet), start_rules or rules(), now_s, spares=kept, **changes)
+def situation(plates, fleet, start_rules=None, now_s=0.0, spares=0, **changes):
+    spares_by_printer = {0: spares} if spares else {}
+    return Situation(
+        tuple(plates), tuple(fleet), start_rules or rules(), now_s, spares=spares_by_printer, **changes
+    )

@@ -1,4 +1,4 @@
-"""Scrapes of a farm with ended prints."""
+"""Prometheus scrapes of a farm with ended prints."""
 
 import itertools
 
@@ -37,24 +37,24 @@ class ScrapedFarm:
         farm.controller.on_plan(number, Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None))
         attempt = farm.controller.books.open_print_on("a")
         now_s = farm.controller.clock.now()
-        for shown in (PrintState.PRINTING, state):
+        for print_state in (PrintState.PRINTING, state):
             farm.controller.on_snapshot(
                 AgentSnapshot(
                     printer="a",
-                    link=Link.READY if shown.ended else Link.BUSY,
+                    link=Link.READY if print_state.ended else Link.BUSY,
                     agent_pid=9,
                     nozzle_c=210.0,
                     filament=FilamentState.PARKED,
                     print=AgentPrint(
                         print_id=attempt.id,
-                        state=shown,
-                        fault="thermal_runaway" if shown is PrintState.FAILED else None,
+                        state=print_state,
+                        fault="thermal_runaway" if print_state is PrintState.FAILED else None,
                         reason=None,
                         progress_s=5.0,
                         print_time_s=90.0,
                         extruded=True,
                         started_s=now_s - 100.0,
-                        ended_s=now_s if shown.ended else None,
+                        ended_s=now_s if print_state.ended else None,
                     ),
                 )
             )

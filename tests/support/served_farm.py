@@ -1,4 +1,4 @@
-"""A farm's pages on a port, for a browser."""
+"""Pages of a farm on a port, for a browser."""
 
 import asyncio
 import socket

@@ -1,4 +1,4 @@
-"""Route to another host over a network that can lose all packets without closing a connection.
+"""Connection to another host over a network that can lose all packets without closing it.
 
 `SilentRoute` is the network and the other host's sshd, in threads of the test. Run as a program, it is ssh.
 """
@@ -16,7 +16,7 @@ _STEP_S = 0.05
 
 
 class SilentRoute:
-    """Bytes dropped by `cut` are sent again after the repair, as TCP does; closed ends are noticed then."""
+    """Network that delivers the bytes of a cut after the repair, as TCP does; so are closed connections."""
 
     def __init__(self) -> None:
         self._silent = threading.Event()
@@ -66,12 +66,12 @@ class SilentRoute:
                 if self._silent.is_set():
                     self._over.wait(_STEP_S)
                     continue
-                for ready in select.select([*pairs], [], [], _STEP_S)[0]:
-                    data = os.read(ready, 65536)
+                for readable in select.select([*pairs], [], [], _STEP_S)[0]:
+                    data = os.read(readable, 65536)
                     if not data:
                         return
                     while data:
-                        data = data[os.write(pairs[ready], data) :]
+                        data = data[os.write(pairs[readable], data) :]
 
 
 def main() -> None:
@@ -80,12 +80,12 @@ def main() -> None:
         connection.sendall(sys.argv[-1].encode() + b"\n")
         pairs = {0: connection.fileno(), connection.fileno(): 1}
         while True:
-            for ready in select.select([*pairs], [], [])[0]:
-                data = os.read(ready, 65536)
+            for readable in select.select([*pairs], [], [])[0]:
+                data = os.read(readable, 65536)
                 if not data:
                     return
                 while data:
-                    data = data[os.write(pairs[ready], data) :]
+                    data = data[os.write(pairs[readable], data) :]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Simulated printers, agents and a person that outlive a daemon, with a record of what happened."""
+"""Simulated printers, agents and a person that outlive a daemon, with a record of all prints."""
 
 import shutil
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ from make_books import make_plan_event as planned
 from recording_controller import MODEL, Commands, fleet
 
 STEP_S = 60.0
-NEXT = {
+NEXT_STATE = {
     PrintState.ASSIGNED: PrintState.HEATING,
     PrintState.HEATING: PrintState.PRINTING,
     PrintState.PRINTING: PrintState.ENDING,
@@ -34,24 +34,24 @@ NEXT = {
 
 
 class Killed(BaseException):
-    """Raised in place of a SIGKILL of the daemon."""
+    """Simulated SIGKILL of the daemon."""
 
 
 class SteppingStore(Store):
-    """A store in which the daemon is killed at one commit: just before it, or just after."""
+    """A store that kills the daemon just before or just after given commits."""
 
     def __init__(self, path, world):
         super().__init__(path)
-        self._db.execute("PRAGMA synchronous = OFF")  # a killed process loses nothing that it has written
+        self._db.execute("PRAGMA synchronous = OFF")  # a killed process loses no written data
         self._world = world
 
-    def commit(self, event, before, after):
+    def commit(self, event, old_books, new_books):
         self._world.commits += 1
-        here = self._world.commits in self._world.kills
-        if here and not self._world.after:
+        is_killed = self._world.commits in self._world.kills
+        if is_killed and not self._world.after:
             raise Killed
-        super().commit(event, before, after)
-        if here:
+        super().commit(event, old_books, new_books)
+        if is_killed:
             raise Killed
 
 
@@ -79,7 +79,7 @@ class Agent:
     ended_s: float | None = None
     on_bed: str | None = None
     sha256: str = ""
-    journal: list = field(default_factory=list)  # its word on each print that ended
+    journal: list = field(default_factory=list)  # reports of the prints that ended
 
     def make_report(self):
         return AgentPrint(
@@ -88,15 +88,17 @@ class Agent:
             sha256=self.sha256,
         )  # fmt: skip
 
-    def prints(self, since_s):
+    def list_prints(self, since_s):
         """List the prints that had not ended at a time."""
-        ended = [report for report in self.journal if report.ended_s >= since_s]
-        return ended if self.print_id is None or self.state.ended else [*ended, self.make_report()]
+        ended_prints = [report for report in self.journal if report.ended_s >= since_s]
+        return (
+            ended_prints if self.print_id is None or self.state.ended else [*ended_prints, self.make_report()]
+        )
 
     def snapshot(self):
         report = None if self.print_id is None else self.make_report()
-        busy = report is not None and not self.state.ended
-        link = Link.BUSY if busy else Link.READY
+        is_busy = report is not None and not self.state.ended
+        link = Link.BUSY if is_busy else Link.READY
         clear = self.on_bed is None
         return AgentSnapshot(
             printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=clear, print=report
@@ -117,7 +119,7 @@ class FarmSimulation:
     fails
         Numbers of the prints that fail; `bad`: numbers of the finished prints that a person finds bad.
     files
-        How many different ones the plates have.
+        Number of different files of the plates.
     """
 
     def __init__(self, folder, plates=3, kills=(), after=False, fails=(1,), bad=(0,), files=100):
@@ -125,14 +127,14 @@ class FarmSimulation:
         self.kills, self.after, self.fails, self.bad = frozenset(kills), after, fails, bad
         self.clock = Clock()
         self.agents = {name: Agent(name) for name in "ab"}
-        self.commits = self.begun = self.restarts = 0
-        self.made = []  # (plate, printer, verdict) of each print that came to its end
-        self.prints = {}  # print id -> (printer, started, ended), as it was
+        self.commits = self.started_count = self.restarts = 0
+        self.judged_prints = []  # [plate, printer, verdict] of each completed print
+        self.prints = {}  # print id -> (printer, start, end) in truth
         self.plates, self.files = plates, files
         self.to_plan = None
-        self.copied = False  # whether the books were ever
-        self.away = frozenset()  # agents that the daemon does not hear
-        self.surviving(self.up)
+        self.is_restored = False  # the books were replaced by a copy
+        self.unreachable = frozenset()  # agents that do not reach the daemon
+        self.restart_if_killed(self.up)
 
     # -- the daemon -------------------------------------------------------------------------------------
 
@@ -151,20 +153,20 @@ class FarmSimulation:
         shutil.copy(copy, self.path)
         self.restarts += 1
         self.to_plan = None
-        self.copied = True
-        self.surviving(self.up)
+        self.is_restored = True
+        self.restart_if_killed(self.up)
 
-    def surviving(self, doing):
+    def restart_if_killed(self, function):
         """Call the daemon, and start it again if it is killed; return whether the call succeeded."""
         try:
-            doing()
+            function()
         except Killed:
             self.store.close()
             self.restarts += 1
             self.to_plan = None
-            self.surviving(self.up)
+            self.restart_if_killed(self.up)
             return False
-        except FarmError:  # its books cannot be written, or it says no
+        except FarmError:  # the books cannot be written, or the call is refused
             return False
         return True
 
@@ -185,17 +187,17 @@ class FarmSimulation:
 
     # -- printers and a person --------------------------------------------------------------------------
 
-    def move(self):
+    def advance_prints(self):
         """Advance every print by a minute, with or without a daemon."""
         self.clock.now_s += STEP_S
         for agent in self.agents.values():
             if agent.print_id is None or agent.state.ended:
                 continue
-            agent.state = NEXT[agent.state]
+            agent.state = NEXT_STATE[agent.state]
             if agent.state is PrintState.HEATING:
                 agent.started_s = self.clock.now_s
-                agent.fails = self.begun in self.fails
-                self.begun += 1
+                agent.fails = self.started_count in self.fails
+                self.started_count += 1
             elif agent.state is PrintState.PRINTING:
                 agent.on_bed = agent.plate
             elif agent.state is PrintState.ENDING and agent.fails:
@@ -205,13 +207,13 @@ class FarmSimulation:
                 self.prints[agent.print_id] = (agent.name, agent.started_s, agent.ended_s)
                 agent.journal.append(agent.make_report())
                 if agent.state is PrintState.DONE:
-                    self.made.append([agent.plate, agent.name, None])
+                    self.judged_prints.append([agent.plate, agent.name, None])
 
-    def tell(self):
+    def report_to_daemon(self):
         for agent in self.agents.values():
-            if agent.name not in self.away:
-                self.surviving(lambda agent=agent: self.hear(agent))
-        self.surviving(self.controller.handle)
+            if agent.name not in self.unreachable:
+                self.restart_if_killed(lambda agent=agent: self.report_agent(agent))
+        self.restart_if_killed(self.controller.handle)
         if self.to_plan is not None:
             job, self.to_plan = self.to_plan, None
             event = planned(1, self.plates)
@@ -221,47 +223,52 @@ class FarmSimulation:
             )
             plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
             restarts = self.restarts
-            if not self.surviving(lambda: self.controller.on_plan(job, plan)) and self.restarts == restarts:
-                self.to_plan = job  # as `JobPlanner` does, where the disk is full
+            if (
+                not self.restart_if_killed(lambda: self.controller.on_plan(job, plan))
+                and self.restarts == restarts
+            ):
+                self.to_plan = job  # as `JobPlanner` does if the disk is full
 
-    def hear(self, agent):
+    def report_agent(self, agent):
         since_s = self.controller.unreported_since_s(agent.name)
         if since_s is not None:
-            self.controller.on_journal(agent.snapshot(), agent.prints(since_s))
+            self.controller.on_journal(agent.snapshot(), agent.list_prints(since_s))
         self.controller.on_snapshot(agent.snapshot())
 
-    def tend(self):
+    def clear_and_judge(self):
         """Clear finished prints and judge them, as a person does; repeat interrupted commands."""
         for agent in self.agents.values():
             entry = self.controller.books.printers.get(agent.name)
-            printing = agent.print_id is not None and not agent.state.ended
-            if entry is None or entry.bed is Bed.CLEAR or printing:
+            is_printing = agent.print_id is not None and not agent.state.ended
+            if entry is None or entry.bed is Bed.CLEAR or is_printing:
                 continue
-            if agent.on_bed is None and not self.copied:
+            if agent.on_bed is None and not self.is_restored:
                 continue
             indices = [
-                i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict
+                i
+                for i, (_, name, verdict) in enumerate(self.judged_prints)
+                if name == agent.name and not verdict
             ]
             verdict = Verdict.BAD if indices and indices[-1] in self.bad else Verdict.GOOD
             if self.controller.books.print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
-            clear = self.surviving(
+            clear = self.restart_if_killed(
                 lambda name=agent.name, verdict=verdict: self.clear_bed(name, verdict=verdict)
             )
             if not clear and self.controller.books.printers[agent.name].bed is not Bed.CLEAR:
                 agent.on_bed = agent_bed
                 continue
             if indices:
-                self.made[indices[-1]][2] = verdict
+                self.judged_prints[indices[-1]][2] = verdict
 
     def step(self):
         """Advance printers, person and daemon by one minute."""
         if not self.controller.books.jobs:
-            self.surviving(lambda: self.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()))
-        self.tell()
-        self.tend()
-        self.move()
+            self.restart_if_killed(lambda: self.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()))
+        self.report_to_daemon()
+        self.clear_and_judge()
+        self.advance_prints()
 
     def run(self, patience=200):
         """Run until the job is done; return the number of minutes."""

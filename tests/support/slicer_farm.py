@@ -1,4 +1,4 @@
-"""A farm on the network to which slicers send."""
+"""A farm on the network to which slicers send files."""
 
 import asyncio
 from types import SimpleNamespace
@@ -19,11 +19,11 @@ class RefuseAll(AcceptAll):
 
 
 class SlicerFarm(WebFarm):
-    """Farm whose printers are `a` and `b`, and requests as slicers send them."""
+    """Farm with printers `a` and `b`, and requests of slicers."""
 
     @property
-    def booked(self):
-        """Return the jobs by number."""
+    def jobs_by_number(self):
+        """Jobs by number."""
         return self.controller.books.jobs
 
     @property
@@ -31,13 +31,13 @@ class SlicerFarm(WebFarm):
         """List the files in the folder of unfinished uploads."""
         return sorted(path.name for path in self.state.work.iterdir())
 
-    def upload(self, key, name="box.gcode", to=UPLOAD, content=CONTENT, **fields):
+    def upload(self, key, name="box.gcode", url_path=UPLOAD, content=CONTENT, **fields):
         """Send a file in a form."""
-        return self.ask("POST", to, key, files={"file": (name, content)}, data=fields)
+        return self.ask("POST", url_path, key, files={"file": (name, content)}, data=fields)
 
     def send(self, path, key, chunks, headers):
         """Send a body in chunks; None cuts the connection. Returns status, text, and the unread chunks."""
-        sent = []
+        messages_sent = []
         messages = [
             {"type": "http.disconnect"}
             if chunk is None
@@ -49,7 +49,7 @@ class SlicerFarm(WebFarm):
             return messages.pop(0)
 
         async def send(message):
-            sent.append(message)
+            messages_sent.append(message)
 
         raw = {"host": HOST, "x-api-key": key.text, **headers}
         scope = {
@@ -67,5 +67,5 @@ class SlicerFarm(WebFarm):
             "server": (HOST, 80),
         }
         asyncio.run(self.web(scope, receive, send))
-        body = b"".join(message.get("body", b"") for message in sent)
-        return SimpleNamespace(status=sent[0]["status"], text=body.decode(), unread=len(messages))
+        body = b"".join(message.get("body", b"") for message in messages_sent)
+        return SimpleNamespace(status=messages_sent[0]["status"], text=body.decode(), unread=len(messages))

@@ -1,6 +1,6 @@
-"""Hosts in network namespaces, on a switch of its own process that drops, delays and cuts.
+"""Hosts in network namespaces, connected by a switch process that drops, delays and cuts.
 
-Linux's netem does the same, but not every kernel has it. Needs root: see `find_obstacle`.
+Linux's netem does the same but is not in every kernel. Needs root: see `find_obstacle`.
 """
 
 import contextlib
@@ -22,13 +22,13 @@ from pathlib import Path
 
 _TUN = Path("/dev/net/tun")
 _TUNSETIFF, _IFF_TAP, _IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
-_BROADCAST = 0x01  # first byte of a frame to many
+_BROADCAST = 0x01  # in the first byte of a multicast frame
 _FRAME_BYTES = 65536
-_NETWORK = "198.18"  # for tests of networks, by RFC 2544
+_NETWORK = "198.18"  # reserved for network tests by RFC 2544
 
 
 def find_obstacle() -> str | None:
-    """Return the reason for which this computer cannot have such hosts, or None."""
+    """Return the reason why this computer cannot have such hosts, or None."""
     if os.geteuid() != 0:
         return "network namespaces need root"
     if shutil.which("ip") is None:
@@ -44,7 +44,7 @@ def find_obstacle() -> str | None:
 
 @dataclass
 class Wires:
-    """Frames on their way between numbered ports. Pure: time and chance are arguments.
+    """Frames in transit between numbered ports. Pure: time and random numbers are arguments.
 
     Attributes
     ----------
@@ -60,30 +60,30 @@ class Wires:
     delay_s: dict[int, float] = field(default_factory=dict)
     cut: set[int] = field(default_factory=set)
     _homes: dict[bytes, int] = field(default_factory=dict)
-    _flying: list[tuple[float, int, int, bytes]] = field(default_factory=list)
+    _in_transit: list[tuple[float, int, int, bytes]] = field(default_factory=list)
     _count: int = 0
 
     def send(self, frame: bytes, port: int, now_s: float) -> None:
-        """Take a frame from a port to where its destination was seen, else to all others."""
-        to, sender = frame[:6], frame[6:12]
+        """Send a frame from a port to that of its destination, or to all others if that is unknown."""
+        destination, sender = frame[:6], frame[6:12]
         self._homes[sender] = port
-        known = None if to[0] & _BROADCAST else self._homes.get(to)
-        others = [out for out in range(self.ports) if out != port]
-        for out in others if known is None else [known]:
+        port_out = None if destination[0] & _BROADCAST else self._homes.get(destination)
+        ports_out = [out for out in range(self.ports) if out != port]
+        for out in ports_out if port_out is None else [port_out]:
             if self._passes(port) and self._passes(out):
                 due_s = now_s + self.delay_s.get(port, 0.0) + self.delay_s.get(out, 0.0)
                 self._count += 1
-                heapq.heappush(self._flying, (due_s, self._count, out, frame))
+                heapq.heappush(self._in_transit, (due_s, self._count, out, frame))
 
     def arrive(self, now_s: float) -> Iterator[tuple[int, bytes]]:
         """Yield the frames that have arrived, with their ports, in order."""
-        while self._flying and self._flying[0][0] <= now_s:
-            _, _, out, frame = heapq.heappop(self._flying)
-            yield out, frame
+        while self._in_transit and self._in_transit[0][0] <= now_s:
+            _, _, port, frame = heapq.heappop(self._in_transit)
+            yield port, frame
 
     def wait_s(self, now_s: float) -> float | None:
         """Return the seconds until the next frame arrives; None if there is none."""
-        return max(0.0, self._flying[0][0] - now_s) if self._flying else None
+        return max(0.0, self._in_transit[0][0] - now_s) if self._in_transit else None
 
     def _passes(self, port: int) -> bool:
         return port not in self.cut and self.rng.random() >= self.loss.get(port, 0.0)
@@ -92,13 +92,13 @@ class Wires:
 class Network:
     """Hosts by name, each in a network namespace; ``farm`` is this process's own.
 
-    The switch removes the namespaces, and ends what still runs in them, once this process has ended too.
+    The switch removes the namespaces, and ends their processes, also when this process ends.
     """
 
     def __init__(self, names: Sequence[str], seed: int = 0) -> None:
         self.names, number = ["farm", *names], find_free_network()
         self._spaces = {name: f"farm-{os.getpid()}-{name}" for name in names}
-        self._addresses = {name: f"{_NETWORK}.{number}.{1 + at}" for at, name in enumerate(self.names)}
+        self._addresses = {name: f"{_NETWORK}.{number}.{1 + index}" for index, name in enumerate(self.names)}
         hosts = [[self._addresses[name], self._spaces.get(name)] for name in self.names]
         self._switch = subprocess.Popen(
             [sys.executable, __file__, json.dumps(hosts), str(seed)],
@@ -113,25 +113,25 @@ class Network:
         return self._addresses[name]
 
     def command(self, name: str, command: Sequence[str]) -> list[str]:
-        """Return the command that runs another one on a host, as the same process."""
+        """Return the command that runs another one on a host, in the same process."""
         return ["ip", "netns", "exec", self._spaces[name], *command]
 
     def pids(self, name: str) -> list[int]:
         """Return the processes of a host."""
-        listing = ["ip", "netns", "pids", self._spaces[name]]
-        return [int(pid) for pid in subprocess.run(listing, capture_output=True, check=True).stdout.split()]
+        command = ["ip", "netns", "pids", self._spaces[name]]
+        return [int(pid) for pid in subprocess.run(command, capture_output=True, check=True).stdout.split()]
 
     def disturb(self, *names: str, loss: float = 0.0, delay_s: float = 0.0, cut: bool = False) -> None:
-        """Set the faults at hosts; without any, they are mended."""
+        """Set the faults of hosts; no fault repairs them."""
         ports = [self.names.index(name) for name in names]
         self._order({"ports": ports, "loss": loss, "delay_s": delay_s, "cut": cut})
 
     def close(self) -> None:
-        """End the switch, and what still runs on the hosts."""
+        """End the switch, and the remaining processes on the hosts."""
         self._switch.communicate()
 
     def _order(self, order: dict[str, object] | None = None) -> None:
-        """Give an order to the switch, and wait until it is in force."""
+        """Send an order to the switch, and wait for its confirmation."""
         assert self._switch.stdin is not None and self._switch.stdout is not None
         if order is not None:
             self._switch.stdin.write(json.dumps(order).encode() + b"\n")
@@ -141,10 +141,10 @@ class Network:
 
 
 def find_free_network() -> int:
-    """Find the third number of the addresses, which no other test on this computer uses."""
-    listing = subprocess.run(["ip", "-o", "-4", "addr"], capture_output=True, text=True, check=True).stdout
+    """Find a third number of addresses that no other test on this computer uses."""
+    result = subprocess.run(["ip", "-o", "-4", "addr"], capture_output=True, text=True, check=True).stdout
     numbers = ((os.getpid() + step) % 256 for step in range(256))
-    return next(number for number in numbers if f" {_NETWORK}.{number}.1/" not in listing)
+    return next(number for number in numbers if f" {_NETWORK}.{number}.1/" not in result)
 
 
 def _open_port(number: int, address: str, space: str | None) -> int:
@@ -152,19 +152,19 @@ def _open_port(number: int, address: str, space: str | None) -> int:
     port = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
     name = f"farm{os.getppid()}n{number}"
     fcntl.ioctl(port, _TUNSETIFF, struct.pack("16sH22x", name.encode(), _IFF_TAP | _IFF_NO_PI))
-    inside = ["ip"]
+    prefix = ["ip"]
     if space is not None:
         subprocess.run(["ip", "netns", "add", space], check=True)
         subprocess.run(["ip", "link", "set", name, "netns", space], check=True)
-        inside = ["ip", "-n", space]
-        subprocess.run([*inside, "link", "set", "lo", "up"], check=True)
-    subprocess.run([*inside, "addr", "add", f"{address}/24", "dev", name], check=True)
-    subprocess.run([*inside, "link", "set", name, "up"], check=True)
+        prefix = ["ip", "-n", space]
+        subprocess.run([*prefix, "link", "set", "lo", "up"], check=True)
+    subprocess.run([*prefix, "addr", "add", f"{address}/24", "dev", name], check=True)
+    subprocess.run([*prefix, "link", "set", name, "up"], check=True)
     return port
 
 
 def _switch_frames(ports: list[int], rng: random.Random) -> None:
-    """Switch frames between the ports, and take orders, until there will be no more."""
+    """Switch frames between the ports and follow orders until the input ends."""
     wires = Wires(len(ports), rng)
     while True:
         ready, _, _ = select.select([0, *ports], [], [], wires.wait_s(time.monotonic()))
@@ -173,7 +173,7 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
                 with contextlib.suppress(OSError):
                     wires.send(os.read(port, _FRAME_BYTES), number, time.monotonic())
         for number, frame in wires.arrive(time.monotonic()):
-            with contextlib.suppress(OSError):  # its queue is full: a lost frame
+            with contextlib.suppress(OSError):  # the frame is lost: the queue is full
                 os.write(ports[number], frame)
         if 0 in ready:
             line = sys.stdin.buffer.raw.readline()  # type: ignore[attr-defined]
@@ -187,15 +187,15 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
 
 
 def _confirm() -> None:
-    """Tell the other process that its order is in force."""
+    """Confirm an order to the other process."""
     sys.stdout.write("done\n")
     sys.stdout.flush()
 
 
 def _remove(space: str) -> None:
-    """End what still runs in a namespace, and remove it."""
-    listed = subprocess.run(["ip", "netns", "pids", space], capture_output=True).stdout.split()
-    for pid in listed:
+    """End the processes of a namespace, and remove it."""
+    pids = subprocess.run(["ip", "netns", "pids", space], capture_output=True).stdout.split()
+    for pid in pids:
         with contextlib.suppress(ProcessLookupError):
             os.kill(int(pid), signal.SIGKILL)
     subprocess.run(["ip", "netns", "delete", space], capture_output=True)

@@ -1,4 +1,4 @@
-"""A farm with one idle printer, as callers on the network reach it."""
+"""A farm with idle printers, and callers on the network."""
 
 import asyncio
 
@@ -10,7 +10,7 @@ from farm.control import DryRuns, KeyCommands
 from farm.http import EventStreams, Services, make_app
 from farm.paths import StateFolder
 from farm.web import make_web_app
-from http_caller import DAEMON_USER, called_by
+from http_caller import DAEMON_USER, call_as
 from recording_controller import Farm
 from same_process import AcceptAll
 
@@ -35,7 +35,7 @@ class WebFarm(Farm):
             streams=EventStreams(self.store, poll_s=0.0),
         )
         self.web = make_web_app(self.services, DryRuns(self.controller), {HOST})
-        self.unix = called_by(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))
+        self.unix = call_as(DAEMON_USER, make_app(self.services, DryRuns(self.controller)))
         self.keys = KeyCommands(self.controller)
 
     async def _down(self, now):
@@ -45,25 +45,25 @@ class WebFarm(Farm):
         """Return a new key with a role."""
         return self.keys.add(KeyRequest(name=name or str(role), role=role), "ann")
 
-    def ask(self, method, path, key=None, headers=None, **more):
+    def ask(self, method, path, key=None, headers=None, **options):
         """Send a request over the network, with a key or without."""
-        own = {"x-api-key": key.text} if key else {}
-        return self._call(self.web, method, path, {**own, **(headers or {})}, **more)
+        key_header = {"x-api-key": key.text} if key else {}
+        return self._call(self.web, method, path, {**key_header, **(headers or {})}, **options)
 
-    def ask_socket(self, method, path, **more):
+    def ask_socket(self, method, path, **options):
         """Send a request over the Unix socket."""
-        return self._call(self.unix, method, path, {}, **more)
+        return self._call(self.unix, method, path, {}, **options)
 
     @staticmethod
-    def _call(app, method, path, headers, **more):
+    def _call(app, method, path, headers, **options):
         async def call():
             transport = httpx.ASGITransport(app, client=("10.0.0.9", 1), raise_app_exceptions=False)
             async with httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}") as client:
-                return await client.request(method, path, headers=headers, **more)
+                return await client.request(method, path, headers=headers, **options)
 
         return asyncio.run(call())
 
 
-def on_network(path):
-    """Return the path on the network of a route."""
+def get_network_path(path):
+    """Return the path of a route on the network."""
     return NETWORK_PREFIX + path

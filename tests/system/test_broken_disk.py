@@ -23,7 +23,7 @@ def disk_farm(tmp_path):
     with ExitStack() as ends:  # in reverse, and each of them whatever became of the others
         disk = SmallDisk(tmp_path / "state", 8)
         ends.callback(disk.end)
-        if not disk.there:
+        if not disk.is_mounted:
             pytest.skip("nobody can mount a disk here")
         farm = KilledFarm(tmp_path, disk)
         ends.callback(farm.end)
@@ -40,7 +40,7 @@ def farm(tmp_path):
 
 def clear_and_list_prints(farm):
     """Clear the beds that are to be cleared; return the prints whose first layer has begun."""
-    view = farm.ask_until_answered("GET", "/status")
+    view = farm.request("GET", "/status")
     farm.clear_beds(view)
     prints = [printer["print"] for printer in view["printers"] if printer["print"]]
     return {rig["plate"] for rig in prints if rig["layer"]}
@@ -48,68 +48,68 @@ def clear_and_list_prints(farm):
 
 def both_are_off(farm):
     """Read the targets from the boards."""
-    targets = [printer["targets"] for printer in farm.ask_until_answered("GET", "/status")["printers"]]
+    targets = [printer["targets"] for printer in farm.request("GET", "/status")["printers"]]
     return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
 
 
-def cannot_start(farm, read_only=False):
+def read_start_failure(farm, read_only=False):
     """Return the line in which the daemon gives the reason."""
-    command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.daemon()]
-    attempted = subprocess.run(
+    command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.list_daemon_arguments()]
+    result = subprocess.run(
         farm.disk.command(command, read_only), check=False, capture_output=True, text=True
     )
-    assert attempted.returncode == 1, attempted.stderr
-    (line,) = (line for line in attempted.stderr.splitlines() if line.startswith("farm: "))
+    assert result.returncode == 1, result.stderr
+    (line,) = (line for line in result.stderr.splitlines() if line.startswith("farm: "))
     assert str(farm.state_option) in line
-    assert "Traceback" not in attempted.stderr, attempted.stderr
+    assert "Traceback" not in result.stderr, result.stderr
     return line
 
 
 def test_full_disk_stops_and_loses_no_print(disk_farm):
     farm = disk_farm
-    farm.keep([])
+    farm.start_daemons([])
     farm.submit(2)
     wait_for("both to print", lambda: clear_and_list_prints(farm) == {"1/01", "2/01"})
     farm.disk.fill()
-    status, message = farm.answer("POST", *farm.submission(9))
+    status, message = farm.request_any("POST", *farm.make_submission(9))
     assert status == 500
     assert "No space left" in message["error"]
     assert "check its disk space" in message["error"]
-    assert len(farm.ask_until_answered("GET", "/status")["jobs"]) == 2
+    assert len(farm.request("GET", "/status")["jobs"]) == 2
     wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
-    (first, *_) = farm.ask_until_answered("GET", "/status")["todo"]
+    (first, *_) = farm.request("GET", "/status")["todo"]
     assert first["code"] == "farm"
     assert "disk is full" in first["text"]
     assert "nothing is recorded until there is space" in first["text"]
-    farm.stop_keeping()
-    assert "disk is full; check its disk space" in cannot_start(farm)
+    farm.kill_daemons()
+    assert "disk is full; check its disk space" in read_start_failure(farm)
     farm.disk.free()
-    assert "Read-only file system" in cannot_start(farm, read_only=True)
-    farm.keep([])
-    farm.find_good()
+    assert "Read-only file system" in read_start_failure(farm, read_only=True)
+    farm.start_daemons([])
+    farm.judge_prints_good()
     farm.check()
 
 
-def states(farm):
-    return {job["state"] for job in farm.ask_until_answered("GET", "/status")["jobs"]}
+def list_states(farm):
+    return {job["state"] for job in farm.request("GET", "/status")["jobs"]}
 
 
 def test_damaged_database_is_restored_and_no_part_is_printed_twice(farm):
     """Use a backup that has the plans of the running prints, but not the prints."""
-    farm.keep([])
+    farm.start_daemons([])
     farm.submit(3, hold=True)
-    wait_for("all to be planned", lambda: states(farm) == {"held"})
+    wait_for("all to be planned", lambda: list_states(farm) == {"held"})
     back_up(StateFolder(farm.state), farm.clock().now())
     farm.approve()
     wait_for("the last of them to print", lambda: "3/01" in clear_and_list_prints(farm))
-    farm.stop_keeping()
+    farm.kill_daemons()
     for name in ("farm.db", "farm.db-wal"):
         path = farm.state / name
         data = path.read_bytes()
         path.write_bytes(data[:4096] + b"\xa5" * (len(data) - 4096))
-    farm.keep([])
-    assert states(farm) == {"held"}
+    farm.start_daemons([])
+    assert list_states(farm) == {"held"}
     assert "was restored from" in farm.log()
     farm.approve()
-    farm.find_good()
+    farm.judge_prints_good()
     farm.check()

@@ -27,7 +27,7 @@ def hanging_engine(tmp_path):
     return engine
 
 
-def children(pid):
+def list_children(pid):
     """List the running child processes of a process."""
     results = set()
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -40,8 +40,8 @@ def children(pid):
     return results
 
 
-def workers(daemon):
-    marks = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children(daemon)}
+def list_workers(daemon):
+    marks = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in list_children(daemon)}
     return {pid for pid, command in marks.items() if b"spawn_main" in command}
 
 
@@ -55,20 +55,22 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         progress = {"step": "slicing", "done": 0, "of": 2, "cached": 0, "share": None, "remaining_s": None}
         assert farm.job()["progress"] == progress
         assert "slicing 0 of 2" in farm.ok("status")
-        busy = workers(daemon)
+        old_workers = list_workers(daemon)
         farm.ok("cancel", 1)
         fifo.read()  # to its end: no engine has it open any more
     assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
-    wait_for("fresh workers", lambda: len(busy) == len(now := workers(daemon)) and now - busy)
+    wait_for(
+        "fresh workers", lambda: len(old_workers) == len(now := list_workers(daemon)) and now - old_workers
+    )
     assert not list((farm.state / "work").glob("job-*"))
     # The next job is planned by the fresh ones; the daemon is killed in the middle of it.
     farm.ok("submit", bar)
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
-        busy = workers(daemon)
+        old_workers = list_workers(daemon)
         farm.kill_daemon()
         fifo.read()
-    wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in busy))
+    wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in old_workers))
     partial = farm.state / "slices" / ".some.gcode.x"  # as a worker leaves it that is killed while it writes
     partial.touch()
     # It is planned again by the next daemon, which goes down in the middle of it.
@@ -77,9 +79,9 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
     daemon = farm.status()["daemon"]["pid"]
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
-        busy = workers(daemon)
+        old_workers = list_workers(daemon)
         assert "being planned: job 2" in farm.run("down").stderr
         farm.ok("down", "--now")
         fifo.read()
-    assert not any(Path(f"/proc/{pid}").exists() for pid in busy)
+    assert not any(Path(f"/proc/{pid}").exists() for pid in old_workers)
     assert not (farm.state / "work" / "workers").exists()

@@ -29,24 +29,24 @@ def shared_farm(tmp_path_factory):
     farm.end()
 
 
-def random_bytes(path):
+def write_random_bytes(path):
     path.write_bytes(np.random.default_rng(1).bytes(5000))
 
 
-def unknown_kind(path):
+def write_unknown_kind(path):
     path.with_suffix(".txt").write_text("solid it is not")
     return path.with_suffix(".txt")
 
 
-def empty(path):
+def write_empty(path):
     path.touch()
 
 
-def flat(path):
+def write_flat(path):
     trimesh.Trimesh([[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]], [[0, 1, 2], [0, 2, 3]]).export(path)
 
 
-def nan(path):
+def write_nan(path):
     box = trimesh.creation.box((50, 50, 50))
     vertices = np.array(box.vertices)
     vertices[3, 1] = np.nan
@@ -58,29 +58,29 @@ def write_half_stl(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-def loose_triangles(path):
+def write_loose_triangles(path):
     rng = np.random.default_rng(2)
     corners = rng.uniform(0, 100, (60, 3, 3))
     trimesh.Trimesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3), process=False).export(path)
 
 
-def in_metres(path):
+def write_in_metres(path):
     trimesh.creation.box((0.26, 0.1, 0.1)).export(path)
 
 
 REFUSED = {
-    "random_bytes": (random_bytes, "model.stl"),
-    "unknown_kind": (unknown_kind, "not a known kind"),
-    "empty": (empty, "empty"),
-    "flat": (flat, "flat"),
-    "nan": (nan, "not a number"),
+    "random_bytes": (write_random_bytes, "model.stl"),
+    "unknown_kind": (write_unknown_kind, "not a known kind"),
+    "empty": (write_empty, "empty"),
+    "flat": (write_flat, "flat"),
+    "nan": (write_nan, "not a number"),
     "half_an_stl": (write_half_stl, "promises"),
-    "loose_triangles": (loose_triangles, "solid"),
-    "in_metres": (in_metres, "--scale"),
+    "loose_triangles": (write_loose_triangles, "solid"),
+    "in_metres": (write_in_metres, "--scale"),
 }
 
 
-def one_line(stderr):
+def read_one_line(stderr):
     lines = [line for line in stderr.splitlines() if line.startswith("farm: ")]
     assert len(lines) == 1, stderr
     assert "Traceback" not in stderr
@@ -94,14 +94,14 @@ def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
     path = make(path) or path
     result = shared_farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
-    assert message in one_line(result.stderr)
+    assert message in read_one_line(result.stderr)
     assert shared_farm.status()["jobs"] == []
 
 
 def test_missing_file_is_refused(shared_farm, tmp_path):
     result = shared_farm.run("submit", tmp_path / "no.stl")
     assert result.returncode == 5
-    assert "no such file" in one_line(result.stderr)
+    assert "no such file" in read_one_line(result.stderr)
 
 
 def test_unreachable_daemon_is_reported(make_farm, bar):
@@ -109,7 +109,7 @@ def test_unreachable_daemon_is_reported(make_farm, bar):
     for arguments in (("submit", bar), ("status",), ("status", 1, "--json"), ("down",)):
         result = farm.run(*arguments)
         assert result.returncode == 3
-        assert "farm up" in one_line(result.stderr)
+        assert "farm up" in read_one_line(result.stderr)
 
 
 def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
@@ -117,7 +117,7 @@ def test_unknown_key_in_the_fleet_file_is_reported(make_farm):
     farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, colur: red"))
     result = farm.run("up")
     assert result.returncode == 2
-    assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", one_line(result.stderr))
+    assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", read_one_line(result.stderr))
 
 
 def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
@@ -127,7 +127,7 @@ def test_unknown_material_in_the_fleet_file_is_reported(make_farm):
     assert result.returncode == 2
     assert re.search(
         r"fleet.yaml:3: printers.0.material: .*PLAA: there is no such material; it prints ABS",
-        one_line(result.stderr),
+        read_one_line(result.stderr),
     )
 
 
@@ -135,7 +135,7 @@ def test_two_printers_on_one_port_are_refused(make_farm, tmp_path):
     farm = make_farm({"one": (MODEL, "/dev/ttyACM0"), "two": (MODEL, "/dev/ttyACM0")})
     result = farm.run("up")
     assert result.returncode == 2
-    assert "one and two are on one port" in one_line(result.stderr)
+    assert "one and two are on one port" in read_one_line(result.stderr)
 
 
 def test_missing_port_is_reported(make_farm, tmp_path):
@@ -143,7 +143,7 @@ def test_missing_port_is_reported(make_farm, tmp_path):
     farm.fleet.write_text(farm.fleet.read_text().replace("time_scale: 150", "time_scale: 1"))
     result = farm.run("up")
     assert result.returncode == 0, result.stderr
-    assert "one: there is no port" in one_line(result.stderr)
+    assert "one: there is no port" in read_one_line(result.stderr)
     wait_for("the agent's word", lambda: farm.printer("one")["state"] == "absent")
     assert farm.status()["todo"][0]["code"] == "connect"
 
@@ -153,19 +153,19 @@ def test_missing_cura_engine_is_reported(make_farm, bar, tmp_path):
     farm.up(FARM_CURA_ENGINE=str(tmp_path / "no-engine"))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
-    assert "FARM_CURA_ENGINE" in one_line(result.stderr)
+    assert "FARM_CURA_ENGINE" in read_one_line(result.stderr)
 
 
 def test_failing_cura_engine_is_reported(make_farm, bar, tmp_path):
     engine = tmp_path / "engine"
-    failing = "[ $1 = help ] && exec CuraEngine help; echo 'out of memory' >&2; exit 1"
-    engine.write_text(f"#!/bin/sh\n{failing}\n")
+    script = "[ $1 = help ] && exec CuraEngine help; echo 'out of memory' >&2; exit 1"
+    engine.write_text(f"#!/bin/sh\n{script}\n")
     engine.chmod(engine.stat().st_mode | stat.S_IXUSR)
     farm = make_farm({"one": SIM, "two": SIM})
     farm.up(FARM_CURA_ENGINE=str(engine))
     result = farm.run("submit", bar, "--wait")
     assert result.returncode == 1, result.stderr
-    assert "out of memory" in one_line(result.stderr)
+    assert "out of memory" in read_one_line(result.stderr)
     assert farm.job()["state"] == "failed"
 
 
@@ -178,7 +178,7 @@ def test_part_that_fits_no_printer_is_refused(make_farm, tmp_path):
     trimesh.creation.box((200, 200, 200)).export(path)
     result = farm.run("submit", path, "--wait")
     assert result.returncode == 5, result.stderr
-    assert re.search(r"\d+ (printers|parts)|mm", one_line(result.stderr))
+    assert re.search(r"\d+ (printers|parts)|mm", read_one_line(result.stderr))
 
 
 def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_path):
@@ -188,8 +188,8 @@ def test_open_mesh_is_repaired_and_parts_are_printed_in_rounds(make_farm, tmp_pa
     bar.update_faces(np.arange(len(bar.faces)) != 7)
     path = tmp_path / "open.stl"
     bar.export(path)
-    out = farm.ok("submit", path)
-    assert "losed" in out
+    output = farm.ok("submit", path)
+    assert "losed" in output
     wait_for("the first round", lambda: farm.job()["waits_for_person"])
     job = farm.job()
     assert job["repairs"]
@@ -204,7 +204,7 @@ def test_read_only_state_folder_is_refused(make_farm, tmp_path):
     farm.state = Path("/proc/farm")
     result = farm.run("up")
     assert result.returncode == 1
-    assert "/proc/farm" in one_line(result.stderr)
+    assert "/proc/farm" in read_one_line(result.stderr)
     farm.state = tmp_path / "state"
 
 
@@ -212,4 +212,4 @@ def test_read_only_state_folder_is_refused(make_farm, tmp_path):
 def test_second_daemon_is_refused(shared_farm):
     result = shared_farm.run("daemon")
     assert result.returncode == 5
-    assert "another daemon" in one_line(result.stderr)
+    assert "another daemon" in read_one_line(result.stderr)

@@ -27,9 +27,9 @@ def test_model_is_split_between_two_models_of_printer(mixed, bar):
     assert job["state"] == "printed"
     assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"ender", "um2"}
     for name in ("ender", "um2"):
-        printer, observed = mixed.printer(name), mixed.emulator_status(name)
+        printer, emulator = mixed.printer(name), mixed.emulator_status(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
-        assert (observed.nozzle_target_c, observed.bed_target_c, observed.bed_clear) == (0.0, 0.0, False)
-        assert observed.altered == observed.damaged == 0
+        assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
+        assert emulator.altered == emulator.damaged == 0
     mixed.ok("cleared", "all")
     assert mixed.status()["todo"] == []

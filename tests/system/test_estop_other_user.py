@@ -35,9 +35,9 @@ def connected(path):
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
 def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
-    shared = Path(tempfile.mkdtemp())
-    shared.chmod(0o755)
-    path = shared / "estop.sock"
+    shared_folder = Path(tempfile.mkdtemp())
+    shared_folder.chmod(0o755)
+    path = shared_folder / "estop.sock"
     command = [
         sys.executable,
         "-m",
@@ -47,32 +47,32 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
         "--fleet",
         farm.fleet,
     ]
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(path))
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
         os.chown(path, -1, NOBODY)
         path.chmod(0o660)
-        listening.listen(128)
-        hung, serving = [], None
+        listener.listen(128)
+        hung, server = [], None
         try:
             farm.up()
             hung += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
             for pid in hung:
                 os.kill(pid, signal.SIGSTOP)
-            arguments = [sys.executable, "-c", ANOTHER, str(NOBODY), shared / "farm.sock"]
+            arguments = [sys.executable, "-c", ANOTHER, str(NOBODY), shared_folder / "farm.sock"]
             idle = [connected(path) for _ in range(CROWD)]
-            serving = subprocess.Popen(command, stdin=listening)  # as systemd does it
-            asking = subprocess.Popen(arguments, stdout=subprocess.PIPE)
-            message, _ = asking.communicate(timeout=120)
+            server = subprocess.Popen(command, stdin=listener)  # as systemd does it
+            client = subprocess.Popen(arguments, stdout=subprocess.PIPE)
+            message, _ = client.communicate(timeout=120)
             for rig in idle:
                 rig.close()
             [row] = json.loads(message)["printers"]
-            assert (asking.returncode, row["printer"], row["seen_off"]) == (0, "um2-01", True)
+            assert (client.returncode, row["printer"], row["seen_off"]) == (0, "um2-01", True)
         finally:
-            if serving is not None:
-                serving.kill()
-                serving.wait()
+            if server is not None:
+                server.kill()
+                server.wait()
             for pid in hung:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGCONT)
             farm.end()
-            shutil.rmtree(shared)
+            shutil.rmtree(shared_folder)

@@ -34,15 +34,19 @@ def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm
     rng = random.Random(seed)
     fates = [
         fate
-        for turn in range(rounds)
+        for round_number in range(rounds)
         for place, event in enumerate(JOB)
-        for fate in ((MOMENTS[(place + turn) % 3], event), (LATER, rng.uniform(0.3, 2.0)))[: 1 + place % 2]
+        for fate in ((MOMENTS[(place + round_number) % 3], event), (LATER, rng.uniform(0.3, 2.0)))[
+            : 1 + place % 2
+        ]
     ]
-    killed_farm.keep(fates)
+    killed_farm.start_daemons(fates)
     killed_farm.submit(3 * rounds)
-    killed_farm.find_good(failing=[1])
-    while len(killed_farm.deaths()) < len(fates):  # a quick machine was through before all had come
+    killed_farm.judge_prints_good(failing_prints=[1])
+    while len(killed_farm.list_deaths()) < len(fates):  # a quick machine was through before all had come
         killed_farm.submit(1)
-        killed_farm.find_good()
+        killed_farm.judge_prints_good()
     killed_farm.check()
-    assert killed_farm.deaths() == [moment if moment == LATER else f"{moment} {of}" for moment, of in fates]
+    assert killed_farm.list_deaths() == [
+        moment if moment == LATER else f"{moment} {of}" for moment, of in fates
+    ]

@@ -14,19 +14,19 @@ import pytest
 
 from drivers.emulator.launch import Command, control
 from fake_camera import make_png, run_camera
-from real_farm import free_port, wait_for
+from real_farm import find_free_port, wait_for
 
 pytestmark = pytest.mark.system
 
 
-def printing(farm):
+def is_printing(farm):
     """Return True while every plate of job 1 is being extruded."""
     job = farm.job()
     states = [p["prints"][-1]["state"] if p["prints"] else "" for p in job["parts"]]
     return bool(states) and all(state == "printing" for state in states) and (job["elapsed_s"] or 0) > 0
 
 
-def extruding(farm, name):
+def is_extruding(farm, name):
     return farm.emulator_status(name).bed_clear is False
 
 
@@ -53,9 +53,9 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     for name in ("one", "two"):
         printer = farm.printer(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
-        observed = farm.emulator_status(name)
-        assert (observed.nozzle_target_c, observed.bed_target_c, observed.bed_clear) == (0.0, 0.0, False)
-        assert observed.filament_mm > 0
+        emulator = farm.emulator_status(name)
+        assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
+        assert emulator.filament_mm > 0
     todo = farm.status()["todo"]
     assert [item["code"] for item in todo] == ["clear"]
     text = farm.ok("status")
@@ -81,16 +81,16 @@ def test_print_completes_with_wrong_checksums(make_farm, bar):
 
 def test_prints_continue_after_the_daemon_dies(farm, bar):
     farm.ok("submit", bar)
-    wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
-    before = farm.status()
-    agents = {p["name"]: p["agent_pid"] for p in before["printers"]}
+    wait_for("both printers to extrude", lambda: is_printing(farm) and is_extruding(farm, "one"))
+    old_status = farm.status()
+    agents = {p["name"]: p["agent_pid"] for p in old_status["printers"]}
     resets = {name: farm.emulator_status(name).resets for name in agents}
     moves = {name: farm.emulator_status(name).moves for name in agents}
-    os.kill(before["daemon"]["pid"], signal.SIGKILL)
+    os.kill(old_status["daemon"]["pid"], signal.SIGKILL)
     wait_for("moves while no daemon is there", lambda: farm.emulator_status("one").moves > moves["one"])
     assert farm.run("status").returncode == 3
     farm.ok("up")
-    assert farm.status()["daemon"]["pid"] != before["daemon"]["pid"]
+    assert farm.status()["daemon"]["pid"] != old_status["daemon"]["pid"]
     wait_for("the job to end", lambda: farm.job()["state"] == "printed")
     assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
     assert {name: farm.emulator_status(name).resets for name in agents} == resets
@@ -105,15 +105,15 @@ def test_submit_wait_continues_over_a_restart_of_the_daemon(farm, bar, tmp_path)
 
     from real_farm import FARM
 
-    with (tmp_path / "out").open("w+") as out:
+    with (tmp_path / "out").open("w+") as path:
         command = [str(FARM), "submit", str(bar), "--wait", "--json", "--state", str(farm.state)]
-        waiting = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+        wait_process = subprocess.Popen(command, stdout=path, stderr=subprocess.DEVNULL)
         wait_for("the plan", lambda: farm.status()["jobs"] and farm.job()["estimated_s"])
         farm.kill_daemon()
         farm.ok("up")
-        assert waiting.wait(240) == 0
-        out.seek(0)
-        assert json.load(out)["job"]["state"] == "printed"
+        assert wait_process.wait(240) == 0
+        path.seek(0)
+        assert json.load(path)["job"]["state"] == "printed"
 
 
 @pytest.fixture
@@ -122,7 +122,7 @@ def watched_farm(make_farm):
     model = "ultimaker2_plus"
     with run_camera(lambda request: request.send(make_png())) as camera:
         farm = make_farm({"one": (model, f"sim://{model}?seed=1"), "two": (model, f"sim://{model}?seed=2")})
-        farm.port = free_port()
+        farm.port = find_free_port()
         web = f"web: {{listen: '127.0.0.1:{farm.port}'}}\n"
         camera_url = f"defaults: {{camera: 'http://{camera.address}/{{printer}}.png'}}\n"
         farm.fleet.write_text(farm.fleet.read_text() + web + camera_url)
@@ -155,12 +155,12 @@ def check_fetched_files(farm, folder, stills):
     key = folder / "key"
     key.touch(mode=0o600)
     key.write_text(farm.ok("key", "add", "laptop", "--role", "look"))
-    there = {"FARM_URL": f"http://127.0.0.1:{farm.port}", "FARM_KEY_FILE": str(key)}
+    remote_environ = {"FARM_URL": f"http://127.0.0.1:{farm.port}", "FARM_KEY_FILE": str(key)}
     wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0])
-    farm.ok("fetch", 1, "--out", folder / "job", **there)
-    fetched = {path.name for path in (folder / "job").iterdir()}
-    assert {"p01.stl", "p02.stl", "plate-01.gcode", "assembly.png", "instructions.html"} <= fetched
-    assert sum(name.startswith("print-") for name in fetched) == stills
+    farm.ok("fetch", 1, "--out", folder / "job", **remote_environ)
+    file_names = {path.name for path in (folder / "job").iterdir()}
+    assert {"p01.stl", "p02.stl", "plate-01.gcode", "assembly.png", "instructions.html"} <= file_names
+    assert sum(name.startswith("print-") for name in file_names) == stills
     report = (folder / "job" / "report.html").read_text()
     assert report.count(base64.b64encode(make_png()).decode()) == stills
 
@@ -168,27 +168,27 @@ def check_fetched_files(farm, folder, stills):
 def test_printer_of_a_dead_agent_is_cooled(watched_farm, bar, tmp_path):
     farm = watched_farm
     farm.ok("submit", bar)
-    wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
+    wait_for("both printers to extrude", lambda: is_printing(farm) and is_extruding(farm, "one"))
     agent = farm.printer("one")["agent_pid"]
     assert farm.emulator_status("one").nozzle_target_c > 0
     os.kill(agent, signal.SIGKILL)
-    killed = time.monotonic()
+    kill_s = time.monotonic()
 
-    def cold():
-        observed = farm.emulator_status("one")
-        return observed.nozzle_target_c == 0 and observed.bed_target_c == 0
+    def is_cold():
+        emulator = farm.emulator_status("one")
+        return emulator.nozzle_target_c == 0 and emulator.bed_target_c == 0
 
     # Not a benchmark but the promise itself: five seconds from an agent's death to no heat.
-    wait_for("targets 0", cold, patience_s=5.0)
-    assert time.monotonic() - killed < 5.0
+    wait_for("targets 0", is_cold, patience_s=5.0)
+    assert time.monotonic() - kill_s < 5.0
     wait_for("the books to know", lambda: farm.printer("one")["state"] == "look")
     printer = farm.printer("one")
     assert printer["bed"] == "not_clear"
     assert printer["agent_pid"] not in (None, agent)
     job = farm.job()
-    failed = [p for part in job["parts"] for p in part["prints"] if p["printer"] == "one"]
-    assert [p["state"] for p in failed] == ["failed"]
-    assert "agent" in failed[0]["reason"]
+    failed_prints = [p for part in job["parts"] for p in part["prints"] if p["printer"] == "one"]
+    assert [p["state"] for p in failed_prints] == ["failed"]
+    assert "agent" in failed_prints[0]["reason"]
     # The other print is not disturbed; the failed plate then waits for a person, and says for what.
     wait_for("the other part", lambda: any(p["prints"][-1]["state"] == "done" for p in farm.job()["parts"]))
     assert farm.job()["waits_for_person"]
@@ -216,20 +216,20 @@ def test_printer_reset_by_a_person_gets_no_plate_before_it_is_inspected(farm, ba
 
 def test_farm_down_is_refused_during_a_print_without_an_option(farm, bar):
     farm.ok("submit", bar)
-    wait_for("both printers to extrude", lambda: printing(farm))
-    refused = farm.run("down")
-    assert refused.returncode == 5
-    assert "one two" in refused.stderr
+    wait_for("both printers to extrude", lambda: is_printing(farm))
+    result = farm.run("down")
+    assert result.returncode == 5
+    assert "one two" in result.stderr
     farm.ok("down", "--now")
     assert farm.run("status").returncode == 3
     for name in ("one", "two"):
-        observed = farm.emulator_status(name)
-        assert (observed.nozzle_target_c, observed.bed_target_c) == (0.0, 0.0)
+        emulator = farm.emulator_status(name)
+        assert (emulator.nozzle_target_c, emulator.bed_target_c) == (0.0, 0.0)
 
 
 def test_cancelled_job_ends_safely_and_is_not_repeated(farm, bar):
     farm.ok("submit", bar)
-    wait_for("both printers to extrude", lambda: printing(farm))
+    wait_for("both printers to extrude", lambda: is_printing(farm))
     farm.ok("cancel", 1)
     wait_for("both prints to end", lambda: all(p["print"] is None for p in farm.status()["printers"]))
     job = farm.job()

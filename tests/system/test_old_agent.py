@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 OLD = "00f76ab"  # the last commit before agents told what they speak
 
 
-def old_sources(folder):
+def write_old_sources(folder):
     """Write the earlier drivers into a folder; skip if the history lacks them."""
     command = ["git", "-C", str(ROOT), "archive", OLD, "drivers"]
     archive = subprocess.run(command, check=False, capture_output=True)
@@ -29,7 +29,7 @@ def old_sources(folder):
 @pytest.mark.system
 def test_agent_of_an_earlier_version_is_detected_and_replaced(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
-    sources = old_sources(tmp_path / "then")
+    sources = write_old_sources(tmp_path / "then")
     agent = farm.state / "agents" / "um2-01"
     old = None
     try:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from make_gcode import marlin, square, ultigcode
+from make_gcode import make_marlin, make_square, make_ultigcode
 
 pytestmark = pytest.mark.system
 
@@ -21,7 +21,7 @@ def one_printer_farm(make_farm):
     return farm
 
 
-def printed(farm, number, path):
+def print_file(farm, number, path):
     """Submit a file, wait for the end, and return the job."""
     result = farm.run("submit", path, "--wait", "--json")
     assert result.returncode == 0, (result.stderr, farm.log())
@@ -32,22 +32,22 @@ def printed(farm, number, path):
         assert job["elapsed_s"] > 0.95 * job["estimated_s"]
     assert job["serial_s"] == job["estimated_s"]
     assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
-    observed = farm.emulator_status("one")
-    assert (observed.nozzle_target_c, observed.bed_target_c, observed.bed_clear) == (0.0, 0.0, False)
+    emulator = farm.emulator_status("one")
+    assert (emulator.nozzle_target_c, emulator.bed_target_c, emulator.bed_clear) == (0.0, 0.0, False)
     assert farm.printer("one")["filament"] == "parked"
     assert {f.name for f in Path(job["folder"]).iterdir()} == {"p01.gcode", "plate-01.gcode"}
     return job
 
 
 def test_ultigcode_and_marlin_files_are_printed_to_their_end(one_printer_farm, tmp_path):
-    tower = square(side_mm=60.0, layers=4)
-    files = {"ulti.gcode": ultigcode(tower), "marlin.g": marlin(tower)}
+    tower = make_square(side_mm=60.0, layers=4)
+    files = {"ulti.gcode": make_ultigcode(tower), "marlin.g": make_marlin(tower)}
     fed_mm = []
     for number, (name, lines) in enumerate(files.items(), 1):
         path = tmp_path / name
         path.write_text("\n".join(lines) + "\n")
         before_mm = one_printer_farm.emulator_status("one").filament_mm
-        job = printed(one_printer_farm, number, path)
+        job = print_file(one_printer_farm, number, path)
         fed_mm.append(one_printer_farm.emulator_status("one").filament_mm - before_mm)
         assert job["filament_mm"] == pytest.approx(960 * 0.08 / 6.379, rel=1e-3)
         one_printer_farm.ok("cleared", "all")
@@ -59,31 +59,31 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one_printer_farm, t
 
 def test_unprintable_gcode_is_refused_at_submission(one_printer_farm, tmp_path):
     path = tmp_path / "bad.gcode"
-    path.write_text("\n".join(marlin(body=["M500"])) + "\n")
+    path.write_text("\n".join(make_marlin(body=["M500"])) + "\n")
     result = one_printer_farm.run("submit", path)
     assert result.returncode == 5
     # Progress comes before it on a busy host.
     (error,) = (line for line in result.stderr.splitlines() if not line.startswith("  "))
     assert "farm: bad.gcode: line" in error and "M500" in error
-    path.write_text("\n".join(marlin()) + "\n")
+    path.write_text("\n".join(make_marlin()) + "\n")
     assert one_printer_farm.run("submit", path, "--scale", "2").returncode == 2
-    packed = tmp_path / "bad.gcode.gz"
-    packed.write_bytes(b"\x1f\x8b")
-    result = one_printer_farm.run("submit", packed)
+    packed_file = tmp_path / "bad.gcode.gz"
+    packed_file.write_bytes(b"\x1f\x8b")
+    result = one_printer_farm.run("submit", packed_file)
     assert (result.returncode, "gunzip" in result.stderr) == (5, True)
     assert one_printer_farm.status()["jobs"] == []
 
 
 def test_truncated_file_is_refused_and_foreign_machine_is_a_warning(one_printer_farm, tmp_path):
-    path, whole = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *marlin()]
+    path, whole_lines = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *make_marlin()]
     for cut, message in (
-        ("\n".join(whole[: whole.index(";LAYER:2")]) + "\n", "names 3 layers, and 2 of them"),
-        ("\n".join(whole), "no newline"),
+        ("\n".join(whole_lines[: whole_lines.index(";LAYER:2")]) + "\n", "names 3 layers, and 2 of them"),
+        ("\n".join(whole_lines), "no newline"),
     ):
         path.write_text(cut)
         result = one_printer_farm.run("submit", path)
         assert (result.returncode, message in result.stderr, "--force" in result.stderr) == (5, True, False)
-    path.write_text("\n".join([*whole, "; printer_model = MK3S"]) + "\n")
+    path.write_text("\n".join([*whole_lines, "; printer_model = MK3S"]) + "\n")
     warning = "Warning: it was sliced for 'MK3S'."
     assert warning in one_printer_farm.ok("submit", path)
     assert warning in " ".join(one_printer_farm.ok("status", "1").split())

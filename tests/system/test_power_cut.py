@@ -47,9 +47,13 @@ def test_journal_keeps_every_record_that_the_agent_acted_on(tmp_path, monkeypatc
     for number, phase in enumerate((m.PrintPhase.SPOOLED, m.PrintPhase.PRINTING, m.PrintPhase.DONE)):
         shot = m.PrintSnapshot(print_id="p-1", phase=phase)
         journal.write(float(number), print=shot.model_dump(mode="json"), filament="parked", hot=number < 2)
-        left = Journal(disk.left(tmp_path / f"left-{number}") / JOURNAL).state
-        assert (left.print, left.filament, left.board.hot) == (shot, m.Filament.PARKED, number < 2)
-    assert left.ended == {"p-1"}
+        rest_state = Journal(disk.copy_rest(tmp_path / f"left-{number}") / JOURNAL).state
+        assert (rest_state.print, rest_state.filament, rest_state.board.hot) == (
+            shot,
+            m.Filament.PARKED,
+            number < 2,
+        )
+    assert rest_state.ended == {"p-1"}
 
 
 @pytest.mark.parametrize("suffix", [".gcode", ".stl"])
@@ -58,11 +62,11 @@ def test_stored_file_is_complete(tmp_path, monkeypatch, suffix):
     (folder / "files").mkdir(parents=True)
     (folder / "work").mkdir()
     disk = PowerCut(monkeypatch, folder)
-    created = folder / "work" / f"made{suffix}"
-    created.write_bytes(os.urandom(100_000))
-    name = store_file(folder / "files", created)
-    left = disk.left(tmp_path / "left") / "files" / name
-    assert compute_sha256(left) + suffix == name
+    stored_name = folder / "work" / f"made{suffix}"
+    stored_name.write_bytes(os.urandom(100_000))
+    name = store_file(folder / "files", stored_name)
+    rest_file = disk.copy_rest(tmp_path / "left") / "files" / name
+    assert compute_sha256(rest_file) + suffix == name
 
 
 def test_database_is_synced_at_every_commit(tmp_path):
@@ -74,30 +78,30 @@ def test_database_is_synced_at_every_commit(tmp_path):
 @pytest.mark.skipif(CC is None, reason="needs a C compiler")
 def test_database_keeps_every_committed_event(tmp_path):
     """Record what SQLite syncs by a library that is loaded before libc."""
-    shim, synced, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
+    shim, synced_folder, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
     subprocess.run([CC, "-shared", "-fPIC", "-o", shim, SYNCED, "-ldl"], check=True)
-    synced.mkdir()
+    synced_folder.mkdir()
     books.parent.mkdir()
-    env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced)}
+    env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced_folder)}
     env["PYTHONPATH"] = os.pathsep.join((str(SYNCED.parent), str(SYNCED.parents[2])))
     command = [sys.executable, "-c", COMMITS, str(books)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
-        committed: list[str] = []
+        committed_events: list[str] = []
         while message := process.stdout.readline().strip():
-            committed.append(message)
-            left = tmp_path / f"left-{len(committed)}"
-            left.mkdir()
-            for file in synced.iterdir():
+            committed_events.append(message)
+            rest_folder = tmp_path / f"left-{len(committed_events)}"
+            rest_folder.mkdir()
+            for file in synced_folder.iterdir():
                 if (books.parent / file.name).exists():  # SQLite deletes no journal before that is synced
-                    shutil.copy(file, left)
-            with Store(left / "farm.db") as store:
-                assert [kind for _, kind, _ in store.events()] == committed
+                    shutil.copy(file, rest_folder)
+            with Store(rest_folder / "farm.db") as store:
+                assert [kind for _, kind, _ in store.events()] == committed_events
                 printers, jobs = store.load().printers, store.load().jobs
-                assert len(printers) + len(jobs) == len(committed)
+                assert len(printers) + len(jobs) == len(committed_events)
                 assert all(json.loads(body) for _, _, body in store.events())
             process.stdin.write("\n")
             process.stdin.flush()
     assert process.returncode == 0
-    assert committed[-1] == "JobSubmitted"
+    assert committed_events[-1] == "JobSubmitted"

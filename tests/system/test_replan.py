@@ -38,9 +38,9 @@ def test_failed_part_is_resliced_for_another_model_and_printed(make_farm, tmp_pa
 def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_path):
     port = "sim://ultimaker2_plus"
     farm = make_farm(dict.fromkeys(("large", "left", "right"), ("ultimaker2_plus", port)))
-    small = "volume_mm: [110, 110, 100]"
-    rows = farm.fleet.read_text().replace(f"{port!r}}}", f"{port!r}, {small}}}")
-    farm.fleet.write_text(rows.replace(f", {small}}}", "}", 1))
+    small_room = "volume_mm: [110, 110, 100]"
+    rows = farm.fleet.read_text().replace(f"{port!r}}}", f"{port!r}, {small_room}}}")
+    farm.fleet.write_text(rows.replace(f", {small_room}}}", "}", 1))
     farm.up()
     path = tmp_path / "strip.stl"
     trimesh.creation.box((150.0, 20.0, 3.0)).export(path)
@@ -51,9 +51,13 @@ def test_failed_part_is_cut_for_the_free_printers_and_printed(make_farm, tmp_pat
     names = ["1/p01a", "1/p01b"]
     assert [part["id"] for part in job["parts"]] == names
     for part in job["parts"]:
-        first, last = part["prints"]
-        assert (first["part"], first["printer"], first["state"]) == ("1/p01", "large", "failed")
-        assert (last["part"], last["state"], part["cut_from"]) == (part["id"], "done", "1/p01")
+        first_print, last_print = part["prints"]
+        assert (first_print["part"], first_print["printer"], first_print["state"]) == (
+            "1/p01",
+            "large",
+            "failed",
+        )
+        assert (last_print["part"], last_print["state"], part["cut_from"]) == (part["id"], "done", "1/p01")
     assert {part["prints"][1]["printer"] for part in job["parts"]} == {"left", "right"}
     assert all(farm.emulator_status(name).bed_clear is False for name in ("left", "right"))
 

@@ -102,31 +102,31 @@ def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_fi
     slow.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
     farm.ok("submit", slow, "--colour", "red")
     wait_for("the print", lambda: farm.printer(PRINTING)["state"] == "printing")
-    before = farm.agents()
-    assert {version for version, _ in before.values()} == {OLD}
+    old_agents = farm.agents()
+    assert {version for version, _ in old_agents.values()} == {OLD}
 
     farm.update(BROKEN)
     tasks = wait_for("the fault", lambda: [t for t in farm.status()["todo"] if "the update" in t["text"]])
     assert "a2: its new agent has ended; its old version is started again" in tasks[0]["text"]
     wait_for("the old agent", lambda: {version for version, _ in farm.agents().values()} == {OLD})
     wait_for("its printer", lambda: farm.printer("a2")["state"] == "idle")
-    after = farm.agents()
-    assert {name for name in after if after[name] != before[name]} == {"a2"}
+    new_agents = farm.agents()
+    assert {name for name in new_agents if new_agents[name] != old_agents[name]} == {"a2"}
 
     farm.update(NEW)
-    seen = []
+    states = []
 
     def is_updated() -> bool:
         agents = farm.agents()
-        seen.append({name: version for name, (version, _) in agents.items()})
+        states.append({name: version for name, (version, _) in agents.items()})
         if farm.job()["printed"] == 0:
-            assert agents[PRINTING] == before[PRINTING]
+            assert agents[PRINTING] == old_agents[PRINTING]
         return {version for version, _ in agents.values()} == {NEW}
 
     wait_for("the update", is_updated)
-    assert {"a1": OLD, "a2": NEW, "b1": OLD, "b2": OLD} in seen  # the others wait for the print
+    assert {"a1": OLD, "a2": NEW, "b1": OLD, "b2": OLD} in states  # the others wait for the print
     assert not [
-        versions for versions in seen if NEW in (versions["b1"], versions["b2"]) and versions["a1"] != NEW
+        versions for versions in states if NEW in (versions["b1"], versions["b2"]) and versions["a1"] != NEW
     ]
     assert [attempt["state"] for attempt in farm.job()["parts"][0]["prints"]] == ["done"]
     assert not [task for task in farm.status()["todo"] if "the update" in task["text"]]

@@ -1,4 +1,4 @@
-"""Order of assembly: of boxes by planes, of a pinwheel by a slide, of loose and locked bodies."""
+"""Order of assembly: boxes by planes, a pinwheel by a slide, loose and locked bodies."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from decompose.pieces import Piece, cut_box, find_joints, list_box_planes, rotat
 Span = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
-def boxes(*spans: Span) -> list[Piece]:
-    """Boxes as pieces that were cut at all their faces."""
+def make_boxes(*spans: Span) -> list[Piece]:
+    """Make boxes as pieces that were cut at all their faces."""
     return [
         Piece(Solid.box(lo, hi), list_box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
         for lo, hi in spans
@@ -26,18 +26,18 @@ def boxes(*spans: Span) -> list[Piece]:
 
 
 def plan(pieces: Sequence[Piece]) -> Assembly:
-    """Plan an assembly, and check by a replay that its steps can be carried out."""
+    """Plan an assembly, and check by a replay that its steps can be executed."""
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
     assert find_order_faults([piece.solid for piece in pieces], joints, assembly) == []
-    glued = [joint for step in assembly.steps for joint in step.joints]
+    glued_joints = [joint for step in assembly.steps for joint in step.joints]
     if not assembly.locked:
-        assert sorted(glued) == list(range(len(joints)))
+        assert sorted(glued_joints) == list(range(len(joints)))
     return assembly
 
 
 def test_assembly_of_two_halves_moves_the_lighter_one():
-    [step] = plan(boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
+    [step] = plan(make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
     assert (step.moved, step.fixed) == ((1,), (0,))
     assert step.direction == pytest.approx([0, 0, 1])
     assert step.glue_mm2 == pytest.approx(2400.0)
@@ -46,14 +46,14 @@ def test_assembly_of_two_halves_moves_the_lighter_one():
 
 def test_sub_assemblies_are_glued_side_by_side():
     cells = [((x, y, 0.0), (x + 30.0, y + 30.0, 20.0)) for x in (0.0, 30.0) for y in (0.0, 30.0)]
-    assembly = plan(boxes(*cells))
+    assembly = plan(make_boxes(*cells))
     assert [step.level for step in assembly.steps] == [1, 1, 2]
     assert {len(step.joints) for step in assembly.steps[:2]} == {1}
 
 
-def pinwheel() -> list[Piece]:
-    """Four bricks around a middle one, without a plane through all of them."""
-    return boxes(
+def make_pinwheel() -> list[Piece]:
+    """Make four bricks around a central one, without a plane through all of them."""
+    return make_boxes(
         ((0, 0, 0), (40, 20, 20)),
         ((40, 0, 0), (60, 40, 20)),
         ((20, 40, 0), (60, 60, 20)),
@@ -63,36 +63,36 @@ def pinwheel() -> list[Piece]:
 
 
 def test_pinwheel_is_closed_by_slides():
-    assembly = plan(pinwheel())
+    assembly = plan(make_pinwheel())
     assert len(assembly.steps) == 4 and not assembly.locked
     assert any(step.slides for step in assembly.steps)
 
 
 def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
-    outside = Solid.box((0, 0, 0), (60, 60, 60)).subtract(Solid.box((10, 10, 10), (50, 50, 50)))
+    shell = Solid.box((0, 0, 0), (60, 60, 60)).subtract(Solid.box((10, 10, 10), (50, 50, 50)))
     halves = [
         piece
         for lo, hi in ((-9.0, 30.0), (30.0, 99.0))
-        for piece in cut_box(outside, (-9, -9, lo), (99, 99, hi))
+        for piece in cut_box(shell, (-9, -9, lo), (99, 99, hi))
     ]
-    loose = boxes(((20, 20, 20), (40, 40, 40)))
+    loose = make_boxes(((20, 20, 20), (40, 40, 40)))
     assembly = plan([*halves, *loose])
-    laid, closed = assembly.steps
-    assert laid.joints == () and 2 in (*laid.moved, *laid.fixed)
-    assert len(closed.joints) == 1
+    first_step, second_step = assembly.steps
+    assert first_step.joints == () and 2 in (*first_step.moved, *first_step.fixed)
+    assert len(second_step.joints) == 1
 
 
 def test_bodies_that_stand_apart_need_no_step_between_them():
     pair = ((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)), ((20.0, 0.0, 0.0), (40.0, 20.0, 20.0))
-    other = ((100.0, 0.0, 0.0), (120.0, 20.0, 20.0)), ((120.0, 0.0, 0.0), (140.0, 20.0, 20.0))
-    assembly = plan(boxes(*pair, *other))
+    second_pair = ((100.0, 0.0, 0.0), (120.0, 20.0, 20.0)), ((120.0, 0.0, 0.0), (140.0, 20.0, 20.0))
+    assembly = plan(make_boxes(*pair, *second_pair))
     assert sorted(sorted((*step.moved, *step.fixed)) for step in assembly.steps) == [[0, 1], [2, 3]]
 
 
 def test_linked_rings_are_a_fault():
     ring = Solid.box((0, 0, 0), (60, 60, 10)).subtract(Solid.box((15, 15, -1), (45, 45, 11)))
-    turned = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-    link = ring.rotate(turned).translate(np.array([30.0, 30.0, -25.0]))
+    rotation = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+    link = ring.rotate(rotation).translate(np.array([30.0, 30.0, -25.0]))
     rings = [
         Piece(ring, np.zeros((0, 4)), np.zeros((0, 2, 3))),
         Piece(link, np.zeros((0, 4)), np.zeros((0, 2, 3))),
@@ -114,43 +114,43 @@ def test_two_ears_above_a_plane_are_joined_one_by_one():
 
 
 def test_body_that_would_fall_over_is_held():
-    [step] = plan(boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
+    [step] = plan(make_boxes(((0, 0, 0), (3, 3, 25)), ((0, 0, 25), (3, 3, 50)))).steps
     assert step.rests_on == ()
 
 
 def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
-    """The plate passes the floor within the last millimetres of a long way."""
-    outside = Solid.box((0, 0, 0), (60, 60, 120)).subtract(Solid.box((2, 2, 2), (58, 58, 118)))
+    """Use a long way on which the plate would pass through the floor only in the last millimetres."""
+    box = Solid.box((0, 0, 0), (60, 60, 120)).subtract(Solid.box((2, 2, 2), (58, 58, 118)))
     halves = [
         piece
         for lo, hi in ((-9.0, 110.0), (110.0, 999.0))
-        for piece in cut_box(outside, (-9, -9, lo), (99, 99, hi))
+        for piece in cut_box(box, (-9, -9, lo), (99, 99, hi))
     ]
-    laid, closed = plan([*halves, *boxes(((5, 5, 100), (55, 55, 102)))]).steps
-    assert laid.joints == () and 2 in (*laid.moved, *laid.fixed)
-    assert len(closed.joints) == 1
+    first_step, second_step = plan([*halves, *make_boxes(((5, 5, 100), (55, 55, 102)))]).steps
+    assert first_step.joints == () and 2 in (*first_step.moved, *first_step.fixed)
+    assert len(second_step.joints) == 1
 
 
 def test_replay_reports_a_step_in_a_wrong_direction():
-    pieces = pinwheel()
+    pieces = make_pinwheel()
     assembly, joints, solids = plan(pieces), find_joints(pieces), [piece.solid for piece in pieces]
-    last = assembly.steps[-1]
-    wrong = replace(last, direction=-last.direction)
-    steps = (*assembly.steps[:-1], wrong)
+    last_step = assembly.steps[-1]
+    wrong_step = replace(last_step, direction=-last_step.direction)
+    steps = (*assembly.steps[:-1], wrong_step)
     assert any("runs into" in fault for fault in find_order_faults(solids, joints, Assembly(steps)))
 
 
-@pytest.mark.parametrize("missing", range(4))
-def test_replay_reports_a_step_that_is_missing(missing: int):
-    pieces = pinwheel()
+@pytest.mark.parametrize("missing_step", range(4))
+def test_replay_reports_a_step_that_is_missing(missing_step: int):
+    pieces = make_pinwheel()
     steps = list(plan(pieces).steps)
-    del steps[missing]
+    del steps[missing_step]
     assert find_order_faults([piece.solid for piece in pieces], find_joints(pieces), Assembly(tuple(steps)))
 
 
 @st.composite
-def partitions(draw: st.DrawFn) -> list[Piece]:
-    """Partitions of a block into boxes, by cuts of boxes of 2 to 4 cells a side."""
+def draw_partitions(draw: st.DrawFn) -> list[Piece]:
+    """Draw partitions of a block of 2 to 4 cells a side into boxes."""
     cells = draw(st.tuples(*[st.integers(2, 4)] * 3))
     results = [(np.zeros(3), np.array(cells, dtype=np.float64) * 10.0)]
     for _ in range(draw(st.integers(1, 9))):
@@ -163,23 +163,23 @@ def partitions(draw: st.DrawFn) -> list[Piece]:
             low, high = hi.copy(), lo.copy()
             low[axis] = high[axis] = at_mm
             results[i : i + 1] = [(lo, low), (high, hi)]
-    return boxes(*((tuple(lo), tuple(hi)) for lo, hi in results))
+    return make_boxes(*((tuple(lo), tuple(hi)) for lo, hi in results))
 
 
 @settings(max_examples=40, deadline=None)
-@given(partitions(), st.floats(0.0, 6.0))
+@given(draw_partitions(), st.floats(0.0, 6.0))
 def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[Piece], angle: float):
     rotation = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
     transform = np.eye(4)
     transform[:3, :3] = rotation
     joints = [joint.move(transform) for joint in find_joints(pieces)]
-    turned = [
+    rotated_boxes = [
         Piece(piece.solid.rotate(rotation), rotate_planes(piece.planes, rotation), piece.boxes_mm)
         for piece in pieces
     ]
-    assembly = plan_assembly(turned, joints)
+    assembly = plan_assembly(rotated_boxes, joints)
     assert not assembly.locked
-    assert find_order_faults([piece.solid for piece in turned], joints, assembly) == []
+    assert find_order_faults([piece.solid for piece in rotated_boxes], joints, assembly) == []
     assert len(assembly.steps) == len(pieces) - 1
     levels: dict[frozenset[int], int] = {}
     for step in assembly.steps:

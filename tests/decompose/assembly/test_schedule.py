@@ -30,16 +30,16 @@ def test_person_waits_where_nothing_else_is_left() -> None:
 
 
 def test_more_joints_more_glue_and_single_parts_take_longer() -> None:
-    plain = Work((frozenset({0, 1}), frozenset({2, 3})), 1, 100.0, steady=True)
-    assert Work(plain.bodies, 2, 100.0, steady=True).seconds > plain.seconds
-    assert Work(plain.bodies, 1, 900.0, steady=True).seconds > plain.seconds
-    assert Work(plain.bodies, 1, 100.0, steady=False).seconds > plain.seconds
-    assert Work((frozenset({0}), frozenset({2, 3})), 1, 100.0, steady=True).seconds > plain.seconds
+    work = Work((frozenset({0, 1}), frozenset({2, 3})), 1, 100.0, steady=True)
+    assert Work(work.bodies, 2, 100.0, steady=True).seconds > work.seconds
+    assert Work(work.bodies, 1, 900.0, steady=True).seconds > work.seconds
+    assert Work(work.bodies, 1, 100.0, steady=False).seconds > work.seconds
+    assert Work((frozenset({0}), frozenset({2, 3})), 1, 100.0, steady=True).seconds > work.seconds
 
 
 @st.composite
-def trees(draw: st.DrawFn) -> list[Work]:
-    """Random trees of steps over some parts, each step after those that make its bodies."""
+def draw_trees(draw: st.DrawFn) -> list[Work]:
+    """Draw random trees of steps over some parts, each step after those that make its bodies."""
     bodies = [{part} for part in range(draw(st.integers(2, 12)))]
     works = []
     while len(bodies) > 1:
@@ -50,7 +50,7 @@ def trees(draw: st.DrawFn) -> list[Work]:
     return works
 
 
-@given(trees(), st.floats(0.0, 2000.0))
+@given(draw_trees(), st.floats(0.0, 2000.0))
 def test_no_step_begins_before_its_bodies_are_dry(works: list[Work], dry_s: float) -> None:
     order = order_steps(works, dry_s)
     assert sorted(number for number, _ in order) == list(range(len(works)))

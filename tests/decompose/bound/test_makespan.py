@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from box_tables import Shape, every_box, tables
+from box_tables import Shape, list_boxes, make_tables
 from decompose.bound import bound_by_surface_s, bound_makespan
 from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner
@@ -22,43 +22,43 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 
 def printable(boxes: BoxTables) -> list[tuple[Box, float, int]]:
-    """All boxes that may be parts, with time and pieces."""
+    """List all boxes that may be parts, with time and number of pieces."""
     results = []
-    for box in every_box(boxes.shape):
-        at = box_index(box, boxes.shape)
-        if boxes.trimmed[at] == at and np.isfinite(boxes.seconds[at]):
-            results.append((box, float(boxes.seconds[at]), int(boxes.pieces[at])))
+    for box in list_boxes(boxes.shape):
+        index = box_index(box, boxes.shape)
+        if boxes.trimmed[index] == index and np.isfinite(boxes.seconds[index]):
+            results.append((box, float(boxes.seconds[index]), int(boxes.pieces[index])))
     return results
 
 
-def solve(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, float]:
-    """The bound, and the makespan of the best guillotine partition that it started from."""
+def solve(boxes: BoxTables, is_needed: np.ndarray, printers: int) -> tuple[Bound, float]:
+    """Compute the bound, and the makespan of the best guillotine partition from which it started."""
     solver = Partitioner(boxes)
-    assume(needed.any())
+    assume(is_needed.any())
     assume(solver.find_min_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
-    return bound_makespan(boxes, needed, printers, solver.longest_s()), solver.longest_s()
+    return bound_makespan(boxes, is_needed, printers, solver.longest_s()), solver.longest_s()
 
 
-def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
+def find_min_makespan_by_recursion(boxes: BoxTables, is_needed: np.ndarray, printers: int) -> float:
     """Search all sets of boxes that cover the needed cells, which include all partitions."""
-    number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(needed))}
+    number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(is_needed))}
     choices = []
     for box, seconds, pieces in printable(boxes):
-        inside = sum(
+        cells_inside = sum(
             bit for cell, bit in number.items() if all(box[a] <= cell[a] < box[a + 3] for a in range(3))
         )
-        choices.append((inside, seconds, pieces))
+        choices.append((cells_inside, seconds, pieces))
 
     @cache
-    def find_least_s(left: int, free: int) -> float:
-        if not left:
+    def find_least_s(remaining: int, printer_count: int) -> float:
+        if not remaining:
             return 0.0
-        first = left & -left
+        first_cell = remaining & -remaining
         return min(
             (
-                max(seconds, find_least_s(left & ~inside, free - pieces))
-                for inside, seconds, pieces in choices
-                if inside & first and pieces <= free
+                max(seconds, find_least_s(remaining & ~cells_inside, printer_count - pieces))
+                for cells_inside, seconds, pieces in choices
+                if cells_inside & first_cell and pieces <= printer_count
             ),
             default=math.inf,
         )
@@ -69,21 +69,21 @@ def min_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: in
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4))
 def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int) -> None:
-    boxes, needed = tables(shape, seed)
-    assume(needed.sum() <= 14)
-    bound, makespan = solve(boxes, needed, printers)
-    assert 0.0 < bound.seconds <= min_makespan_by_recursion(boxes, needed, printers) <= makespan
+    boxes, is_needed = make_tables(shape, seed)
+    assume(is_needed.sum() <= 14)
+    bound, makespan = solve(boxes, is_needed, printers)
+    assert 0.0 < bound.seconds <= find_min_makespan_by_recursion(boxes, is_needed, printers) <= makespan
 
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
-    """Recompute the bound with integers of any size: some part holds its share, and no faster box does."""
-    boxes, needed = tables(shape, seed)
-    bound, _ = solve(boxes, needed, printers)
+    """Recompute the bound with integers of any size: some part has its share, and no faster box has."""
+    boxes, is_needed = make_tables(shape, seed)
+    bound, _ = solve(boxes, is_needed, printers)
     assert bound.weights.dtype == np.int64
     assert (bound.weights >= 0).all()
-    assert not bound.weights[~needed].any()
+    assert not bound.weights[~is_needed].any()
     total = sum(bound.weights.ravel().tolist())
     for (x0, y0, z0, x1, y1, z1), seconds, pieces in printable(boxes):
         if seconds < bound.seconds:
@@ -94,43 +94,43 @@ def test_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
 def test_bound_equals_that_of_the_complete_linear_programme(shape: Shape, seed: int, printers: int) -> None:
     """Solve the linear programme for all boxes at once, with at most one part per cell."""
-    boxes, needed = tables(shape, seed)
-    bound, _ = solve(boxes, needed, printers)
-    every = printable(boxes)
-    inside = np.zeros((len(every), *shape))
-    for row, ((x0, y0, z0, x1, y1, z1), _, _) in zip(inside, every, strict=True):
+    boxes, is_needed = make_tables(shape, seed)
+    bound, _ = solve(boxes, is_needed, printers)
+    all_boxes = printable(boxes)
+    cells_inside = np.zeros((len(all_boxes), *shape))
+    for row, ((x0, y0, z0, x1, y1, z1), _, _) in zip(cells_inside, all_boxes, strict=True):
         row[x0:x1, y0:y1, z0:z1] = 1.0
-    inside = inside[:, needed]
+    cells_inside = cells_inside[:, is_needed]
 
-    def refuted(limit_s: float) -> bool:
-        rows = [i for i, (_, seconds, _) in enumerate(every) if seconds <= limit_s]
-        parts = np.array([every[i][2] for i in rows], float)
-        spread = linprog(-np.ones(inside.shape[1]), inside[rows], parts, bounds=(0.0, 1.0))
+    def find_refutation(limit_s: float) -> bool:
+        rows = [i for i, (_, seconds, _) in enumerate(all_boxes) if seconds <= limit_s]
+        parts = np.array([all_boxes[i][2] for i in rows], float)
+        spread = linprog(-np.ones(cells_inside.shape[1]), cells_inside[rows], parts, bounds=(0.0, 1.0))
         return bool(-spread.fun > printers + 1e-3)
 
-    limits = sorted(seconds for _, seconds, _ in every)
-    proven = next(t for t in limits if not refuted(t))
+    limits = sorted(seconds for _, seconds, _ in all_boxes)
+    proven = next(t for t in limits if not find_refutation(t))
     assert bound.seconds >= proven * (1.0 - 2.0 * TOLERANCE)
 
 
 def test_row_of_equal_cells_is_bounded_by_the_longest_share() -> None:
-    """Seven cells on three printers: one prints three of them, and no fraction of boxes does better."""
+    """Print seven cells on three printers: one prints three, and fractions of boxes do not reduce that."""
     shape = (7, 1, 1)
-    boxes, _ = tables(shape, 0)
-    needed = np.ones(shape, bool)
-    for box in every_box(shape):
-        at = box_index(box, shape)
-        boxes.trimmed[at], boxes.pieces[at] = at, 1
-        boxes.seconds[at] = 10.0 * (box[3] - box[0])
-    assert bound_makespan(boxes, needed, 3, 30.0).seconds == 30.0
+    boxes, _ = make_tables(shape, 0)
+    is_needed = np.ones(shape, bool)
+    for box in list_boxes(shape):
+        index = box_index(box, shape)
+        boxes.trimmed[index], boxes.pieces[index] = index, 1
+        boxes.seconds[index] = 10.0 * (box[3] - box[0])
+    assert bound_makespan(boxes, is_needed, 3, 30.0).seconds == 30.0
 
 
 def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
-    """The bound stays close on a grid that is too large for a simplex method."""
-    boxes, needed = tables((9, 8, 7), 3)
+    """Check that the bound stays close on a grid that is too large for a simplex method."""
+    boxes, is_needed = make_tables((9, 8, 7), 3)
     solver = Partitioner(boxes)
     assert solver.find_min_makespan(20, 0.0) is not None
-    bound = bound_makespan(boxes, needed, 20, solver.longest_s())
+    bound = bound_makespan(boxes, is_needed, 20, solver.longest_s())
     assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()
 
 
@@ -139,7 +139,7 @@ def test_bound_exceeds_the_volume_bound_with_many_cells() -> None:
 def test_slabs_of_a_block_never_end_before_the_bound(
     width: float, depth: float, height: float, slabs: int
 ) -> None:
-    """Includes small slabs, whose sides consist only of rim and whose walls only of inset."""
+    """Include small slabs, whose sides are all rim and whose walls are all inset."""
     cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
     slab = price_axis_poses_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)
     block = Solid.box((0, 0, 0), (width, depth, height))

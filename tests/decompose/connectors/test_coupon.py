@@ -1,4 +1,4 @@
-"""The coupon's holes differ by a tenth, print without support, and stand beside their numbers."""
+"""Coupon of holes that differ by 0.1 mm: no support, each hole with its number."""
 
 from __future__ import annotations
 
@@ -17,38 +17,47 @@ def coupon(request: pytest.FixtureRequest) -> tuple[float, Coupon]:
     return request.param, make_coupon(request.param)
 
 
-def width_mm(points: np.ndarray, direction: np.ndarray) -> float:
-    """Measure twice the distance of the flats from the axis, below any roof."""
-    first = np.cross(np.eye(3)[int(np.abs(direction).argmin())], direction)
-    flat = points @ np.stack([first, np.cross(direction, first)]).T
+def measure_width_mm(points: np.ndarray, direction: np.ndarray) -> float:
+    """Measure the width across the flats of a hole, below any roof."""
+    u = np.cross(np.eye(3)[int(np.abs(direction).argmin())], direction)
+    flat = points @ np.stack([u, np.cross(direction, u)]).T
     middle = shapely.Point(flat[:6].mean(axis=0))
     return 2.0 * float(shapely.MultiPoint(flat).convex_hull.exterior.distance(middle))
 
 
 def test_holes_on_top_and_in_front_get_wider_by_a_tenth(coupon: tuple[float, Coupon]) -> None:
-    pin_mm, made = coupon
-    count = len(made.fits_mm)
+    pin_mm, coupon_result = coupon
+    count = len(coupon_result.fits_mm)
     for first in (0, count):
-        widths = [width_mm(hole.points_mm, hole.into) for hole in made.holes[first : first + count]]
-        assert widths == pytest.approx([pin_mm + fit_mm for fit_mm in made.fits_mm])
-    gauges = [float(np.ptp(hole.points_mm @ hole.into)) - 0.1 for hole in made.holes[2 * count :]]
-    assert gauges == pytest.approx(made.lengths_mm)
+        widths = [
+            measure_width_mm(hole.points_mm, hole.into) for hole in coupon_result.holes[first : first + count]
+        ]
+        assert widths == pytest.approx([pin_mm + fit_mm for fit_mm in coupon_result.fits_mm])
+    gauges = [float(np.ptp(hole.points_mm @ hole.into)) - 0.1 for hole in coupon_result.holes[2 * count :]]
+    assert gauges == pytest.approx(coupon_result.lengths_mm)
 
 
 def test_each_number_stands_on_the_face_of_its_hole(coupon: tuple[float, Coupon]) -> None:
-    _, made = coupon
-    texts = [f"{10 * fit_mm:.0f}" for fit_mm in made.fits_mm]
-    assert [mark.text for mark in made.marks] == [*texts, *texts, *(f"{mm:.0f}" for mm in made.lengths_mm)]
-    for mark, hole in zip(made.marks, made.holes, strict=True):
+    _, coupon_result = coupon
+    texts = [f"{10 * fit_mm:.0f}" for fit_mm in coupon_result.fits_mm]
+    assert [mark.text for mark in coupon_result.marks] == [
+        *texts,
+        *texts,
+        *(f"{mm:.0f}" for mm in coupon_result.lengths_mm),
+    ]
+    for mark, hole in zip(coupon_result.marks, coupon_result.holes, strict=True):
         assert (mark.grooves[0].into == hole.into).all()
         assert mark.lines_mm[..., 0].mean() == pytest.approx(hole.points_mm[:, 0].mean(), abs=3.5)
 
 
 def test_it_prints_without_support_in_one_piece_and_is_a_closed_stl(coupon: tuple[float, Coupon]) -> None:
-    _, made = coupon
-    assert len(made.solid.pieces()) == 1
-    assert round_triangles(*made.solid.arrays()) is not None
-    for tools, limit in ((made.holes, HOLE_SIN), ([g for m in made.marks for g in m.grooves], GROOVE_SIN)):
+    _, coupon_result = coupon
+    assert len(coupon_result.solid.pieces()) == 1
+    assert round_triangles(*coupon_result.solid.arrays()) is not None
+    for tools, limit in (
+        (coupon_result.holes, HOLE_SIN),
+        ([g for m in coupon_result.marks for g in m.grooves], GROOVE_SIN),
+    ):
         for tool in tools:
             assert overhang_sin(tool.points_mm, tool.into, UP) <= limit
             assert not closes_in_a_step(tool, UP)

@@ -1,4 +1,4 @@
-"""Keys lie in grooves where walls have no room for holes, and break no rule."""
+"""Keys in grooves of walls that are too thin for holes, checked by all rules."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from decompose.options import ConnectorOptions
 from decompose.pieces import Piece, find_joints
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
-QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # to shrink takes minutes
+QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 CUT = np.array([[0.0, 0.0, 1.0, 30.0]])
 POSES = [np.array(up) for up in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
 
 
 def make_wall(width_mm: float, slope: float, from_mm: float, to_mm: float) -> Piece:
-    """A wall along x, which leans in y."""
+    """Make a wall along x that leans in y."""
     corners = [
         (x, y + slope * (z - 30.0), z) for x in (0.0, 60.0) for y in (0.0, width_mm) for z in (from_mm, to_mm)
     ]
@@ -32,12 +32,12 @@ def make_wall(width_mm: float, slope: float, from_mm: float, to_mm: float) -> Pi
     return Piece(solid, CUT, np.array([solid.bounds_mm]))
 
 
-def plan(width_mm: float, slope: float, up: np.ndarray = POSES[0]) -> DrilledParts:
+def plan(width_mm: float, slope: float, up_axis: np.ndarray = POSES[0]) -> DrilledParts:
     """Plan the connectors of a leaning wall that is cut level, and drill its two parts."""
     pieces = [make_wall(width_mm, slope, 0.0, 30.0), make_wall(width_mm, slope, 30.0, 60.0)]
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
-    blanks = [Blank(str(n), piece.solid, up) for n, piece in enumerate(pieces, 1)]
+    blanks = [Blank(str(n), piece.solid, up_axis) for n, piece in enumerate(pieces, 1)]
     connectors = plan_connectors(blanks, joints, assembly, ConnectorOptions(2.85, 0.4), 25.0)
     return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
 
@@ -45,45 +45,47 @@ def plan(width_mm: float, slope: float, up: np.ndarray = POSES[0]) -> DrilledPar
 @pytest.mark.parametrize(("width_mm", "key_mm"), [(5.5, 1.75), (7.0, 2.85)])
 def test_leaning_wall_has_a_long_and_a_short_key_far_apart(width_mm: float, key_mm: float) -> None:
     parts = plan(width_mm, 0.4)
-    long, short = parts.connectors.pins
-    assert long.along is not None and short.along is not None
-    assert (long.diameter_mm, short.diameter_mm) == (key_mm, key_mm)
-    assert abs(float(long.at_mm[0] - short.at_mm[0])) > 35.0
-    assert pairs_of(parts.connectors.pins) == {0: (long, short)}
-    assert find_wrong_fits([long, short]) == [] and list(parts.find_faults()) == []
+    long_key, short_key = parts.connectors.pins
+    assert long_key.along is not None and short_key.along is not None
+    assert (long_key.diameter_mm, short_key.diameter_mm) == (key_mm, key_mm)
+    assert abs(float(long_key.at_mm[0] - short_key.at_mm[0])) > 35.0
+    assert pairs_of(parts.connectors.pins) == {0: (long_key, short_key)}
+    assert find_wrong_fits([long_key, short_key]) == [] and list(parts.find_faults()) == []
 
 
 @settings(deadline=None, max_examples=15, phases=QUICK)
 @given(st.floats(3.0, 9.0), st.floats(-0.9, 0.9), st.sampled_from(POSES))
-def test_connectors_of_leaning_walls_break_no_rule(width_mm: float, slope: float, up: np.ndarray) -> None:
-    assert list(plan(width_mm, slope, up).find_faults()) == []
+def test_connectors_of_leaning_walls_break_no_rule(
+    width_mm: float, slope: float, up_axis: np.ndarray
+) -> None:
+    assert list(plan(width_mm, slope, up_axis).find_faults()) == []
 
 
-def change(parts: DrilledParts, **changes: object) -> DrilledParts:
-    first, *rest = parts.connectors.pins
-    connectors = Connectors(pins=(replace(first, **changes), *rest))
+def lengthen_key(parts: DrilledParts, **changes: object) -> DrilledParts:
+    first_pin, *other_pins = parts.connectors.pins
+    connectors = Connectors(pins=(replace(first_pin, **changes), *other_pins))
     return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
 
 
 def test_key_that_is_too_long_or_across_its_groove_is_refused() -> None:
     parts = plan(5.5, 0.4)
     for changes in ({"length_mm": 14.0}, {"along": np.array([0.0, 1.0, 0.0])}):
-        assert Rule.PINNED in {fault.rule for fault in change(parts, **changes).find_faults()}
+        assert Rule.PINNED in {fault.rule for fault in lengthen_key(parts, **changes).find_faults()}
 
 
 def test_groove_near_the_outside_is_refused() -> None:
     parts = plan(5.5, 0.4)
-    first = parts.connectors.pins[0]
+    first_pin = parts.connectors.pins[0]
     grooves = tuple(
-        replace(hole, points_mm=hole.points_mm + np.array([0.0, 0.6, 0.0])) for hole in first.holes
+        replace(hole, points_mm=hole.points_mm + np.array([0.0, 0.6, 0.0])) for hole in first_pin.holes
     )
-    assert Rule.SKIN in {fault.rule for fault in change(parts, holes=grooves).find_faults()}
+    assert Rule.SKIN in {fault.rule for fault in lengthen_key(parts, holes=grooves).find_faults()}
 
 
 def test_keys_of_one_length_can_be_turned_half_around() -> None:
-    long, short = plan(5.5, 0.4).connectors.pins
-    same = replace(long, length_mm=short.length_mm + 1.0)
-    assert find_wrong_fits([same, short]) == ["step 1 can be turned half around"]
+    long_key, short_key = plan(5.5, 0.4).connectors.pins
+    equal_key = replace(long_key, length_mm=short_key.length_mm + 1.0)
+    assert find_wrong_fits([equal_key, short_key]) == ["step 1 can be turned half around"]
 
 
 def test_cut_list_names_pieces_of_each_diameter() -> None:

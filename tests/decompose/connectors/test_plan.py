@@ -22,13 +22,13 @@ from decompose.pieces import Piece, find_joints, list_box_planes
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL = ConnectorOptions(2.85, 0.4, marks=True)
-QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # to shrink takes minutes
+QUICK = (Phase.explicit, Phase.reuse, Phase.generate)  # shrinking takes minutes
 UPRIGHT = np.array([0.0, 0.0, 1.0])
 LEANING = np.array([0.0, 0.6, -0.8])  # a level face hangs over in this pose: it takes holes, but no grooves
 Span = tuple[tuple[float, ...], tuple[float, ...]]
 
 
-def boxes(*spans: Span) -> list[Piece]:
+def make_boxes(*spans: Span) -> list[Piece]:
     return [
         Piece(Solid.box(lo, hi), list_box_planes(np.array([lo, hi], dtype=np.float64)), np.array([[lo, hi]]))
         for lo, hi in spans
@@ -42,14 +42,16 @@ def plan(
     joints = find_joints(pieces)
     assembly = plan_assembly(pieces, joints)
     ups = ups or [UPRIGHT] * len(pieces)
-    blanks = [Blank(str(n), p.solid, up) for n, (p, up) in enumerate(zip(pieces, ups, strict=True), 1)]
+    blanks = [
+        Blank(str(n), p.solid, up_axis) for n, (p, up_axis) in enumerate(zip(pieces, ups, strict=True), 1)
+    ]
     connectors = plan_connectors(blanks, joints, assembly, options, 25.0)
     parts = DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
     assert list(parts.find_faults()) == []
     return connectors, parts
 
 
-HALVES = boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)))
+HALVES = make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 50)))
 
 
 def test_two_halves_get_a_long_and_a_short_key_in_opposite_corners():
@@ -72,40 +74,40 @@ def test_halves_that_lean_get_a_deep_and_a_shallow_pin_in_opposite_corners():
 
 
 def test_marks_read_from_outside_and_their_arrows_agree():
-    connectors, _ = plan(boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
+    connectors, _ = plan(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
     assert [mark.text for mark in connectors.marks] == ["1-2^", "2-1^"]
-    for mark, out in zip(connectors.marks, (1.0, -1.0), strict=True):
-        right = np.cross(UPRIGHT, [out, 0.0, 0.0])
-        ends = mark.lines_mm @ right
+    for mark, outward in zip(connectors.marks, (1.0, -1.0), strict=True):
+        right_direction = np.cross(UPRIGHT, [outward, 0.0, 0.0])
+        ends = mark.lines_mm @ right_direction
         assert ends[0].max() < ends[-1].min()  # the first digit is left of the arrow
         shaft, *wings = mark.lines_mm[-3:]
         tip = max(shaft, key=lambda end: end[2])
-        assert all(np.linalg.norm(wing - tip, axis=1).min() < 1e-9 for wing in wings)
+        assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in wings)
 
 
 def test_upright_faces_have_a_gutter_inside_of_their_rim_and_level_ones_none():
-    connectors, _ = plan(boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
+    connectors, _ = plan(make_boxes(((0, 0, 0), (30, 60, 60)), ((30, 0, 0), (60, 60, 60))))
     assert [(gutter.part, gutter.joint) for gutter in connectors.gutters] == [(0, 0), (1, 0)]
     for gutter in connectors.gutters:
-        low, high = gutter.line_mm
-        assert low[:2] == pytest.approx(high[:2]) and low[0] == pytest.approx(30.0)
-        assert low[2] > 1.7 and high[2] < 58.3 and high[2] - low[2] > 30.0
+        start, end = gutter.line_mm
+        assert start[:2] == pytest.approx(end[:2]) and start[0] == pytest.approx(30.0)
+        assert start[2] > 1.7 and end[2] < 58.3 and end[2] - start[2] > 30.0
     assert plan(HALVES)[0].gutters == ()
 
 
 def test_arrow_of_a_turned_text_still_points_up():
-    narrow = boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
+    narrow = make_boxes(((0, 0, 0), (30, 14, 70)), ((30, 0, 0), (60, 14, 70)))
     connectors, _ = plan(narrow, options=ConnectorOptions(marks=True))
     mark = connectors.marks[0]
     assert np.ptp(mark.lines_mm[..., 2]) > 15.0  # the text runs upwards
-    shaft, first, second = mark.lines_mm[-3:]
+    shaft, first_line, second_line = mark.lines_mm[-3:]
     assert shaft[:, 1] == pytest.approx(shaft[0, 1]) and np.ptp(shaft[:, 2]) > 3.0
     tip = shaft[shaft[:, 2].argmax()]
-    assert all(np.linalg.norm(wing - tip, axis=1).min() < 1e-9 for wing in (first, second))
+    assert all(np.linalg.norm(wing_mm - tip, axis=1).min() < 1e-9 for wing_mm in (first_line, second_line))
 
 
 def test_thin_joint_has_neither_pins_nor_digits_and_this_is_said():
-    connectors, parts = plan(boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
+    connectors, parts = plan(make_boxes(((0, 0, 0), (60, 40, 3)), ((60, 0, 0), (120, 40, 3))))
     assert not connectors.pins and not connectors.tools
     assert [reason for _, reason in connectors.unpinned] == ["too small for a pin"]
     assert [reason for _, reason in connectors.unmarked] == ["too small"]
@@ -113,7 +115,7 @@ def test_thin_joint_has_neither_pins_nor_digits_and_this_is_said():
 
 
 def test_small_joint_is_marked_by_as_many_dots_on_both_faces():
-    connectors, _ = plan(boxes(((0, 0, 0), (30, 7, 7)), ((30, 0, 0), (60, 7, 7))))
+    connectors, _ = plan(make_boxes(((0, 0, 0), (30, 7, 7)), ((30, 0, 0), (60, 7, 7))))
     texts = [mark.text for mark in connectors.marks]
     assert texts == [".", "."]
 
@@ -138,16 +140,16 @@ def test_face_that_leans_over_in_its_pose_is_not_marked():
 
 @pytest.mark.parametrize("up", [UPRIGHT, LEANING])
 def test_large_joint_has_pins_or_keys_near_all_of_its_glue(up: np.ndarray):
-    connectors, _ = plan(boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT])
-    at = np.array([pin.at_mm[:2] for pin in connectors.pins])
+    connectors, _ = plan(make_boxes(((0, 0, 0), (200, 200, 30)), ((0, 0, 30), (200, 200, 60))), [up, UPRIGHT])
+    points_mm = np.array([pin.at_mm[:2] for pin in connectors.pins])
     grid = np.array(np.meshgrid(np.arange(2.5, 200, 5), np.arange(2.5, 200, 5))).reshape(2, -1).T
-    near = np.linalg.norm(grid[:, None] - at, axis=2).min(axis=1) < 60.0
+    near = np.linalg.norm(grid[:, None] - points_mm, axis=2).min(axis=1) < 60.0
     assert near.mean() >= 0.95
     assert connectors.pins[1].slotted == (up is LEANING)
 
 
 def test_slide_gets_pins_only_along_its_direction():
-    wheel = boxes(
+    wheel = make_boxes(
         ((0, 0, 0), (80, 40, 40)),
         ((80, 0, 0), (120, 80, 40)),
         ((40, 80, 0), (120, 120, 40)),
@@ -166,11 +168,11 @@ def cut_at_random(random: Random, cuts: int) -> list[Piece]:
     for _ in range(cuts):
         lo, hi = spans.pop(random.randrange(len(spans)))
         axis = random.randrange(3)
-        at = lo[axis] + (hi[axis] - lo[axis]) * random.uniform(0.3, 0.7)
+        at_mm = lo[axis] + (hi[axis] - lo[axis]) * random.uniform(0.3, 0.7)
         top, bottom = hi.copy(), lo.copy()
-        top[axis] = bottom[axis] = at
+        top[axis] = bottom[axis] = at_mm
         spans += [(lo, top), (bottom, hi)]
-    return boxes(*((tuple(lo), tuple(hi)) for lo, hi in spans))
+    return make_boxes(*((tuple(lo), tuple(hi)) for lo, hi in spans))
 
 
 def test_pin_that_gives_way_to_another_pair_stays_in_its_plane():
@@ -220,7 +222,7 @@ def test_pair_keeps_off_a_distance_that_is_taken(up: np.ndarray):
 
 
 def test_thin_wall_takes_pins_whose_roof_points_along_it():
-    """A roof makes a hole higher than it is wide: the wall is thinner than a circle around it."""
-    walls = boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
+    """Use a wall that is thinner than the circle around a hole, which a roof makes higher than wide."""
+    walls = make_boxes(((0, 0, 0), (60, 6.4, 60)), ((60, 0, 0), (120, 6.4, 60)))
     connectors, _ = plan(walls, options=ConnectorOptions(2.85))
     assert len(connectors.pins) == 2 and not connectors.unpinned

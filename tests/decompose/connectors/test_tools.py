@@ -1,4 +1,4 @@
-"""Holes and grooves print without support, whichever way their part lies."""
+"""Holes and grooves that print without support in every pose of their part."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ angles = st.floats(-np.pi, np.pi)
 @settings(deadline=None, max_examples=60)
 @given(angles, angles, angles)
 def test_hole_in_any_direction_has_a_ceiling_that_prints_and_takes_the_pin(
-    turn: float, tilt: float, slot: float
+    turn_deg: float, tilt: float, slot: float
 ) -> None:
-    axis = np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
-    first = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    first /= np.linalg.norm(first)
-    second = np.cross(axis, first)
-    hole = make_hole(0, np.zeros(3), axis, UP, SIZE, 0.25 * (np.cos(slot) * first + np.sin(slot) * second))
+    axis = np.array([np.cos(turn_deg) * np.cos(tilt), np.sin(turn_deg) * np.cos(tilt), np.sin(tilt)])
+    u = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
+    hole = make_hole(0, np.zeros(3), axis, UP, SIZE, 0.25 * (np.cos(slot) * u + np.sin(slot) * v))
     assert hole is not None
     assert overhang_sin(hole.points_mm, axis, UP) <= HOLE_SIN
-    flat = hole.points_mm @ np.stack([first, second]).T
+    flat = hole.points_mm @ np.stack([u, v]).T
     floor = np.isclose(hole.points_mm @ axis, 7.0)
     assert shapely.MultiPoint(flat[floor]).convex_hull.contains(shapely.Point(0, 0).buffer(3.24 / 2.0))
 
@@ -59,12 +59,12 @@ def test_hole_that_opens_upwards_is_a_plain_hexagon():
     assert hole is not None and len(hole.points_mm) == 12
 
 
-@pytest.mark.parametrize("out", [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)])
-def test_groove_prints_on_upright_lower_and_upper_faces(out: tuple[float, ...]) -> None:
-    axis = -np.array(out)
+@pytest.mark.parametrize("outward", [(1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.6, 0.0, 0.8)])
+def test_groove_prints_on_upright_lower_and_upper_faces(outward: tuple[float, ...]) -> None:
+    axis = -np.array(outward)
     for ends in ([[0.0, 0.0], [3.0, 1.0]], [[1.0, 1.0], [1.0, 1.0]]):
-        right = np.cross(axis, [0.0, 1.0, 0.0])
-        groove = make_groove(0, np.array(ends) @ np.stack([right, [0.0, 1.0, 0.0]]), axis)
+        right_direction = np.cross(axis, [0.0, 1.0, 0.0])
+        groove = make_groove(0, np.array(ends) @ np.stack([right_direction, [0.0, 1.0, 0.0]]), axis)
         assert overhang_sin(groove.points_mm, axis, UP) <= GROOVE_SIN
 
 
@@ -77,10 +77,10 @@ def test_ceiling_that_ends_in_a_point_closes_in_a_step_and_a_ridge_does_not():
     hole = make_hole(0, np.zeros(3), UP, UP, SIZE, np.zeros(3))
     assert hole is not None and not closes_in_a_step(hole, UP)
     top = hole.points_mm[:, 2].argsort()[-2:]
-    pointed = hole.points_mm.copy()
-    pointed[top, :2] = 0.0  # as slices had it: 1.3 mm3 of support in the hole
-    assert closes_in_a_step(replace(hole, points_mm=pointed), UP)
-    assert overhang_sin(pointed, UP, UP) <= HOLE_SIN
+    pointed_mm = hole.points_mm.copy()
+    pointed_mm[top, :2] = 0.0  # a slice of this shape had 1.3 mm3 of support in the hole
+    assert closes_in_a_step(replace(hole, points_mm=pointed_mm), UP)
+    assert overhang_sin(pointed_mm, UP, UP) <= HOLE_SIN
 
 
 def test_ceiling_of_a_dot_that_is_a_cone_closes_in_a_step():

@@ -1,4 +1,4 @@
-"""Animation of the assembly in its GLB, read by the rules of glTF 2.0 without the library that wrote it."""
+"""Animation of the assembly in its GLB, read by the rules of glTF 2.0 without the library that writes it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from decompose.results import Part
 
 @pytest.fixture(scope="module")
 def parts() -> list[Part]:
-    """Four quarters of a slab."""
+    """Make four quarters of a slab."""
     spans = [((x, y, 0.0), (x + 30.0, y + 30.0, 20.0)) for x in (0.0, 30.0) for y in (0.0, 30.0)]
     return [
         Part(f"p{i + 1:02d}", Solid.box(*span), np.eye(4), 60.0, "um", planes=list_box_planes(np.array(span)))
@@ -59,17 +59,17 @@ def test_animation_ends_with_each_part_in_its_place(
     write_glb(parts, tmp_path / "assembly.glb", assembly.steps)
     tree, binary = read_glb(tmp_path / "assembly.glb")
     [animation] = tree["animations"]
-    animated = set()
+    animated_nodes = set()
     for channel in animation["channels"]:
         node = tree["nodes"][channel["target"]["node"]]
         assert channel["target"]["path"] == "translation" and "matrix" not in node
-        animated.add(node["name"])
+        animated_nodes.add(node["name"])
         sampler = animation["samplers"][channel["sampler"]]
         times_s = read_floats(tree, binary, sampler["input"])[:, 0]
         keys = read_floats(tree, binary, sampler["output"])
         assert times_s[0] == 0.0 and (np.diff(times_s) > 0.0).all() and len(times_s) == len(keys)
         assert np.linalg.norm(keys[0]) >= 25.0 and not keys[-1].any()
-    assert animated == {parts[number].id for step in assembly.steps for number in step.moved}
+    assert animated_nodes == {parts[number].id for step in assembly.steps for number in step.moved}
 
 
 def test_no_steps_make_no_animation(parts: list[Part], tmp_path: Path) -> None:
@@ -81,8 +81,8 @@ def test_parts_of_a_body_move_as_one(parts: list[Part], assembly: Assembly) -> N
     moves = find_moves(parts, assembly.steps)
     offsets = find_offsets(len(parts), assembly.steps, moves)
     for k, step in enumerate(assembly.steps):
-        still = [n for n in range(len(parts)) if n not in step.moved]
-        assert np.array_equal(offsets[k, still], offsets[k + 1, still])
+        fixed_parts = [n for n in range(len(parts)) if n not in step.moved]
+        assert np.array_equal(offsets[k, fixed_parts], offsets[k + 1, fixed_parts])
         assert np.ptp(offsets[k + 1][[*step.moved, *step.fixed]], axis=0) == pytest.approx(np.zeros(3))
         assert offsets[k, step.moved] - offsets[k + 1, step.moved] == pytest.approx(
             np.tile(moves[k], (len(step.moved), 1))
@@ -90,5 +90,5 @@ def test_parts_of_a_body_move_as_one(parts: list[Part], assembly: Assembly) -> N
 
 
 def test_moves_grow_with_the_body(parts: list[Part], assembly: Assembly) -> None:
-    long = [replace(part, solid=Solid.box((0, 0, 0), (1000, 1000, 1000))) for part in parts]
-    assert np.linalg.norm(find_moves(long, assembly.steps), axis=1) == pytest.approx([300.0] * 3)
+    long_parts = [replace(part, solid=Solid.box((0, 0, 0), (1000, 1000, 1000))) for part in parts]
+    assert np.linalg.norm(find_moves(long_parts, assembly.steps), axis=1) == pytest.approx([300.0] * 3)

@@ -50,7 +50,7 @@ from decompose.results import Decomposition, connect_parts
 
 @pytest.fixture(scope="module")
 def table() -> Decomposition:
-    """A table that is cut for four printers."""
+    """Cut a table for four printers."""
     legs = [Solid.box((x, y, 0), (x + 20, y + 20, 90)) for x in (0, 100) for y in (0, 100)]
     solid = Solid.union([Solid.box((0, 0, 80), (120, 120, 100)), *legs])
     rooms = [PrinterRoom(name, ((80.0, 130.0, 130.0),)) for name in "abcd"]
@@ -62,7 +62,7 @@ def table() -> Decomposition:
 
 @pytest.fixture(scope="module")
 def drilled_table(table: Decomposition) -> Decomposition:
-    """The table with pins and codes."""
+    """Add pins and codes to the table."""
     options = replace(table.options, connectors=ConnectorOptions(2.85, marks=True))
     return connect_parts(replace(table, options=options))
 
@@ -79,7 +79,7 @@ def page(drilled_table: Decomposition, step_pictures: list[StepPictures]) -> str
 
 @pytest.fixture(scope="module")
 def pinwheel(table: Decomposition) -> Decomposition:
-    """Four bricks around a fifth, which have no plane in common."""
+    """Make four bricks around a fifth, without a common plane."""
     spans = [
         ((0, 0, 0), (40, 20, 20)),
         ((40, 0, 0), (60, 40, 20)),
@@ -99,7 +99,7 @@ def pinwheel(table: Decomposition) -> Decomposition:
     return replace(table.without_parts(), parts=tuple(parts), joints=joints).with_assembly()
 
 
-def pictures_of(page: str) -> list[Image.Image]:
+def list_pictures(page: str) -> list[Image.Image]:
     return [
         Image.open(BytesIO(base64.b64decode(data))).convert("RGB")
         for data in re.findall(r'src="data:image/png;base64,([^"]+)"', page)
@@ -124,7 +124,7 @@ def test_the_page_names_every_part_and_joint_once_and_loads_nothing(
     assert len(names) == len(drilled_table.joints) and len(set(names)) == len(names)
     assert all(source.startswith("data:") for source in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert "url(" not in page and "<script" not in page and "@import" not in page
-    assert len(pictures_of(page)) == 2 * (len(drilled_table.parts) - 1)
+    assert len(list_pictures(page)) == 2 * (len(drilled_table.parts) - 1)
     assert find_page_faults(page, drilled_table) == []
 
 
@@ -149,15 +149,15 @@ def test_pins_and_codes_are_listed_in_their_steps(drilled_table: Decomposition, 
 def test_faces_without_a_code_are_named(
     drilled_table: Decomposition, step_pictures: list[StepPictures]
 ) -> None:
-    first = drilled_table.connectors.marks[0]
-    kept = tuple(
+    first_mark = drilled_table.connectors.marks[0]
+    other_marks = tuple(
         mark
         for mark in drilled_table.connectors.marks
-        if (mark.part, mark.joint) != (first.part, first.joint)
+        if (mark.part, mark.joint) != (first_mark.part, first_mark.joint)
     )
-    connectors = replace(drilled_table.connectors, marks=kept)
+    connectors = replace(drilled_table.connectors, marks=other_marks)
     text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
-    assert f"no code on {first.part + 1}<" in text
+    assert f"no code on {first_mark.part + 1}<" in text
     assert "no code on" not in render_instructions(drilled_table, Pictures(step_pictures))
 
 
@@ -178,9 +178,13 @@ def test_ruler_and_gauge_have_their_size_in_millimetres(page: str) -> None:
 
 def test_every_picture_shows_glue_pins_and_codes(step_pictures: list[StepPictures]) -> None:
     for step in step_pictures:
-        both, moved = (Image.open(BytesIO(png)).convert("RGB") for png in (step.both, step.moved))
-        assert count_colour(both, GLUE_COLOUR) > 1000 and count_colour(moved, GLUE_COLOUR) > 1000
-        assert count_colour(both, PIN_COLOUR) > 50
+        both_picture, moved_picture = (
+            Image.open(BytesIO(png)).convert("RGB") for png in (step.both, step.moved)
+        )
+        assert (
+            count_colour(both_picture, GLUE_COLOUR) > 1000 and count_colour(moved_picture, GLUE_COLOUR) > 1000
+        )
+        assert count_colour(both_picture, PIN_COLOUR) > 50
 
 
 def test_view_is_one_in_which_pins_and_codes_are_seen(drilled_table: Decomposition) -> None:
@@ -189,8 +193,8 @@ def test_view_is_one_in_which_pins_and_codes_are_seen(drilled_table: Decompositi
         scene = build_both(number, drilled_table, 60.0 * step.direction)
         camera = make_camera(*choose_view(scene, pose, ELEVATIONS_DEG, None)) @ pose
         visible = draw(scene.shapes, camera, 400, oversample=1).visible
-        seen = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
-        assert len(seen) >= 2 and min(seen) > 0
+        visible_counts = [(visible == 1 + scene.first_pin + k).sum() for k in range(len(scene.pins))]
+        assert len(visible_counts) >= 2 and min(visible_counts) > 0
         ink = [k for k, shape in enumerate(scene.shapes, 1) if (shape.colour == INK).all()]
         assert ink and np.isin(visible, ink).sum() > 20
 
@@ -200,9 +204,9 @@ def test_pose_has_the_joint_upwards_and_keeps_left_and_right_apart() -> None:
         pose = find_pose(np.array(direction, dtype=np.float64))
         assert pose @ direction == pytest.approx([0.0, 0.0, 1.0])
         assert pose @ pose.T == pytest.approx(np.eye(3)) and np.linalg.det(pose) == pytest.approx(1.0)
-        turned = turn_over(pose, 30.0)
-        assert turned @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(
-            turned
+        turned_pose = turn_over(pose, 30.0)
+        assert turned_pose @ direction == pytest.approx([0.0, 0.0, -1.0]) and np.linalg.det(
+            turned_pose
         ) == pytest.approx(1.0)
     assert name_top(make_camera(-60.0, 30.0)) == "upwards"
     assert name_top(make_camera(-60.0, 30.0) @ find_pose(np.array([0.0, 0.0, -1.0]))) == "downwards"
@@ -216,12 +220,12 @@ def test_holes_of_the_moved_body_lie_where_its_pins_go(drilled_table: Decomposit
 
 
 def test_step_without_pins_says_why(drilled_table: Decomposition, step_pictures: list[StepPictures]) -> None:
-    kept = tuple(pin for pin in drilled_table.connectors.pins if pin.step != 1)
-    for unpinned, reason in (
+    other_pins = tuple(pin for pin in drilled_table.connectors.pins if pin.step != 1)
+    for drilled_parts, reason in (
         (((1, "too small for a pin"),), "too small for a pin"),
         ((), "its holes were left out"),
     ):
-        connectors = replace(drilled_table.connectors, pins=kept, unpinned=unpinned)
+        connectors = replace(drilled_table.connectors, pins=other_pins, unpinned=drilled_parts)
         text = render_instructions(replace(drilled_table, connectors=connectors), Pictures(step_pictures))
         assert f"No pins ({reason}): line the faces up by their rims." in text
 
@@ -230,8 +234,8 @@ def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: De
     assert any(step.slides for step in pinwheel.assembly.steps)
     for step in pinwheel.assembly.steps:
         for entry in find_glued_faces(step, pinwheel):
-            inside = np.array(entry.face.outline.representative_point().coords[0]) @ entry.face.axes
-            point = inside + entry.face.offset_mm * entry.face.normal - 0.5 * entry.outward
+            inside_mm = np.array(entry.face.outline.representative_point().coords[0]) @ entry.face.axes
+            point = inside_mm + entry.face.offset_mm * entry.face.normal - 0.5 * entry.outward
             bounds = [pinwheel.parts[part].solid.bounds_mm for part in step.fixed]
             assert any((lo < point).all() and (point < hi).all() for lo, hi in bounds)
 
@@ -240,16 +244,19 @@ def test_view_before_is_kept_or_approached(drilled_table: Decomposition) -> None
     pose = find_pose(drilled_table.assembly.steps[0].direction)
     scene = build_both(0, drilled_table, 60.0 * drilled_table.assembly.steps[0].direction)
 
-    def turn_deg(azimuth_deg: float, before_deg: float) -> float:
+    def compute_turn_deg(azimuth_deg: float, before_deg: float) -> float:
         return abs((azimuth_deg - before_deg + 180.0) % 360.0 - 180.0)
 
     best_deg, _ = choose_view(scene, pose, ELEVATIONS_DEG, None)
-    turns = [
-        (turn_deg(choose_view(scene, pose, ELEVATIONS_DEG, before)[0], before), turn_deg(best_deg, before))
-        for before in (-58.0, 32.0, 122.0, 212.0)
+    turn_angles = [
+        (
+            compute_turn_deg(choose_view(scene, pose, ELEVATIONS_DEG, previous_deg)[0], previous_deg),
+            compute_turn_deg(best_deg, previous_deg),
+        )
+        for previous_deg in (-58.0, 32.0, 122.0, 212.0)
     ]
-    assert all(turn <= free + 1e-9 for turn, free in turns)
-    assert any(turn < free - 1.0 for turn, free in turns)  # the step before counts
+    assert all(turn <= free_deg + 1e-9 for turn, free_deg in turn_angles)
+    assert any(turn < free_deg - 1.0 for turn, free_deg in turn_angles)  # the step before counts
 
 
 def test_parts_without_an_order_are_named(table: Decomposition) -> None:
@@ -266,13 +273,13 @@ def test_check_of_the_page_tells_what_is_missing_doubled_or_loaded(
     assert find_page_faults(page.replace(f'data-part="{name}"', ""), table) == [f"part {name} is missing"]
     row = re.search(r"<tr data-joint.*?</tr>", page, re.S)
     assert row is not None
-    doubled = find_page_faults(page.replace(row[0], 2 * row[0]), table)
-    assert all(fault.endswith("is named too often") for fault in doubled)
-    assert {fault.split()[0] for fault in doubled} == {"joint", "pin", "mark"}
+    faults = find_page_faults(page.replace(row[0], 2 * row[0]), table)
+    assert all(fault.endswith("is named too often") for fault in faults)
+    assert {fault.split()[0] for fault in faults} == {"joint", "pin", "mark"}
     remote = page.replace("<h1>", '<img src="https://example.org/x.png"><h1>')
     assert find_page_faults(remote, table) == ["it loads https://example.org/x.png"]
-    styled = page.replace("<style>", "<style>@import 'x';")
-    assert find_page_faults(styled, table) == ["its style loads something"]
+    styled_page = page.replace("<style>", "<style>@import 'x';")
+    assert find_page_faults(styled_page, table) == ["its style loads something"]
 
 
 def test_page_with_a_fault_says_so_first(
@@ -296,14 +303,14 @@ def test_layout_shows_every_part_in_its_colour(table: Decomposition) -> None:
 
 
 def test_parts_are_drawn_alike_in_another_process(drilled_table: Decomposition, tmp_path: Path) -> None:
-    """Their solids travel as triangles, whose order may change."""
+    """Draw parts whose solids were sent as triangles, which may change their order."""
     for name, parts in (("here", drilled_table), ("there", pickle.loads(pickle.dumps(drilled_table)))):
         (tmp_path / name).mkdir()
         draw_parts(parts, tmp_path / name)
-    here, there = tmp_path / "here", tmp_path / "there"
+    local_folder, remote_folder = tmp_path / "here", tmp_path / "there"
     for name in (PICTURE, INSTRUCTIONS):
-        assert (here / name).read_bytes() == (there / name).read_bytes(), name
-    assert (here / ASSEMBLY).stat().st_size == (there / ASSEMBLY).stat().st_size
+        assert (local_folder / name).read_bytes() == (remote_folder / name).read_bytes(), name
+    assert (local_folder / ASSEMBLY).stat().st_size == (remote_folder / ASSEMBLY).stat().st_size
 
 
 def test_a_share_of_the_steps_is_drawn_as_among_all(

@@ -1,4 +1,4 @@
-"""The assembly as a picture and as a GLB file."""
+"""Picture and GLB file of the assembly."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from decompose.results import Part
 
 @pytest.fixture
 def parts() -> list[Part]:
-    """Three boxes in a row, and one hidden inside the middle of a large one."""
+    """Make three boxes in a row, and one hidden inside of a large one."""
     solids = [Solid.box((100.0 * i, 0, 0), (100.0 * i + 90.0, 90, 90)) for i in range(3)]
     solids.append(Solid.box((140, 40, 40), (150, 50, 50)))
     solids[1] = solids[1].subtract(solids[3])
@@ -51,8 +51,8 @@ def test_picture_shows_visible_parts(parts: list[Part], tmp_path: Path) -> None:
     height, width, _ = picture.shape
     assert abs(max(height, width) - 300) <= 1
     tops = (255 * make_part_colours(4)).astype(int)
-    for observed in range(3):  # a face is lit between half and all of its colour
-        shares = picture / np.maximum(1, tops[observed])
+    for channel in range(3):  # a face is lit between half and all of its colour
+        shares = picture / np.maximum(1, tops[channel])
         alike = (np.ptp(shares, axis=2) < 0.03) & (shares.max(axis=2) > 0.5) & (shares.max(axis=2) < 1.01)
         assert alike.sum() > 300
     assert (picture[: height // 8] == 255).all(axis=2).mean() > 0.5

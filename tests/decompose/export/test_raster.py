@@ -1,4 +1,4 @@
-"""Drawing of triangles: what is in front, the light, outlines, and the average of the pixels."""
+"""Drawing of triangles: depth, light, outlines, and averages of pixels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Convex outlines against shapely's."""
+"""Convex outlines, compared with those of shapely."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ from decompose.geometry.file_limits import (
 SPHERE = trimesh.creation.icosphere(2, 10.0)
 
 
-def polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
-    """A file with one face of so many corners, and few vertices."""
+def write_polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
+    """Write a file with one face of many corners, and few vertices."""
     indices = b" ".join(b"%d" % (1 + i % 3) for i in range(corners))
     match suffix:
         case ".obj":
@@ -31,18 +31,18 @@ def polygon(corners: int, suffix: str, comment: bytes = b"") -> bytes:
 
 @pytest.mark.parametrize("suffix", [".obj", ".off", ".ply"])
 def test_face_of_a_million_corners_is_refused(suffix: str) -> None:
-    check_limits("a", polygon(MAX_CORNERS - 1, suffix), suffix, None)
+    check_limits("a", write_polygon(MAX_CORNERS - 1, suffix), suffix, None)
     with pytest.raises(
         ModelUnreadable, match=r"face of 100000.? corners .limit 10000.; export it with triangles"
     ):
-        check_limits("a", polygon(1_000_000, suffix), suffix, None)
+        check_limits("a", write_polygon(1_000_000, suffix), suffix, None)
 
 
 def test_face_on_several_lines_counts_once_and_a_comment_is_ignored() -> None:
-    face = polygon(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
+    face = write_polygon(1_000_000, ".obj").replace(b" 1 2", b" \\\n1 2")
     with pytest.raises(ModelUnreadable, match="1000000 corners"):
         check_limits("a", face, ".obj", None)
-    check_limits("a", polygon(4, ".obj", b"# " + b"words " * MAX_CORNERS + b"\n"), ".obj", None)
+    check_limits("a", write_polygon(4, ".obj", b"# " + b"words " * MAX_CORNERS + b"\n"), ".obj", None)
 
 
 def test_binary_ply_of_few_faces_and_many_bytes_is_refused() -> None:
@@ -60,25 +60,25 @@ def test_ply_without_an_end_of_its_header_is_refused(data: bytes) -> None:
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply", "off"])
 def test_triangles_of_each_format_are_counted_and_limited_by_memory(kind: str) -> None:
-    written = SPHERE.export(file_type=kind)
-    data = written if isinstance(written, bytes) else written.encode()
+    exported = SPHERE.export(file_type=kind)
+    data = exported if isinstance(exported, bytes) else exported.encode()
     suffix = f".{kind[:3]}"
     count = len(SPHERE.faces)
     assert count_triangles(data, suffix) == count
-    enough = OTHER_BYTES + count * BYTES_PER_TRIANGLE
-    check_limits("a", data, suffix, enough)
+    memory_bytes = OTHER_BYTES + count * BYTES_PER_TRIANGLE
+    check_limits("a", data, suffix, memory_bytes)
     with pytest.raises(ModelTooDetailed, match=r"suffice for 0.0 million: simplify its mesh"):
-        check_limits("a", data, suffix, enough - 1)
+        check_limits("a", data, suffix, memory_bytes - 1)
 
 
 @pytest.mark.parametrize("kind", ["stl", "ply", "off"])
 def test_first_bytes_of_a_file_suffice_to_refuse_it(kind: str) -> None:
-    written = SPHERE.export(file_type=kind)
-    data = written if isinstance(written, bytes) else written.encode()
-    head, enough = data[:400], OTHER_BYTES + len(SPHERE.faces) * BYTES_PER_TRIANGLE
-    check_head("a", head, len(data), f".{kind}", enough)
+    exported = SPHERE.export(file_type=kind)
+    data = exported if isinstance(exported, bytes) else exported.encode()
+    head, memory_bytes = data[:400], OTHER_BYTES + len(SPHERE.faces) * BYTES_PER_TRIANGLE
+    check_head("a", head, len(data), f".{kind}", memory_bytes)
     with pytest.raises(ModelTooDetailed, match=r"a: has 0.0 million triangles.*simplify its mesh"):
-        check_head("a", head, len(data), f".{kind}", enough - 1)
+        check_head("a", head, len(data), f".{kind}", memory_bytes - 1)
 
 
 @given(st.binary(max_size=200), st.integers(0, 2**40), st.sampled_from([".stl", ".ply", ".off", ".3mf", ""]))

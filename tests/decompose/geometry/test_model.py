@@ -37,7 +37,7 @@ def ball(radius: float = 20.0) -> np.ndarray:
 
 
 def save(path: Path, triangles: np.ndarray) -> Path:
-    with np.errstate(invalid="ignore"):  # some of the files are to hold what is no number
+    with np.errstate(invalid="ignore"):  # some of the files contain a value that is no number
         write_stl(path, triangles.astype(np.float32))
     return path
 
@@ -71,16 +71,16 @@ def test_scale_and_longest_side_set_the_size(tmp_path: Path) -> None:
     assert model.extents_mm == pytest.approx([254.0, 508.0, 1016.0])
     with pytest.raises(ModelUnreadable, match="exclude each other"):
         load_model(path, scale=2.0, longest_side_mm=3.0)
-    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+    for scale in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(ModelUnreadable, match="--scale"):
-            load_model(path, scale=wrong)
+            load_model(path, scale=scale)
 
 
 def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
     path = save(tmp_path / "metres.stl", block((0, 0, 0), (0.1, 0.2, 0.26)))
-    with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as raised:
+    with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as error:
         load_model(path)
-    assert "\n" not in str(raised.value)
+    assert "\n" not in str(error.value)
     assert load_model(path, scale=1000.0).extents_mm.max() == pytest.approx(260.0)
 
 
@@ -116,16 +116,16 @@ def test_unreadable_and_empty_files_are_refused(tmp_path: Path) -> None:
 def test_random_bytes_are_refused_in_one_line(tmp_path: Path, data: bytes, suffix: str) -> None:
     path = tmp_path / f"random{suffix}"
     path.write_bytes(data)
-    with pytest.raises(DecomposeError) as raised:
+    with pytest.raises(DecomposeError) as error:
         load_model(path)
-    assert "\n" not in str(raised.value)
-    assert str(raised.value).startswith("random")
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith("random")
 
 
 def test_coordinates_that_are_not_finite_are_refused(tmp_path: Path) -> None:
-    for bad in (np.nan, np.inf):
+    for coordinate in (np.nan, np.inf):
         triangles = ball()
-        triangles[5, 1, 2] = bad
+        triangles[5, 1, 2] = coordinate
         with pytest.raises(ModelNotFinite, match="1 of 1280"):
             load_model(save(tmp_path / "nan.stl", triangles))
 
@@ -151,10 +151,10 @@ def test_many_loose_triangles_are_refused_before_the_repair(
 
     monkeypatch.setattr("decompose.geometry.repair._run_mesh_fix", refuse_call)
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
-    with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as raised:
+    with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as error:
         load_model(save(tmp_path / "soup.stl", soup))
-    assert str(MAX_BODIES) in str(raised.value)
-    assert "\n" not in str(raised.value)
+    assert str(MAX_BODIES) in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
@@ -217,8 +217,8 @@ def test_bodies_are_joined_and_cavities_kept(tmp_path: Path) -> None:
     ]
     model = load_model(save(tmp_path / "nested.stl", np.concatenate(hollow)))
     assert model.solid.volume_mm3 == pytest.approx(64_000.0 - 27_000.0 + 1000.0)
-    turned = [block((0, 0, 0), (20, 20, 20)), block((30, 0, 0), (40, 10, 10))[:, ::-1]]
-    model = load_model(save(tmp_path / "turned.stl", np.concatenate(turned)))
+    triangles = [block((0, 0, 0), (20, 20, 20)), block((30, 0, 0), (40, 10, 10))[:, ::-1]]
+    model = load_model(save(tmp_path / "turned.stl", np.concatenate(triangles)))
     assert model.solid.volume_mm3 == pytest.approx(9000.0)
     assert any("1 of 2 bodies" in r for r in model.repairs)
 
@@ -238,9 +238,9 @@ def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
         load_model(path)
     with pytest.raises(ModelUnreadable, match=r"^gone\.stl: cannot be read"):
         load_model(tmp_path / "nowhere", name="gone.stl")
-    with pytest.raises(ModelUnreadable, match=r"^two\?lines\.stl: ") as raised:
+    with pytest.raises(ModelUnreadable, match=r"^two\?lines\.stl: ") as error:
         load_model(path, name="two\nlines.stl")
-    assert "\n" not in str(raised.value)
+    assert "\n" not in str(error.value)
     with pytest.raises(ModelUnreadable, match="cannot be read"):
         load_model(Path("nul\0byte.stl"))
 

@@ -24,7 +24,7 @@ def ball(radius: float = 20.0) -> np.ndarray:
 
 
 def write_obj(path: Path, triangles: np.ndarray) -> Path:
-    """Coordinates use full double precision, which an STL does not store."""
+    """Write an OBJ file, which keeps coordinates in double precision."""
     corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in triangles.reshape(-1, 3).tolist())
     faces = "".join(f"f {i + 1} {i + 2} {i + 3}\n" for i in range(0, 3 * len(triangles), 3))
     path.write_text(corners + faces)
@@ -36,9 +36,9 @@ def test_any_unit_is_accepted_with_a_longest_side(tmp_path: Path, factor: float)
     path = write_obj(tmp_path / "unit.obj", ball() * factor)
     model = load_model(path, longest_side_mm=100.0)
     assert model.extents_mm.max() == pytest.approx(100.0)
-    with pytest.raises((ModelTiny, ModelHuge)) as raised:
+    with pytest.raises((ModelTiny, ModelHuge)) as error:
         load_model(path, scale=1.0)
-    assert "\n" not in str(raised.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("offset", [1e8, 1e10, 1e12])
@@ -73,7 +73,7 @@ def test_invalid_sizes_are_refused(
 
 
 def test_tiny_model_with_a_distant_point_is_refused(tmp_path: Path) -> None:
-    """Triangles too small to be told apart, far from one another."""
+    """Use a model of triangles that are too small, far from one another."""
     specks = np.concatenate([ball(1e-10), ball(1e-10) + 50.0])
     with pytest.raises(ModelNotSolid):
         load_model(write_obj(tmp_path / "speck.obj", specks))
@@ -89,7 +89,7 @@ def test_million_vertices_in_one_place_are_refused(tmp_path: Path) -> None:
     assert model.solid.volume_mm3 == pytest.approx(sphere.volume, rel=1e-4)
 
 
-LYING = {
+FALSE_HEADERS = {
     "missing.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 9\n",
     "before.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf -1 -2 -9\n",
     "beyond.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 99999999999999999999\n",
@@ -100,19 +100,19 @@ LYING = {
 }
 
 
-@pytest.mark.parametrize("name", sorted(LYING))
+@pytest.mark.parametrize("name", sorted(FALSE_HEADERS))
 def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_bytes(LYING[name])
-    with pytest.raises(DecomposeError) as raised:
+    (tmp_path / name).write_bytes(FALSE_HEADERS[name])
+    with pytest.raises(DecomposeError) as error:
         load_model(tmp_path / name)
-    assert "\n" not in str(raised.value)
-    assert str(raised.value).startswith(name)
-    assert "No module" not in str(raised.value)
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith(name)
+    assert "No module" not in str(error.value)
 
 
 @pytest.mark.parametrize("encoding", ["binary", "ascii"])
 @pytest.mark.parametrize(
-    ("true", "lie"),
+    ("true_count", "lie"),
     [
         (b"vertex 642", b"vertex 999999999999"),
         (b"vertex 642", b"vertex -5"),
@@ -123,15 +123,17 @@ def test_files_with_false_headers_are_refused(tmp_path: Path, name: str) -> None
         (b"property float z\n", b""),
     ],
 )
-def test_ply_with_a_false_header_is_refused(tmp_path: Path, encoding: str, true: bytes, lie: bytes) -> None:
+def test_ply_with_a_false_header_is_refused(
+    tmp_path: Path, encoding: str, true_count: bytes, lie: bytes
+) -> None:
     path = tmp_path / "lie.ply"
     trimesh.creation.icosphere(3, 20.0).export(path, encoding=encoding)
     data = path.read_bytes()
-    assert true in data
-    path.write_bytes(data.replace(true, lie, 1))
-    with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as raised:
+    assert true_count in data
+    path.write_bytes(data.replace(true_count, lie, 1))
+    with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as error:
         load_model(path)
-    assert "\n" not in str(raised.value)
+    assert "\n" not in str(error.value)
 
 
 def test_bytes_after_the_triangles_of_an_stl_are_ignored(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Surfaces that run through themselves are made one solid."""
+"""Union of surfaces that intersect themselves."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from decompose.pieces import cut_box
 RADIUS_MM = 12.0
 
 
-def crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
-    """Build one closed surface: a tube along a figure of eight, whose two limbs cross so far apart."""
-    turn = np.linspace(0.0, 2.0 * np.pi, rings, endpoint=False)
-    middle = np.stack([90.0 * np.sin(turn), 60.0 * np.sin(2.0 * turn), apart_mm / 2.0 * np.cos(turn)], axis=1)
+def make_crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
+    """Build a closed tube along a figure of eight, whose two limbs cross at a given distance."""
+    angles = np.linspace(0.0, 2.0 * np.pi, rings, endpoint=False)
+    middle = np.stack(
+        [90.0 * np.sin(angles), 60.0 * np.sin(2.0 * angles), apart_mm / 2.0 * np.cos(angles)], axis=1
+    )
     along = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
     along /= np.linalg.norm(along, axis=1)[:, None]
     side = np.cross(along, [0.0, 0.0, 1.0])
@@ -30,8 +32,8 @@ def crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
     vertices = (middle[:, None] + RADIUS_MM * ring).reshape(-1, 3)
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(rings), np.arange(sides), indexing="ij"))
     below, above = sides * i, sides * ((i + 1) % rings)
-    following = (j + 1) % sides
-    corners = below + j, below + following, above + following, above + j
+    next_index = (j + 1) % sides
+    corners = below + j, below + next_index, above + next_index, above + j
     faces = np.concatenate(
         [np.stack([corners[k] for k in order], axis=1) for order in ((0, 1, 2), (0, 2, 3))]
     )
@@ -39,21 +41,21 @@ def crossing_tube(apart_mm: float, rings: int = 60, sides: int = 12) -> Solid:
     return tube if tube.volume_mm3 > 0.0 else Solid.from_arrays(vertices, faces[:, ::-1])
 
 
-def shared_mm3(solid: Solid) -> float:
-    """Volume that the pieces of a solid in a box about the crossing share."""
+def compute_shared_mm3(solid: Solid) -> float:
+    """Compute the volume that pieces of a solid share in a box around the crossing."""
     pieces = cut_box(solid, (-40.0, -40.0, -40.0), (40.0, 40.0, 40.0))
     return sum(a.solid.intersect(b.solid).volume_mm3 for a, b in combinations(pieces, 2))
 
 
 @pytest.mark.parametrize("apart_mm", [1.0, 6.0, 20.0])
 def test_limbs_that_run_through_each_other_count_once(apart_mm: float) -> None:
-    tube = crossing_tube(apart_mm)
+    tube = make_crossing_tube(apart_mm)
     twice_mm3 = find_overlaps(tube).volume_mm3
-    assert twice_mm3 == pytest.approx(shared_mm3(tube), rel=0.05)
+    assert twice_mm3 == pytest.approx(compute_shared_mm3(tube), rel=0.05)
     solid, resolved_mm3 = resolve_overlaps(tube)
     assert resolved_mm3 == pytest.approx(twice_mm3, rel=0.05)
-    assert solid.volume_mm3 == pytest.approx(tube.volume_mm3 - shared_mm3(tube), rel=1e-3)
-    assert shared_mm3(solid) < 1e-3
+    assert solid.volume_mm3 == pytest.approx(tube.volume_mm3 - compute_shared_mm3(tube), rel=1e-3)
+    assert compute_shared_mm3(solid) < 1e-3
     assert len(solid.pieces()) == 1
     assert np.allclose(solid.bounds_mm, tube.bounds_mm)
 
@@ -61,20 +63,20 @@ def test_limbs_that_run_through_each_other_count_once(apart_mm: float) -> None:
 def test_many_crossings_are_united_without_a_cut_of_the_whole_surface_for_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    row = Solid.union([crossing_tube(6.0).translate(np.array([0.0, 400.0 * n, 0.0])) for n in range(3)])
+    row = Solid.union([make_crossing_tube(6.0).translate(np.array([0.0, 400.0 * n, 0.0])) for n in range(3)])
     subtract, cuts = Solid.subtract, []
     monkeypatch.setattr(Solid, "subtract", lambda self, other: cuts.append(self) or subtract(self, other))
     solid, resolved_mm3 = resolve_overlaps(row)
-    assert resolved_mm3 == pytest.approx(3.0 * shared_mm3(crossing_tube(6.0)), rel=0.1)
+    assert resolved_mm3 == pytest.approx(3.0 * compute_shared_mm3(make_crossing_tube(6.0)), rel=0.1)
     assert sum(cut is row for cut in cuts) == 1
     assert len(solid.pieces()) == 3
 
 
-def lose_a_body(self: Solid, other: Solid) -> Solid:
+def lose_a_body(self: Solid, other_solid: Solid) -> Solid:
     return max((self.intersect(piece) for piece in self.pieces()), key=lambda piece: piece.bounds_mm[0, 0])
 
 
-def raise_error(self: Solid, other: Solid) -> Solid:
+def raise_error(self: Solid, other_solid: Solid) -> Solid:
     raise ModelNotSolid("subtracting a solid: the triangles bound no solid")
 
 
@@ -82,13 +84,13 @@ def raise_error(self: Solid, other: Solid) -> Solid:
 def test_operation_that_fails_leaves_the_model_as_it_was(
     monkeypatch: pytest.MonkeyPatch, subtract: Callable[[Solid, Solid], Solid]
 ) -> None:
-    both = Solid.union([crossing_tube(6.0), Solid.box((300.0, 0.0, 0.0), (340.0, 40.0, 40.0))])
+    bodies = Solid.union([make_crossing_tube(6.0), Solid.box((300.0, 0.0, 0.0), (340.0, 40.0, 40.0))])
     monkeypatch.setattr(Solid, "subtract", subtract)
-    assert resolve_overlaps(both) == (both, 0.0)
+    assert resolve_overlaps(bodies) == (bodies, 0.0)
 
 
 def test_limbs_apart_stay_as_they_are(ring_with_bar: Solid) -> None:
-    for solid in (crossing_tube(40.0), ring_with_bar, Solid.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))):
+    for solid in (make_crossing_tube(40.0), ring_with_bar, Solid.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0))):
         assert resolve_overlaps(solid) == (solid, 0.0)
 
 
@@ -108,9 +110,9 @@ def test_sliver_is_searched_by_few_rays(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_loaded_model_says_what_was_united(tmp_path: Path) -> None:
-    vertices, faces = crossing_tube(6.0).arrays()
+    vertices, faces = make_crossing_tube(6.0).arrays()
     path = tmp_path / "eight.stl"
     write_stl(path, vertices[faces].astype(np.float32))
     model = load_model(path)
     assert any(text.startswith("United limbs that run through each other") for text in model.repairs)
-    assert shared_mm3(model.solid) < 1e-3
+    assert compute_shared_mm3(model.solid) < 1e-3

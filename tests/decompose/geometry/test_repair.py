@@ -25,13 +25,13 @@ def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> np.ndarray:
 
 
 def join_corners(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of triangles, with common corners joined."""
+    """Return vertices and faces of triangles, with common corners joined."""
     vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     return vertices, faces.reshape(-1, 3)
 
 
-def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
-    """Triangles without those that lie in an axis plane."""
+def remove_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
+    """Remove the triangles that lie in an axis plane."""
     return triangles[~(np.abs(triangles[:, :, axis] - at_mm) < 1e-9).all(axis=1)]
 
 
@@ -41,9 +41,9 @@ def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
     ids=["face", "edge", "corner", "half a face"],
 )
 def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -> None:
-    other = tuple(20.0 + w for w in corner)
-    both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(corner, other)])
-    solid, _ = close_surface("two", weld_triangles(both))
+    other_corner = tuple(20.0 + w for w in corner)
+    bodies = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(corner, other_corner)])
+    solid, _ = close_surface("two", weld_triangles(bodies))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert len(solid.pieces()) == pieces
 
@@ -53,27 +53,29 @@ def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -
 def test_touching_cubes_of_a_lattice_are_united(
     places: list[tuple[int, int, int]], data: st.DataObject
 ) -> None:
-    """Cubes share faces, edges and corners, and some of them are inside out."""
+    """Use cubes that share faces, edges and corners, some of them inside out."""
     cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
     order = data.draw(st.permutations(range(12 * len(cubes))))
     solid, _ = close_surface("lattice", weld_triangles(np.concatenate(cubes)[list(order)]))
     assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
 
 
-def overlapping_at_an_edge() -> np.ndarray:
-    """Two blocks that overlap slightly and share an edge: four triangles meet there, no edge is open."""
+def make_overlapping_blocks() -> np.ndarray:
+    """Make two blocks that overlap slightly and share an edge of four triangles; no edge is open."""
     hair_mm = 0.01
-    first, second = block((0, 0, 0), (20, 20, 20)), block((20 - hair_mm, 0, 0), (40, 30, 20))
-    second[(second[..., 0] < 20) & (second[..., 1] == 0.0), 0] = 20.0  # so that its side leans into the first
-    return np.concatenate([first, second])
+    first_body, second_body = block((0, 0, 0), (20, 20, 20)), block((20 - hair_mm, 0, 0), (40, 30, 20))
+    second_body[(second_body[..., 0] < 20) & (second_body[..., 1] == 0.0), 0] = (
+        20.0  # so that its side intersects the first block
+    )
+    return np.concatenate([first_body, second_body])
 
 
 def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
-    """The mesh is closed, although solid and air do not alternate around the shared edge."""
-    triangles = overlapping_at_an_edge()
+    """Use a closed mesh in which solid and air do not alternate around the shared edge."""
+    triangles = make_overlapping_blocks()
     solid, repairs = close_surface("hair", weld_triangles(triangles))
-    first, second = (Solid.from_arrays(*join_corners(item)) for item in np.split(triangles, 2))
-    assert solid.volume_mm3 == pytest.approx(Solid.union([first, second]).volume_mm3, rel=1e-9)
+    first_body, second_body = (Solid.from_arrays(*join_corners(item)) for item in np.split(triangles, 2))
+    assert solid.volume_mm3 == pytest.approx(Solid.union([first_body, second_body]).volume_mm3, rel=1e-9)
     sentence = "Separated bodies that touch or overlap (1 edges shared by more than two triangles)."
     assert repairs[0] == sentence
 
@@ -87,16 +89,16 @@ def test_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
 def test_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
-    """The flange of the paper's 'Hole Pipe' overlaps the pipe slightly."""
+    """Use the paper's 'Hole Pipe', whose flange overlaps the pipe slightly."""
     model = load_model(MODELS / "thingi10k-78224.stl")
     assert model.solid.volume_mm3 == pytest.approx(19_384.0, rel=1e-3)
     assert not any("open" in repair for repair in model.repairs)
 
 
 def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
-    """A tube stuck into an open box, as modellers leave handles; MeshFix alone would drop it."""
-    box = without_lid(block((0, 0, 0), (100, 100, 100)), 0, 100.0)
-    tube = without_lid(without_lid(block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
+    """Use a tube that penetrates an open box, as handles of models do; MeshFix alone would drop it."""
+    box = remove_lid(block((0, 0, 0), (100, 100, 100)), 0, 100.0)
+    tube = remove_lid(remove_lid(block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
     solid, repairs = close_surface("mug", weld_triangles(np.concatenate([box, tube])))
     assert solid.volume_mm3 == pytest.approx(1e6 + 60.0 * 400.0)
     assert solid.bounds_mm[0] == pytest.approx([-60.0, 0.0, 0.0])
@@ -121,9 +123,9 @@ def test_gaps_that_rounding_left_are_welded() -> None:
 
 
 def test_cup_without_wall_thickness_is_refused() -> None:
-    """Filling the cup would add a lid that the model does not have."""
+    """Check the refusal of a repair that would add a lid to a cup."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
-        close_surface("cup", weld_triangles(without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0)))
+        close_surface("cup", weld_triangles(remove_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0)))
 
 
 def test_surface_that_a_repair_would_drop_is_refused() -> None:
@@ -138,7 +140,7 @@ def test_one_sided_surfaces_are_not_oriented() -> None:
 
 
 def test_holes_that_share_a_vertex_get_separate_rims() -> None:
-    """Two opposite triangles of an octahedron's top are missing, and both holes share its tip."""
+    """Remove two opposite triangles of an octahedron's top, so that both holes share its tip."""
     corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
     octahedron = np.array(
         [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]]
@@ -148,10 +150,10 @@ def test_holes_that_share_a_vertex_get_separate_rims() -> None:
     ((vertices, faces),) = result
     assert len(vertices) == 7
     assert sorted(len(rim) for rim in shells.find_rims(faces)) == [6]
-    filled = trimesh.Trimesh(
+    filled_mesh = trimesh.Trimesh(
         vertices, np.concatenate([faces, shells.cap_holes(vertices, faces)]), process=False
     )
-    assert filled.is_watertight and filled.is_winding_consistent
+    assert filled_mesh.is_watertight and filled_mesh.is_winding_consistent
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")

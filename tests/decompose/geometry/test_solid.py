@@ -22,14 +22,14 @@ def test_open_surface_is_refused() -> None:
 
 
 @settings(max_examples=15, deadline=None)
-@given(axis=st.integers(0, 2), at=st.floats(-24.0, 39.0))
-def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: int, at: float) -> None:
-    below, above = ring_with_bar.split(axis, at)
+@given(axis=st.integers(0, 2), at_mm=st.floats(-24.0, 39.0))
+def test_split_keeps_volume_and_adds_the_cut_twice(ring_with_bar: Solid, axis: int, at_mm: float) -> None:
+    below, above = ring_with_bar.split(axis, at_mm)
     assert below.volume_mm3 + above.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3, rel=1e-9)
     if not below.is_empty:
-        assert below.bounds_mm[1, axis] <= at + 1e-9
+        assert below.bounds_mm[1, axis] <= at_mm + 1e-9
     if not above.is_empty:
-        assert above.bounds_mm[0, axis] >= at - 1e-9
+        assert above.bounds_mm[0, axis] >= at_mm - 1e-9
 
 
 def test_pieces_come_in_order_of_position() -> None:
@@ -42,14 +42,14 @@ def test_cavity_belongs_to_the_piece_around_it() -> None:
     shell = Solid.box((0, 0, 0), (10, 10, 10)).subtract(Solid.box((2, 2, 2), (8, 8, 8)))
     inner = Solid.box((3, 3, 3), (7, 7, 7)).subtract(Solid.box((4, 4, 4), (6, 6, 6)))
     assert [p.volume_mm3 for p in shell.pieces()] == pytest.approx([1000.0 - 216.0])
-    both = Solid.union([shell, inner, Solid.box((20, 0, 0), (21, 1, 1))])
-    assert [p.volume_mm3 for p in both.pieces()] == pytest.approx([1000.0 - 216.0, 64.0 - 8.0, 1.0])
+    bodies = Solid.union([shell, inner, Solid.box((20, 0, 0), (21, 1, 1))])
+    assert [p.volume_mm3 for p in bodies.pieces()] == pytest.approx([1000.0 - 216.0, 64.0 - 8.0, 1.0])
 
 
 def test_simplify_removes_short_edges_only() -> None:
     box = Solid.box((0, 0, 0), (10, 10, 10))
-    notched = Solid.union([box, Solid.box((4, 4, 9), (4.000001, 4.000001, 10.000001))])
-    simple = notched.simplify(1e-4)
+    notched_box = Solid.union([box, Solid.box((4, 4, 9), (4.000001, 4.000001, 10.000001))])
+    simple = notched_box.simplify(1e-4)
     assert simple.volume_mm3 == pytest.approx(1000.0, rel=1e-6)
-    assert len(simple.arrays()[1]) <= len(notched.arrays()[1])
+    assert len(simple.arrays()[1]) <= len(notched_box.arrays()[1])
     assert np.isfinite(simple.arrays()[0]).all()

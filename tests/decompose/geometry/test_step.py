@@ -13,7 +13,7 @@ import pytest
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.geometry import load_model, step
 from decompose.geometry.step import read_step
-from make_step import step_text
+from make_step import write_step_text
 
 needs_cascadio = pytest.mark.skipif(
     importlib.util.find_spec("cascadio") is None, reason="the extra `step` is not installed"
@@ -24,7 +24,7 @@ needs_cascadio = pytest.mark.skipif(
 @pytest.mark.parametrize(("suffix", "unit_mm"), [("step", 1.0), ("stp", 25.4), ("STEP", 1.0)])
 def test_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str) -> None:
     path = tmp_path / f"box.{suffix}"
-    path.write_text(step_text((10, 20, 30), unit_mm))
+    path.write_text(write_step_text((10, 20, 30), unit_mm))
     model = load_model(path)
     np.testing.assert_allclose(model.extents_mm, [10, 20, 30], atol=1e-4)
     assert model.solid.volume_mm3 == pytest.approx(6000, rel=1e-5)
@@ -32,7 +32,7 @@ def test_step_file_is_a_solid_in_mm(tmp_path: Path, unit_mm: float, suffix: str)
 
 @needs_cascadio
 def test_reading_a_step_file_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    read_step("box.step", step_text((10, 20, 30)).encode())
+    read_step("box.step", write_step_text((10, 20, 30)).encode())
     with pytest.raises(ModelUnreadable):
         read_step("box.step", b"ISO-10303-21;\nHEADER;\njunk\nEND-ISO-10303-21;\n")
     assert capfd.readouterr() == ("", "")
@@ -40,7 +40,7 @@ def test_reading_a_step_file_prints_nothing(capfd: pytest.CaptureFixture[str]) -
 
 @needs_cascadio
 def test_invalid_step_is_refused() -> None:
-    step_bytes = step_text((10, 20, 30)).encode()
+    step_bytes = write_step_text((10, 20, 30)).encode()
     for data in (
         b"junk",
         step_bytes[: len(step_bytes) // 2],
@@ -55,17 +55,17 @@ def test_invalid_step_is_refused() -> None:
 def test_message_without_cascadio_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(ModelUnreadable, match=r"pip install 'farm\[step\]'"):
-        read_step("box.step", step_text((10, 20, 30)).encode())
+        read_step("box.step", write_step_text((10, 20, 30)).encode())
 
 
-@pytest.mark.parametrize(("code", "expected"), [(-11, "crashed on it"), (0, "cannot read it")])
+@pytest.mark.parametrize(("code", "expected_text"), [(-11, "crashed on it"), (0, "cannot read it")])
 def test_crash_of_opencascade_is_reported_in_a_sentence(
-    monkeypatch: pytest.MonkeyPatch, code: int, expected: str
+    monkeypatch: pytest.MonkeyPatch, code: int, expected_text: str
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     monkeypatch.setattr(step.subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=code))
-    with pytest.raises(ModelUnreadable, match=expected):
-        read_step("box.step", step_text((10, 20, 30)).encode())
+    with pytest.raises(ModelUnreadable, match=expected_text):
+        read_step("box.step", write_step_text((10, 20, 30)).encode())
 
 
 def test_conversion_of_an_endless_step_file_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,4 +75,4 @@ def test_conversion_of_an_endless_step_file_is_stopped(monkeypatch: pytest.Monke
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     monkeypatch.setattr(step.subprocess, "run", run)
     with pytest.raises(ModelUnreadable, match="within 300 s"):
-        read_step("box.step", step_text((10, 20, 30)).encode())
+        read_step("box.step", write_step_text((10, 20, 30)).encode())

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from decompose.errors import DecomposeError, ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.geometry import load_model
 from decompose.geometry.threemf import model_part, package, read_3mf
-from make_3mf import components_xml, mesh_xml, model_xml, object_xml, package_bytes
+from make_3mf import pack_3mf, write_components_xml, write_mesh_xml, write_model_xml, write_object_xml
 
-BOX = mesh_xml(trimesh.creation.box((10, 20, 30)))
-OTHER = "3D/Objects/other.model"
+BOX = write_mesh_xml(trimesh.creation.box((10, 20, 30)))
+OTHER_MODEL = "3D/Objects/other.model"
 
 
 def bounds(data: bytes) -> list[list[float]]:
@@ -32,16 +32,16 @@ def volume(data: bytes) -> float:
 
 
 def read_refusal(data: bytes, kind: type[DecomposeError] = ModelUnreadable) -> str:
-    with pytest.raises(kind) as raised:
+    with pytest.raises(kind) as error:
         read_3mf("a.3mf", data)
-    text = str(raised.value)
+    text = str(error.value)
     assert text.startswith("a.3mf: ") and len(text) < 250 and "\n" not in text
     return text
 
 
 @pytest.mark.parametrize(("unit", "factor"), [(None, 1.0), *model_part.UNITS_MM.items()])
 def test_unit_of_a_3mf_file_is_converted_to_mm(unit: str | None, factor: float) -> None:
-    data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'], unit))
+    data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'], unit))
     triangles, notes = read_3mf("a.3mf", data)
     np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), np.array([10, 20, 30]) * factor)
     assert any(f"unit {unit}" in note for note in notes) is (factor != 1.0)
@@ -49,7 +49,7 @@ def test_unit_of_a_3mf_file_is_converted_to_mm(unit: str | None, factor: float) 
 
 def test_only_objects_placed_by_the_build_are_read() -> None:
     items = ['objectid="1" transform="1 0 0 0 1 0 0 0 1 100 0 5"', 'objectid="1"']
-    data = package_bytes(model_xml([object_xml(1, BOX), object_xml(2, BOX)], items))
+    data = pack_3mf(write_model_xml([write_object_xml(1, BOX), write_object_xml(2, BOX)], items))
     assert bounds(data) == [[-5, -10, -15], [105, 10, 20]]
     _, notes = read_3mf("a.3mf", data)
     assert notes == (
@@ -59,9 +59,9 @@ def test_only_objects_placed_by_the_build_are_read() -> None:
 
 
 def test_transform_is_applied_to_points_as_row_vectors() -> None:
-    """The matrix 0 1 0 -1 0 0 0 0 1 exchanges x and y, as in the specification."""
+    """Use the matrix 0 1 0 -1 0 0 0 0 1, which exchanges x and y by the specification."""
     items = ['objectid="1" transform="0 1 0 -1 0 0 0 0 1 0 0 0"']
-    triangles, _ = read_3mf("a.3mf", package_bytes(model_xml([object_xml(1, BOX)], items)))
+    triangles, _ = read_3mf("a.3mf", pack_3mf(write_model_xml([write_object_xml(1, BOX)], items)))
     np.testing.assert_allclose(np.ptp(triangles, axis=(0, 1)), [20, 10, 30])
     box = trimesh.creation.box((10, 20, 30))
     np.testing.assert_allclose(
@@ -70,31 +70,35 @@ def test_transform_is_applied_to_points_as_row_vectors() -> None:
 
 
 def test_components_of_components_are_placed_by_all_their_transforms() -> None:
-    inner = components_xml('objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 7"')
-    outer = components_xml('objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"')
-    objects = [object_xml(1, BOX), object_xml(2, inner), object_xml(3, outer)]
-    data = package_bytes(model_xml(objects, ['objectid="3" transform="1 0 0 0 1 0 0 0 1 1 0 0"']))
+    inner = write_components_xml('objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 7"')
+    outer = write_components_xml('objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"')
+    objects = [write_object_xml(1, BOX), write_object_xml(2, inner), write_object_xml(3, outer)]
+    data = pack_3mf(write_model_xml(objects, ['objectid="3" transform="1 0 0 0 1 0 0 0 1 1 0 0"']))
     assert bounds(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
 
 
 def test_mirrored_object_is_not_inside_out() -> None:
     items = ['objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"']
-    assert volume(package_bytes(model_xml([object_xml(1, BOX)], items))) == pytest.approx(6000)
+    assert volume(pack_3mf(write_model_xml([write_object_xml(1, BOX)], items))) == pytest.approx(6000)
 
 
 def test_objects_of_other_parts_keep_their_own_numbers() -> None:
-    """Slicers write each object into a part of its own, and begin each with the same number."""
-    small = mesh_xml(trimesh.creation.box((2, 2, 2)))
-    components = components_xml(f'p:path="/{OTHER}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"')
-    root = model_xml([object_xml(1, BOX), object_xml(2, components)], ['objectid="1"', 'objectid="2"'])
-    data = package_bytes(root, {OTHER: model_xml([object_xml(1, small)], [])})
+    """Read objects in parts of their own, which slicers all begin with the same number."""
+    small_box = write_mesh_xml(trimesh.creation.box((2, 2, 2)))
+    components = write_components_xml(
+        f'p:path="/{OTHER_MODEL}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"'
+    )
+    root = write_model_xml(
+        [write_object_xml(1, BOX), write_object_xml(2, components)], ['objectid="1"', 'objectid="2"']
+    )
+    data = pack_3mf(root, {OTHER_MODEL: write_model_xml([write_object_xml(1, small_box)], [])})
     assert bounds(data) == [[-5, -10, -15], [51, 10, 15]]
 
 
 def test_supports_and_unprinted_items_are_left_out() -> None:
-    objects = [object_xml(1, BOX), object_xml(2, BOX, "support"), object_xml(3, BOX)]
+    objects = [write_object_xml(1, BOX), write_object_xml(2, BOX, "support"), write_object_xml(3, BOX)]
     items = ['objectid="1"', 'objectid="2"', 'objectid="3" printable="0"']
-    triangles, notes = read_3mf("a.3mf", package_bytes(model_xml(objects, items)))
+    triangles, notes = read_3mf("a.3mf", pack_3mf(write_model_xml(objects, items)))
     assert len(triangles) == 12
     assert len(notes) == 3 and "type support" in notes[1]
 
@@ -107,18 +111,18 @@ def test_supports_and_unprinted_items_are_left_out() -> None:
     ],
 )
 def test_modifiers_of_a_slicer_are_a_warning(settings_text: str) -> None:
-    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
-    plain = {"Metadata/model_settings.config": '<part id="1" subtype="normal_part"/>'}
-    marked = {"Metadata/model_settings.config": settings_text}
-    assert read_3mf("a.3mf", package_bytes(model, plain))[1] == ()
-    assert "modifiers" in read_3mf("a.3mf", package_bytes(model, marked))[1][0]
+    model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
+    plain_settings = {"Metadata/model_settings.config": '<part id="1" subtype="normal_part"/>'}
+    marked_settings = {"Metadata/model_settings.config": settings_text}
+    assert read_3mf("a.3mf", pack_3mf(model, plain_settings))[1] == ()
+    assert "modifiers" in read_3mf("a.3mf", pack_3mf(model, marked_settings))[1][0]
 
 
 def test_file_of_another_program_gives_the_same_solid(tmp_path: Path) -> None:
-    """A whole way through the reader of models, with a scale beside the unit."""
+    """Read a file through the reader of models, with a scale in addition to the unit."""
     path = tmp_path / "ball.3mf"
-    ball = mesh_xml(trimesh.creation.icosphere(2, 1.0))
-    path.write_bytes(package_bytes(model_xml([object_xml(1, ball)], ['objectid="1"'], "inch")))
+    ball = write_mesh_xml(trimesh.creation.icosphere(2, 1.0))
+    path.write_bytes(pack_3mf(write_model_xml([write_object_xml(1, ball)], ['objectid="1"'], "inch")))
     model = load_model(path, scale=2.0)
     assert model.extents_mm.max() == pytest.approx(2 * 2 * 25.4)
     assert model.repairs == ("Converted from the unit inch.",)
@@ -126,7 +130,7 @@ def test_file_of_another_program_gives_the_same_solid(tmp_path: Path) -> None:
 
 
 def compute_determinant(matrix: list[float]) -> float:
-    """Compute it by products: the LU factors of `numpy.linalg.det` divide by what is all but 0."""
+    """Compute it by products: the LU factors of `numpy.linalg.det` divide by values close to 0."""
     x, y, z = np.reshape(matrix, (3, 3))
     return float(x @ np.cross(y, z))
 
@@ -139,7 +143,7 @@ def compute_determinant(matrix: list[float]) -> float:
 @settings(max_examples=50, deadline=None)
 def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float], move: list[float]) -> None:
     transform = " ".join(map(repr, [*matrix, *move]))
-    data = package_bytes(model_xml([object_xml(1, BOX)], [f'objectid="1" transform="{transform}"']))
+    data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], [f'objectid="1" transform="{transform}"']))
     assert volume(data) == pytest.approx(6000 * abs(compute_determinant(matrix)))
 
 
@@ -148,83 +152,92 @@ def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float],
 
 def test_invalid_package_is_refused() -> None:
     read_refusal(b"junk" * 100)
-    data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
-    for cut in range(0, len(data), 97):
-        read_refusal(data[:cut] or b"x")
+    data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']))
+    for length in range(0, len(data), 97):
+        read_refusal(data[:length] or b"x")
 
 
 def test_missing_parts_and_objects_are_named() -> None:
-    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
-    assert "_rels/.rels is missing" in read_refusal(package_bytes(model, relations=None))
-    assert "3D/3dmodel.model is missing" in read_refusal(package_bytes(None))
-    assert "name no 3D model" in read_refusal(package_bytes(model, relations="<Relationships/>"))
-    assert "object 7 is missing" in read_refusal(package_bytes(model_xml([], ['objectid="7"'])))
-    lost = components_xml(f'p:path="/{OTHER}" objectid="1"')
+    model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
+    assert "_rels/.rels is missing" in read_refusal(pack_3mf(model, relations=None))
+    assert "3D/3dmodel.model is missing" in read_refusal(pack_3mf(None))
+    assert "name no 3D model" in read_refusal(pack_3mf(model, relations="<Relationships/>"))
+    assert "object 7 is missing" in read_refusal(pack_3mf(write_model_xml([], ['objectid="7"'])))
+    missing_component = write_components_xml(f'p:path="/{OTHER_MODEL}" objectid="1"')
     assert "other.model is missing" in read_refusal(
-        package_bytes(model_xml([object_xml(1, lost)], ['objectid="1"']))
+        pack_3mf(write_model_xml([write_object_xml(1, missing_component)], ['objectid="1"']))
     )
-    read_refusal(package_bytes(model_xml([object_xml(1, BOX)], [])), ModelEmpty)
+    read_refusal(pack_3mf(write_model_xml([write_object_xml(1, BOX)], [])), ModelEmpty)
 
 
 def test_paths_stay_inside_the_package(tmp_path: Path) -> None:
     secret = tmp_path / "secret.model"
-    secret.write_text(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    secret.write_text(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']))
     for path in (str(secret), f"/../../../../../../..{secret}", f"file://{secret}", "..\\..\\secret.model"):
-        components = components_xml(f'p:path="{path}" objectid="1"')
-        read_refusal(package_bytes(model_xml([object_xml(1, components)], ['objectid="1"'])))
+        components = write_components_xml(f'p:path="{path}" objectid="1"')
+        read_refusal(pack_3mf(write_model_xml([write_object_xml(1, components)], ['objectid="1"'])))
 
 
 def test_entities_and_document_types_are_refused() -> None:
     bomb = '<!DOCTYPE m [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
-    outside = '<!DOCTYPE m [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
-    for head in (bomb, outside, '<!DOCTYPE m SYSTEM "http://127.0.0.1:1/x.dtd">'):
-        model = model_xml([object_xml(1, BOX)], ['objectid="1"'], head=head)
-        assert "document type" in read_refusal(package_bytes(model))
+    doctype = '<!DOCTYPE m [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
+    for head in (bomb, doctype, '<!DOCTYPE m SYSTEM "http://127.0.0.1:1/x.dtd">'):
+        model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'], head=head)
+        assert "document type" in read_refusal(pack_3mf(model))
 
 
 def test_objects_that_contain_themselves_are_refused() -> None:
-    loop = [object_xml(1, components_xml('objectid="2"')), object_xml(2, components_xml('objectid="1"'))]
-    assert "contains itself" in read_refusal(package_bytes(model_xml(loop, ['objectid="1"'])))
-    deep = [object_xml(n, components_xml(f'objectid="{n + 1}"')) for n in range(1, 5000)]
-    assert "deep" in read_refusal(package_bytes(model_xml([*deep, object_xml(5000, BOX)], ['objectid="1"'])))
+    loop = [
+        write_object_xml(1, write_components_xml('objectid="2"')),
+        write_object_xml(2, write_components_xml('objectid="1"')),
+    ]
+    assert "contains itself" in read_refusal(pack_3mf(write_model_xml(loop, ['objectid="1"'])))
+    deep = [write_object_xml(n, write_components_xml(f'objectid="{n + 1}"')) for n in range(1, 5000)]
+    assert "deep" in read_refusal(
+        pack_3mf(write_model_xml([*deep, write_object_xml(5000, BOX)], ['objectid="1"']))
+    )
 
 
 def test_components_that_multiply_are_counted_before_they_are_placed() -> None:
-    """Twenty levels of ten components each: ten to the twentieth boxes, or as many empty objects."""
+    """Nest twenty levels of ten components: 1e20 boxes, or as many empty objects."""
     for leaf, kind in ((BOX, ModelTooDetailed), (BOX.partition("<triangles>")[0] + "</mesh>", ModelEmpty)):
-        levels = [object_xml(n, components_xml(*[f'objectid="{n - 1}"'] * 10)) for n in range(2, 22)]
-        read_refusal(package_bytes(model_xml([object_xml(1, leaf), *levels], ['objectid="21"'])), kind)
-    many = model_xml([object_xml(1, BOX)], ['objectid="1"'] * 10_001)
-    assert "10000 objects" in read_refusal(package_bytes(many), ModelTooDetailed)
+        levels = [
+            write_object_xml(n, write_components_xml(*[f'objectid="{n - 1}"'] * 10)) for n in range(2, 22)
+        ]
+        read_refusal(pack_3mf(write_model_xml([write_object_xml(1, leaf), *levels], ['objectid="21"'])), kind)
+    many = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'] * 10_001)
+    assert "10000 objects" in read_refusal(pack_3mf(many), ModelTooDetailed)
 
 
 def test_package_that_unpacks_to_gigabytes_is_refused_unread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "FREE_RATIO_BYTES", 2**16)
-    blank = model_xml([object_xml(1, BOX)], ['objectid="1"']).replace("<build>", " " * 2**22 + "<build>")
-    assert "unpacks from" in read_refusal(package_bytes(blank))
-    assert "entries" in read_refusal(package_bytes(blank) + package._ENTRY * 20_000)
+    blank = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']).replace(
+        "<build>", " " * 2**22 + "<build>"
+    )
+    assert "unpacks from" in read_refusal(pack_3mf(blank))
+    assert "entries" in read_refusal(pack_3mf(blank) + package._ENTRY * 20_000)
 
 
 def test_entry_that_hides_its_size_ends_at_the_size_it_gives() -> None:
-    data = bytearray(package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"'])))
-    at = data.rindex(b"PK\x01\x02")
-    data[at + 24 : at + 28] = (100).to_bytes(4, "little")
+    data = bytearray(pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])))
+    index = data.rindex(b"PK\x01\x02")
+    data[index + 24 : index + 28] = (100).to_bytes(4, "little")
     read_refusal(bytes(data))
 
 
 def test_unknown_compression_is_refused() -> None:
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as packed:
-        packed.writestr("_rels/.rels", "<a/>")
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("_rels/.rels", "<a/>")
     assert "packed in a way" in read_refusal(file.getvalue())
 
 
 def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
-    long = model.replace("<build>", f'<metadata name="{"a" * 2**22}"/><build>')
-    assert "tag of more than" in read_refusal(package_bytes(long))
+    model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
+    long_tag = model.replace("<build>", f'<metadata name="{"a" * 2**22}"/><build>')
+    assert "tag of more than" in read_refusal(pack_3mf(long_tag))
     monkeypatch.setattr(model_part, "MAX_OTHER_TAGS", 1000)
-    assert "tags beside" in read_refusal(package_bytes(model.replace("<build>", "<a/>" * 1001 + "<build>")))
+    assert "tags beside" in read_refusal(pack_3mf(model.replace("<build>", "<a/>" * 1001 + "<build>")))
 
 
 @pytest.mark.parametrize(
@@ -237,7 +250,7 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
         ('v1="1"', f'v1="{10**30}"'),
         ('objectid="1"', 'transform="1 0 0"'),
         ('objectid="1"', 'objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 nan"'),
-        ("</resources>", object_xml(1, BOX) + "</resources>"),
+        ("</resources>", write_object_xml(1, BOX) + "</resources>"),
         ("<model ", '<model unit="furlong" '),
         ("<model ", '<model requiredextensions="b" xmlns:b="http://x/beamlattice/2017/02" '),
         ("<model ", "<mo del "),
@@ -245,13 +258,13 @@ def test_tags_without_end_and_tags_without_number_are_refused(monkeypatch: pytes
     ],
 )
 def test_broken_model_is_refused_in_a_sentence(was: str, becomes: str) -> None:
-    model = model_xml([object_xml(1, BOX)], ['objectid="1"'])
+    model = write_model_xml([write_object_xml(1, BOX)], ['objectid="1"'])
     assert was in model
-    read_refusal(package_bytes(model.replace(was, becomes, 1)))
+    read_refusal(pack_3mf(model.replace(was, becomes, 1)))
 
 
 def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() -> None:
-    data = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
+    data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']))
     with pytest.raises(ModelTooDetailed):
         read_3mf("a.3mf", data, 11)
 
@@ -259,11 +272,11 @@ def test_more_triangles_than_fit_the_memory_are_refused_while_they_are_read() ->
 @given(st.data())
 @settings(max_examples=150, deadline=None)
 def test_flipped_bytes_are_refused_in_a_sentence(data: st.DataObject) -> None:
-    package = package_bytes(model_xml([object_xml(1, BOX)], ['objectid="1"']))
-    at = data.draw(st.integers(0, len(package) - 1))
-    broken = bytearray(package)
-    broken[at] ^= data.draw(st.integers(1, 255))
+    package = pack_3mf(write_model_xml([write_object_xml(1, BOX)], ['objectid="1"']))
+    index = data.draw(st.integers(0, len(package) - 1))
+    broken_package = bytearray(package)
+    broken_package[index] ^= data.draw(st.integers(1, 255))
     try:
-        read_3mf("a.3mf", bytes(broken))
+        read_3mf("a.3mf", bytes(broken_package))
     except DecomposeError as error:
         assert str(error).startswith("a.3mf: ")

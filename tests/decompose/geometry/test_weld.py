@@ -22,17 +22,17 @@ PEAK_BYTES_PER_TRIANGLE = 300
 def test_rows_have_one_number_for_each_value_in_order_of_first_occurrence(
     rows: list[tuple[int, int, int]],
 ) -> None:
-    numbers, first = number_rows(np.array(rows), 1.0)
+    numbers, first_rows = number_rows(np.array(rows), 1.0)
     distinct = list(dict.fromkeys(rows))
-    assert [rows[i] for i in first] == distinct
+    assert [rows[i] for i in first_rows] == distinct
     assert [distinct[number] for number in numbers] == rows
 
 
 def test_more_rows_than_the_first_table_holds_are_numbered() -> None:
     rows = np.random.default_rng(1).integers(0, 40, (20_000, 3)).astype(np.float64)
-    numbers, first = number_rows(rows, 1.0)
-    assert len(first) == len(np.unique(rows, axis=0))
-    np.testing.assert_array_equal(rows[first][numbers], rows)
+    numbers, first_rows = number_rows(rows, 1.0)
+    assert len(first_rows) == len(np.unique(rows, axis=0))
+    np.testing.assert_array_equal(rows[first_rows][numbers], rows)
 
 
 def test_vertices_that_differ_by_rounding_are_the_same() -> None:
@@ -42,14 +42,14 @@ def test_vertices_that_differ_by_rounding_are_the_same() -> None:
 
 @given(FACES)
 def test_edge_uses_are_those_of_an_edge_by_edge_count(faces: list[tuple[int, int, int]]) -> None:
-    selected = select_distinct(np.array(faces))
-    directed = [(f[k], f[(k + 1) % 3]) for f in selected.tolist() for k in range(3)]
-    undirected = [tuple(sorted(edge)) for edge in directed]
-    counts = [undirected.count(edge) for edge in set(undirected)]
-    uses = count_edge_uses(selected)
+    distinct_faces = select_distinct(np.array(faces))
+    directed_edges = [(f[k], f[(k + 1) % 3]) for f in distinct_faces.tolist() for k in range(3)]
+    undirected_edges = [tuple(sorted(edge)) for edge in directed_edges]
+    counts = [undirected_edges.count(edge) for edge in set(undirected_edges)]
+    uses = count_edge_uses(distinct_faces)
     assert uses.single == counts.count(1)
     assert uses.shared == sum(count > 2 for count in counts)
-    assert uses.repeated == len(directed) - len(set(directed))
+    assert uses.repeated == len(directed_edges) - len(set(directed_edges))
 
 
 @given(FACES)

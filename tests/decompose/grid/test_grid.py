@@ -1,4 +1,4 @@
-"""Tables of a grid, compared with booleans of solids."""
+"""Tables of a grid, compared with boolean operations on solids."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def boxes(grid: Grid, recipe_cost: CostModel) -> BoxTables:
 
 
 @st.composite
-def box_in(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
+def draw_box(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
     ends = [sorted(draw(st.lists(st.integers(0, n), min_size=2, max_size=2, unique=True))) for n in shape]
     return (*(e[0] for e in ends), *(e[1] for e in ends))
 
@@ -60,23 +60,23 @@ def box_in(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
 def test_sums_over_a_box_equal_those_of_the_cut_solid(
     data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, ring_with_bar: Solid
 ) -> None:
-    box = data.draw(box_in(grid.shape))
+    box = data.draw(draw_box(grid.shape))
     x0, y0, z0, x1, y1, z1 = box
     cells = (slice(x0, x1), slice(y0, y1), slice(z0, z1))
-    inside = ring_with_bar.clip(*grid.bounds_mm(box))
-    assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(inside.volume_mm3, rel=1e-9, abs=1e-6)
-    at = box_index(box, grid.shape)  # type: ignore[arg-type]
-    if inside.is_empty:
-        assert boxes.trimmed[at] == -1
+    clipped_solid = ring_with_bar.clip(*grid.bounds_mm(box))
+    assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(clipped_solid.volume_mm3, rel=1e-9, abs=1e-6)
+    index = box_index(box, grid.shape)  # type: ignore[arg-type]
+    if clipped_solid.is_empty:
+        assert boxes.trimmed[index] == -1
         return
     extents = grid.extents[cells].reshape(-1, 6)
-    assert np.allclose(extents[:, :3].min(axis=0), inside.bounds_mm[0], atol=1e-9)
-    assert np.allclose(extents[:, 3:].max(axis=0), inside.bounds_mm[1], atol=1e-9)
-    # The table's cost is that of the solid in its best pose: every other term is checked by it.
-    if boxes.trimmed[at] == at:
-        times = price_axis_poses_s(*inside.arrays(), recipe_cost)
-        assert boxes.seconds[at] == pytest.approx(times.min(), rel=1e-6)
-        assert boxes.pieces[at] <= len(inside.pieces())
+    assert np.allclose(extents[:, :3].min(axis=0), clipped_solid.bounds_mm[0], atol=1e-9)
+    assert np.allclose(extents[:, 3:].max(axis=0), clipped_solid.bounds_mm[1], atol=1e-9)
+    # The table's cost is that of the solid in its best pose, which checks all other terms.
+    if boxes.trimmed[index] == index:
+        times_s = price_axis_poses_s(*clipped_solid.arrays(), recipe_cost)
+        assert boxes.seconds[index] == pytest.approx(times_s.min(), rel=1e-6)
+        assert boxes.pieces[index] <= len(clipped_solid.pieces())
 
 
 @settings(max_examples=40, deadline=None)
@@ -84,7 +84,7 @@ def test_sums_over_a_box_equal_those_of_the_cut_solid(
 def test_separate_rods_in_one_cell_are_counted_separately(
     data: st.DataObject, recipe_cost: CostModel
 ) -> None:
-    """Nine rods on a plate, some in one cell: without the plate each is a piece."""
+    """Use nine rods on a plate, some in one cell: without the plate each is a piece."""
     rods = [
         Solid.box((x, y, 5.0), (x + 4.0, y + 4.0, 90.0)) for x in (3.0, 15.0, 27.0) for y in (3.0, 15.0, 27.0)
     ]
@@ -95,10 +95,10 @@ def test_separate_rods_in_one_cell_are_counted_separately(
     grid = build_grid(vertices[faces], 3, GridRules(0.0, True, 0.7, 0.75))
     room = PrinterRoom("", ((data.draw(st.sampled_from((1e4, 70.0))),) * 3,))
     boxes = price_boxes(grid, [room], recipe_cost)
-    box = data.draw(box_in(grid.shape))
-    at = box_index(box, grid.shape)  # type: ignore[arg-type]
-    if boxes.trimmed[at] == at and np.isfinite(boxes.seconds[at]):
-        assert boxes.pieces[at] == len(comb.clip(*grid.bounds_mm(box)).pieces())
+    box = data.draw(draw_box(grid.shape))
+    index = box_index(box, grid.shape)  # type: ignore[arg-type]
+    if boxes.trimmed[index] == index and np.isfinite(boxes.seconds[index]):
+        assert boxes.pieces[index] == len(comb.clip(*grid.bounds_mm(box)).pieces())
 
 
 @settings(max_examples=20, deadline=None)
@@ -106,8 +106,8 @@ def test_separate_rods_in_one_cell_are_counted_separately(
 def test_cut_areas_match_a_real_cut(axis: int, data: st.DataObject, grid: Grid, ring_with_bar: Solid) -> None:
     plane = data.draw(st.integers(1, grid.shape[axis] - 1))
     below, above = ring_with_bar.split(axis, float(grid.planes[axis][plane]))
-    cut = (below.area_mm2 + above.area_mm2 - ring_with_bar.area_mm2) / 2.0
-    assert np.take(grid.cuts[axis], plane, axis=axis).sum() == pytest.approx(cut, rel=1e-7, abs=1e-5)
+    cut_mm2 = (below.area_mm2 + above.area_mm2 - ring_with_bar.area_mm2) / 2.0
+    assert np.take(grid.cuts[axis], plane, axis=axis).sum() == pytest.approx(cut_mm2, rel=1e-7, abs=1e-5)
 
 
 def test_cells_are_classified(grid: Grid, ring_with_bar: Solid) -> None:

@@ -1,4 +1,4 @@
-"""Cells left out of the print keep their distance from the surface."""
+"""Distance from the surface to the cells that are omitted from the print."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def ball() -> Solid:
     return Solid.from_arrays(sphere.vertices, sphere.faces)
 
 
-def tube() -> Solid:
+def make_tube() -> Solid:
     """Make a thick tube off the axes."""
     ring = trimesh.creation.annulus(r_min=40.0, r_max=170.0, height=300.0)
     ring.apply_transform(trimesh.transformations.rotation_matrix(0.5, [1.0, 0.3, 0.1]))
@@ -36,7 +36,7 @@ def turned_block() -> Solid:
 
 
 @pytest.mark.parametrize("min_wall_mm", [3.0, 25.0])
-@pytest.mark.parametrize("shape", [ball, tube, block, turned_block])
+@pytest.mark.parametrize("shape", [ball, make_tube, block, turned_block])
 def test_hollow_leaves_the_minimum_wall(
     shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel
 ) -> None:
@@ -45,17 +45,17 @@ def test_hollow_leaves_the_minimum_wall(
     grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
     left_out = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
     assert len(left_out) > 0
-    hollow = Solid.union([Solid.box(*grid.bounds_mm((*at, *(at + 1)))) for at in left_out])
+    hollow = Solid.union([Solid.box(*grid.bounds_mm((*cell, *(cell + 1)))) for cell in left_out])
     lo, hi = solid.bounds_mm
-    outside = Solid.box(lo - 60.0, hi + 60.0).subtract(solid)
+    surroundings = Solid.box(lo - 60.0, hi + 60.0).subtract(solid)
     cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
-    gap_mm = outside.gap_mm(hollow, min_wall_mm + 3.0 * cell_mm)
+    gap_mm = surroundings.gap_mm(hollow, min_wall_mm + 3.0 * cell_mm)
     assert min_wall_mm - 1e-6 <= gap_mm <= min_wall_mm + np.sqrt(3.0) * cell_mm
 
 
 def test_grid_supports_no_wall_and_a_kept_interior(cost: CostModel) -> None:
     vertices, faces = block().arrays()
     bare = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
-    kept = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
+    kept_grid = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
     assert (bare.needed == (bare.cells == Cell.BOUNDARY)).all()
-    assert kept.needed.all()
+    assert kept_grid.needed.all()

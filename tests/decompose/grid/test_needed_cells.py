@@ -1,4 +1,4 @@
-"""Needed part of each cell: all that is near the surface, and little else."""
+"""Needed part of each cell: the volume near the surface, and little more."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from decompose.print_time import CostModel, Recipe
 SIDES_MM = np.array([300.0, 260.0, 280.0])
 
 
-def block(turn: Rotation) -> np.ndarray:
+def block(rotation: Rotation) -> np.ndarray:
     """Return the triangles (12, 3, 3) of a rotated block."""
     box = trimesh.creation.box(SIDES_MM)
-    return np.asarray(turn.apply(box.vertices)[box.faces])
+    return np.asarray(rotation.apply(box.vertices)[box.faces])
 
 
-def grid_of(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep: bool = False) -> Grid:
+def make_grid(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep: bool = False) -> Grid:
     return build_grid(triangles, cells, GridRules(wall_mm, keep, cost.overhang_cos, cost.skin_cos))
 
 
-def corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
+def list_corners_mm(cells: NeededCells, mask: np.ndarray) -> np.ndarray:
     """Return the corners (8, k, 3) in mm of the marked cells."""
-    at = np.argwhere(mask)
-    ends = [[cells.planes[a][at[:, a]], cells.planes[a][at[:, a] + 1]] for a in range(3)]
+    index = np.argwhere(mask)
+    ends = [[cells.planes[a][index[:, a]], cells.planes[a][index[:, a] + 1]] for a in range(3)]
     return np.stack(
         [np.stack([ends[a][side] for a, side in enumerate(corner)], axis=1) for corner in np.ndindex(2, 2, 2)]
     )
 
 
-def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
-    """The needed cells of a grid, in finer ones."""
+def refine_needed_cells(grid: Grid, cells: NeededCells) -> np.ndarray:
+    """Return the needed cells of a grid, in finer cells."""
     return np.kron(grid.needed, np.ones(np.array(cells.needed.shape) // np.array(grid.shape))).astype(bool)
 
 
@@ -44,31 +44,31 @@ def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
     st.floats(0.0, 40.0),
 )
 @settings(max_examples=25, deadline=None)
-def test_cells_near_the_surface_are_needed(turn: Rotation, count: int, wall_mm: float) -> None:
-    """The depth of a corner in a block is known in closed form; a block is convex, so corners are enough."""
+def test_cells_near_the_surface_are_needed(rotation: Rotation, count: int, wall_mm: float) -> None:
+    """Compare with the depth of corners in a block in closed form, which is enough as a block is convex."""
     cost = CostModel.from_recipe(Recipe())
-    triangles = block(turn)
-    grid = grid_of(triangles, cost, count, wall_mm)
+    triangles = block(rotation)
+    grid = make_grid(triangles, cost, count, wall_mm)
     cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, max_cells=200_000)
-    assert not (cells.needed & ~coarse(grid, cells)).any()
+    assert not (cells.needed & ~refine_needed_cells(grid, cells)).any()
 
-    def depths_mm(mask: np.ndarray) -> np.ndarray:
+    def compute_depths_mm(mask: np.ndarray) -> np.ndarray:
         """Return the depth (8, k) of the corners of marked cells in the block; negative outside of it."""
-        local = turn.inv().apply(corners_mm(cells, mask).reshape(-1, 3))
+        local = rotation.inv().apply(list_corners_mm(cells, mask).reshape(-1, 3))
         return np.asarray((SIDES_MM / 2.0 - np.abs(local)).min(axis=1).reshape(8, -1))
 
-    open_mm = depths_mm(~cells.needed & coarse(grid, cells))
-    inside = open_mm.max(axis=0, initial=-np.inf) > 1e-9
-    assert (open_mm[:, inside] >= wall_mm - 1e-9).all()
+    open_mm = compute_depths_mm(~cells.needed & refine_needed_cells(grid, cells))
+    is_inside = open_mm.max(axis=0, initial=-np.inf) > 1e-9
+    assert (open_mm[:, is_inside] >= wall_mm - 1e-9).all()
     cell_mm = max(float(np.diff(planes).max()) for planes in cells.planes)
-    assert (depths_mm(cells.needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
+    assert (compute_depths_mm(cells.needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
 
 
 def test_kept_interior_is_needed(cost: CostModel) -> None:
     triangles = block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
-    grid = grid_of(triangles, cost, 6, 10.0, keep=True)
-    kept, left = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
-    assert (kept.needed >= left.needed).all()
-    volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept.planes), indexing="ij"), axis=0)
-    assert volume_mm3[kept.needed].sum() >= np.prod(SIDES_MM)
-    assert volume_mm3[left.needed].sum() < np.prod(SIDES_MM)
+    grid = make_grid(triangles, cost, 6, 10.0, keep=True)
+    kept_cells, shell_cells = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
+    assert (kept_cells.needed >= shell_cells.needed).all()
+    volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept_cells.planes), indexing="ij"), axis=0)
+    assert volume_mm3[kept_cells.needed].sum() >= np.prod(SIDES_MM)
+    assert volume_mm3[shell_cells.needed].sum() < np.prod(SIDES_MM)

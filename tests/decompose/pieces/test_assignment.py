@@ -25,16 +25,16 @@ def test_assignment_minimises_the_end_of_the_last_part(
     printers = max(1, parts + spare)
     seconds = np.outer(rng.integers(1, 9, parts) * 100.0, rng.choice([0.9, 1.0, 1.2], printers))
     seconds[rng.random(seconds.shape) > fits] = np.inf
-    every = [seconds[range(parts), list(p)] for p in permutations(range(printers), parts)]
-    best = min(((t.max(), t.sum()) for t in every), default=(np.inf, np.inf))
+    all_assignments = [seconds[range(parts), list(p)] for p in permutations(range(printers), parts)]
+    best = min(((t.max(), t.sum()) for t in all_assignments), default=(np.inf, np.inf))
     result = assign_bottleneck(seconds)
     if result is None:
         assert np.isinf(best[0])
         return
     assert len(set(result)) == parts
-    times = seconds[range(parts), result]
-    assert times.max() == best[0]
-    assert abs(times.sum() - best[1]) < 1e-3
+    times_s = seconds[range(parts), result]
+    assert times_s.max() == best[0]
+    assert abs(times_s.sum() - best[1]) < 1e-3
 
 
 def test_assignment_succeeds_where_a_greedy_choice_fails() -> None:

@@ -1,4 +1,4 @@
-"""Joints: area and width of the glue, and pieces that are bad to glue."""
+"""Joints: area and width of the glue, and pieces that are hard to glue."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
 def cut(
     solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
 ) -> list[Piece]:
-    """The pieces between these planes, all of them right through."""
-    spans = [list(pairwise([-FAR, *sorted(at), FAR])) for at in (x, y, z)]
+    """Cut a solid by planes through all of it; return the pieces."""
+    spans = [list(pairwise([-FAR, *sorted(cuts_mm), FAR])) for cuts_mm in (x, y, z)]
     return [
         piece
         for (x0, x1), (y0, y1), (z0, z1) in product(*spans)
@@ -46,9 +46,9 @@ def test_two_halves_have_one_joint() -> None:
 
 
 def test_duplicate_plane_counts_once() -> None:
-    item, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    item, other_pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
     twice = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
-    (joint,) = find_joints([twice, other])
+    (joint,) = find_joints([twice, other_pieces])
     assert joint.area_mm2 == pytest.approx(1200.0)
 
 
@@ -86,8 +86,8 @@ def test_joints_on_oblique_planes_are_found() -> None:
     normal = np.array([0.6, 0.0, 0.8])
     plane = np.array([*normal, 28.0])[None]
     below, above = solid.manifold.split_by_plane(tuple(normal), 28.0)[::-1]
-    none = np.zeros((0, 2, 3))
-    (joint,) = find_joints([Piece(Solid(below), plane, none), Piece(Solid(above), -plane, none)])
+    no_seams = np.zeros((0, 2, 3))
+    (joint,) = find_joints([Piece(Solid(below), plane, no_seams), Piece(Solid(above), -plane, no_seams)])
     assert joint.area_mm2 == pytest.approx(40.0 * 40.0 / 0.8)
 
 
@@ -106,28 +106,28 @@ def test_film_with_a_rib_is_a_flake() -> None:
     assert "flake" in fault.reason
 
 
-def dumbbell(bar_mm: float) -> Solid:
-    at = 20.0 - bar_mm / 2.0, 20.0 + bar_mm / 2.0
+def make_dumbbell(bar_mm: float) -> Solid:
+    bar_span_mm = 20.0 - bar_mm / 2.0, 20.0 + bar_mm / 2.0
     return Solid.union(
         [
             block((0, 0, 0), (40, 40, 40)),
             block((80, 0, 0), (130, 40, 40)),
-            block((20, at[0], at[0]), (100, at[1], at[1])),
+            block((20, bar_span_mm[0], bar_span_mm[0]), (100, bar_span_mm[1], bar_span_mm[1])),
         ]
     )
 
 
 def test_piece_on_a_thin_connection_is_loose() -> None:
-    pieces = cut(dumbbell(4.0), x=(60.0,))
+    pieces = cut(make_dumbbell(4.0), x=(60.0,))
     (fault,) = find_faults(pieces)
     assert fault.piece == 0  # the lighter one
     assert "16.0 mm2 of glue, less than 25 mm2" in fault.reason
     assert find_faults(pieces, min_glue_mm2=15.0) == []
-    assert find_faults(cut(dumbbell(6.0), x=(60.0,))) == []
+    assert find_faults(cut(make_dumbbell(6.0), x=(60.0,))) == []
 
 
 def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
-    """Three boxes in a T: two of them touch each other by a strip, and both are held by the third."""
+    """Use three boxes in a T: two touch each other along a strip, and the third holds both."""
     solids = [
         block((0, 0, 0), (60, 30, 30)),
         block((0, 30, 0), (30, 60, 30)),
@@ -146,8 +146,8 @@ def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     assert [f.piece for f in find_faults(pieces)] == [2]
 
 
-def finned() -> Solid:
-    """Two blocks that a fin of half a millimetre joins over 400 mm."""
+def make_finned_blocks() -> Solid:
+    """Make two blocks that a fin of 0.5 mm joins over 400 mm."""
     return Solid.union(
         [
             block((0, 0, 0), (400, 60, 60)),
@@ -158,7 +158,7 @@ def finned() -> Solid:
 
 
 def test_long_thin_joint_does_not_hold() -> None:
-    pieces = cut(finned(), y=(80.0,))
+    pieces = cut(make_finned_blocks(), y=(80.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(200.0)
     assert joint.width_mm == pytest.approx(0.5, rel=0.02)
@@ -169,15 +169,17 @@ def test_long_thin_joint_does_not_hold() -> None:
 
 
 def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
-    """The cheapest cut, and the only one of a single width, is between the two blocks."""
+    """Use a model whose cheapest cut is between the two blocks."""
     printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
     narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
-    loose = decompose_model(Model(finned(), (), 1.0), printers, narrow, cost)
+    loose = decompose_model(Model(make_finned_blocks(), (), 1.0), printers, narrow, cost)
     assert min(j.width_mm for j in loose.joints) < 1.0
-    held = decompose_model(Model(finned(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost)
-    assert held.faults == ()
-    assert all(j.holds(25.0) for j in held.joints)
-    assert len(held.parts) == 2
+    result = decompose_model(
+        Model(make_finned_blocks(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost
+    )
+    assert result.faults == ()
+    assert all(j.holds(25.0) for j in result.joints)
+    assert len(result.parts) == 2
 
 
 def test_bodies_that_touch_nothing_are_not_loose() -> None:
@@ -188,7 +190,7 @@ def test_bodies_that_touch_nothing_are_not_loose() -> None:
 def test_partition_with_a_weak_joint_is_rejected(
     cost: CostModel, min_glue_mm2: float, held_mm2: float
 ) -> None:
-    """The even cut goes through the thin bar between the two blocks."""
+    """Use a model whose even cut is through the thin bar between the two blocks."""
     solid = Solid.union(
         [
             block((0, 0, 0), (120, 120, 120)),
@@ -200,10 +202,10 @@ def test_partition_with_a_weak_joint_is_rejected(
     options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
     result = decompose_model(Model(solid, (), 1.0), printers, options, cost)
     assert result.faults == ()
-    # A contact beside a strong joint may be smaller: it is not glued, and holds nothing.
-    glued = [joint.area_mm2 for joint in result.joints if joint.area_mm2 >= min_glue_mm2]
-    min_mm2 = min(glued)
-    assert min_mm2 >= held_mm2  # of the bar, or of a block that is cut in its stead
+    # A contact beside a strong joint may be smaller: it is not glued and holds no part.
+    glued_mm2 = [joint.area_mm2 for joint in result.joints if joint.area_mm2 >= min_glue_mm2]
+    min_mm2 = min(glued_mm2)
+    assert min_mm2 >= held_mm2  # of the bar, or of a block that is cut instead
     assert (min_mm2 < 25.0) == (min_glue_mm2 == 0.0)
     book = result.as_dict()["joints"]
     assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in book)
@@ -221,7 +223,7 @@ def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> No
 
 
 def corners(face: JointFace) -> Floats:
-    """Corners (n, 3) of a face's outline, in mm."""
+    """Return the corners (n, 3) of a face's outline in mm."""
     return np.array(face.outline.exterior.coords) @ face.axes + face.offset_mm * face.normal
 
 
@@ -232,9 +234,11 @@ def test_moving_a_joint_moves_its_corners(angle: float, offset: tuple[float, flo
     transform[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     transform[:3, :3] = transform[:3, :3] @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     transform[:3, 3] = offset
-    [before], [after] = joint.faces, joint.move(transform).faces
-    assert corners(after) == pytest.approx(corners(before) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9)
-    assert after.area_mm2 == pytest.approx(1200.0)
+    [old_face], [new_face] = joint.faces, joint.move(transform).faces
+    assert corners(new_face) == pytest.approx(
+        corners(old_face) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9
+    )
+    assert new_face.area_mm2 == pytest.approx(1200.0)
 
 
 def test_faces_lie_on_planes_that_were_not_rounded() -> None:

@@ -1,4 +1,4 @@
-"""Seams: their length on the model's own surface, and rims that end too thin."""
+"""Seams: their length on the model's surface, and rims that are too thin."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def test_inner_edges_are_no_seam() -> None:
 
 
 def test_wedge_cut_near_its_edge_has_a_thin_rim() -> None:
-    """A ramp that falls 10 mm over 100 mm: behind a level cut it is thinner than 0.8 mm for 8 mm."""
-    ramp = Solid.from_arrays(*prism(np.array([(0, 0), (100, 0), (100, 10)])))
+    """Use a slope of 10 mm over 100 mm: beside a level cut it is thinner than 0.8 mm over 8 mm."""
+    ramp = Solid.from_arrays(*make_prism(np.array([(0, 0), (100, 0), (100, 10)])))
     [seam] = measure(cut(ramp, 2, 5.0))
     assert seam.length_mm == pytest.approx(2 * (50 + 40))
     assert 40 < seam.thin_mm < 40 + 3 * 10
@@ -63,8 +63,8 @@ def test_wedge_cut_near_its_edge_has_a_thin_rim() -> None:
     assert upright.thin_mm == 0.0
 
 
-def prism(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A prism along y, 40 mm long, over an outline in x and z."""
+def make_prism(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Make a prism along y, 40 mm long, with an outline in x and z."""
     mesh = trimesh.creation.extrude_triangulation(outline.astype(float), np.array([[0, 1, 2]]), 40.0)
     return mesh.vertices[:, [0, 2, 1]] * [1, -1, 1], mesh.faces
 

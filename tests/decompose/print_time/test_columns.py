@@ -15,18 +15,18 @@ OVERHANG_COS = np.sin(np.radians(45.0))
 
 
 def measure(solid: Solid, marked_up: float | None = None) -> Columns:
-    """The columns of a solid; marked are faces whose upward normal is `marked_up`."""
+    """Measure the columns of a solid; faces whose upward normal is `marked_up` are marked."""
     vertices, faces = solid.arrays()
     triangles = vertices[faces]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     upward = normals[:, 2] / np.linalg.norm(normals, axis=1)
-    marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(upward, marked_up)
-    return measure_columns(triangles, marked, OVERHANG_COS)
+    is_marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(upward, marked_up)
+    return measure_columns(triangles, is_marked, OVERHANG_COS)
 
 
 @pytest.fixture(scope="module")
 def bench() -> Solid:
-    """A foot of 20 x 20 x 5, a post, and a seat of 20 x 20 x 5 that hangs over foot and bed alike."""
+    """Make a foot of 20 x 20 x 5 mm, a post, and a seat of 20 x 20 x 5 mm above both foot and bed."""
     return Solid.union(
         [
             Solid.box((0, 0, 0), (20, 20, 5)),
@@ -37,7 +37,7 @@ def bench() -> Solid:
 
 
 def test_supports_end_on_the_part(bench: Solid) -> None:
-    """10 mm of the seat stand 20 mm above the foot, 20 mm stand 25 mm above the bed."""
+    """Use a seat with 10 mm of width 20 mm above the foot, and 20 mm of width 25 mm above the bed."""
     result = measure(bench)
     assert result.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
     assert result.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
@@ -76,16 +76,16 @@ def test_ball_needs_a_cone_of_support() -> None:
 
 
 def test_tip_in_mid_air_needs_a_tower() -> None:
-    """An arm that begins in a point 20 mm above the bed, too steep for support, and grows into its post."""
+    """Use an arm that begins in a point 20 mm above the bed, too steep for support, and joins its post."""
     corners = [(0, 0, 20), (-4, -4, 40), (4, -4, 40), (4, 4, 40), (-4, 4, 40)]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     tip = Solid.from_arrays(hull.vertices, hull.faces)
     post = [Solid.box((20, -4, 0), (30, 4, 50)), Solid.box((-4, -4, 40), (30, 4, 50))]
     assert measure(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
     assert measure(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
-    assert measure(Solid.union(post)).towers_mm == 0.0  # all of it is carried by support
+    assert measure(Solid.union(post)).towers_mm == 0.0  # all of it stands on support
     cup = Solid.box((-10, -10, 0), (10, 10, 60)).subtract(tip)
-    assert measure(cup).towers_mm == 0.0  # what looks up is no tip
+    assert measure(cup).towers_mm == 0.0  # a tip that points up is none
 
 
 def test_islands_are_separate_areas_of_a_layer() -> None:
@@ -135,7 +135,7 @@ def test_brim_surrounds_each_foot_but_fills_no_hole() -> None:
 
 
 def test_slope_from_its_wall_needs_no_tower() -> None:
-    """The part leans out by 40 degrees, and its lower edge is supported by its wall."""
+    """Use a part that leans out by 40 degrees, whose lower edge is supported by its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
     assert measure(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
@@ -143,7 +143,7 @@ def test_slope_from_its_wall_needs_no_tower() -> None:
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
 def test_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
-    """Its columns are further apart than it is thick, so that none seems to stand on the next."""
+    """Use a wall that is thinner than the distance of columns, so that none seems to stand on the next."""
     wall = trimesh.creation.box((200.0, 0.8, 120.0))
     wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
     wall.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0.0, 0.0, 1.0)))
@@ -154,7 +154,7 @@ def test_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
 
 
 def test_edge_in_mid_air_needs_a_strip() -> None:
-    """A wedge that grows out of a wall's end, 30 mm above the bed, too steep for support: its edge hangs."""
+    """Use a wedge at a wall's end, 30 mm above the bed, too steep for support: its edge is in the air."""
     corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
     hull = trimesh.convex.convex_hull(np.array(corners, float))
     wall = Solid.box((-20, -20, 0), (0, 0, 40))

@@ -1,4 +1,4 @@
-"""Rims of flat faces, and slopes with denser infill below them."""
+"""Rims of flat faces, and rings of denser infill below slopes."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def test_rims_of_a_block_are_those_of_its_bed_and_its_top() -> None:
 
 
 def test_skin_goes_on_under_a_wall_that_rises_from_it() -> None:
-    stepped = Solid.union([Solid.box((0, 0, 0), (60, 60, 10)), Solid.box((20, 20, 9), (40, 40, 20))])
-    rims = measure(stepped)
+    stepped_block = Solid.union([Solid.box((0, 0, 0), (60, 60, 10)), Solid.box((20, 20, 9), (40, 40, 20))])
+    rims = measure(stepped_block)
     assert rims.rim_mm == pytest.approx(2 * 240.0 + 80.0 - RISING_SHARE * 80.0)
     assert rims.ends_mm == pytest.approx(2 * 240.0 + 2 * 80.0)
 

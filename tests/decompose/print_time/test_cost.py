@@ -32,12 +32,12 @@ NOTHING = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
 
 
 def make_cost(**coefficients: float) -> CostModel:
-    """Cost with these coefficients, and all others 0."""
+    """Make a cost with these coefficients, and all others 0."""
     return replace(NOTHING, **coefficients)
 
 
-def wedge(reach: float) -> Solid:
-    """A block of 5 mm depth whose upper half leans out by `reach` over 10 mm."""
+def make_wedge(reach: float) -> Solid:
+    """Make a block of 5 mm depth whose upper half leans out by `reach` over 10 mm."""
     vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + reach, 10), (0, 10))]
     faces = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
     faces += [f for i in range(4) for j in [(i + 1) % 4] for f in [(i, 4 + i, 4 + j), (i, 4 + j, j)]]
@@ -49,8 +49,8 @@ def test_price_of_a_cube_equals_a_manual_calculation() -> None:
     ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
     body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
     by_hand = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
-    times = price_axis_poses_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
-    assert times == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
+    times_s = price_axis_poses_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
+    assert times_s == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
 
 
 def test_needle_takes_the_minimum_time_of_its_layers() -> None:
@@ -59,15 +59,17 @@ def test_needle_takes_the_minimum_time_of_its_layers() -> None:
     faster = replace(cost, min_s_mm=0.0)
     upright = POSE_ROTATIONS[4:5]
     body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
-    slowed = price_poses_s(*needle.arrays(), upright, cost) - price_poses_s(*needle.arrays(), upright, faster)
-    assert slowed[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
+    slowed_s = price_poses_s(*needle.arrays(), upright, cost) - price_poses_s(
+        *needle.arrays(), upright, faster
+    )
+    assert slowed_s[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
     assert price_axis_poses_s(*block.arrays(), cost) == pytest.approx(
         price_axis_poses_s(*block.arrays(), faster)
     )
 
 
 def test_walls_inside_the_outline_are_shorter() -> None:
-    """A block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
+    """Use a block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
     recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
     walls = time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
     assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
@@ -81,49 +83,55 @@ def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
 
 @pytest.mark.parametrize(("steps", "denser_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
 def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
-    """Lines 4 mm apart, by each step of 2 mm half as many: 2 mm of height have so many mm more of them."""
+    """Halve the number of lines, which are 4 mm apart, by each step of 2 mm of height."""
     recipe = Recipe(infill_line_distance_mm=4.0, infill_steps=steps, infill_step_mm=2.0, skin_layers=0.0)
-    even = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
-    terms, least = time_terms(recipe)["infill"], time_terms(even)["infill"]
+    even_recipe = replace(recipe, infill_line_distance_mm=4.0 * 2.0**steps, infill_steps=0)
+    infill_terms, even_terms = time_terms(recipe)["infill"], time_terms(even_recipe)["infill"]
     skin = FEATURES.index("skin_mm2")
-    assert terms[:skin] == pytest.approx(least[:skin])
+    assert infill_terms[:skin] == pytest.approx(even_terms[:skin])
     tops_s = denser_mm / (recipe.layer_height_mm * recipe.infill_mm_s)
-    assert 2.0 * (terms - least)[skin] == pytest.approx(tops_s)
+    assert 2.0 * (infill_terms - even_terms)[skin] == pytest.approx(tops_s)
 
 
 def test_walls_cover_the_rim_of_a_skin() -> None:
     cost = make_cost(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
-    large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
+    large_block, small_block = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
     upright = POSE_ROTATIONS[4:5]
-    assert price_poses_s(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
-    assert price_poses_s(*small.arrays(), upright, cost)[0] == 0.0
+    assert price_poses_s(*large_block.arrays(), upright, cost)[0] == pytest.approx(
+        5000.0 - 4.0 * math.sqrt(5000.0)
+    )
+    assert price_poses_s(*small_block.arrays(), upright, cost)[0] == 0.0
 
 
 def test_only_overhangs_off_the_bed_cost_support() -> None:
     cost = make_cost(overhang_s_mm3=1.0)
     table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
-    times = price_axis_poses_s(*table.arrays(), cost)
-    assert times[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
-    assert times[5] == pytest.approx(0.0)  # on its head
-    assert times[2] == times[3] == pytest.approx(0.0)  # on its side
+    times_s = price_axis_poses_s(*table.arrays(), cost)
+    assert times_s[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
+    assert times_s[5] == pytest.approx(0.0)  # upside down
+    assert times_s[2] == times_s[3] == pytest.approx(0.0)  # on its side
 
 
 def test_slopes_up_to_45_degrees_need_no_support() -> None:
     cost = make_cost(overhang_s_mm3=1.0)
-    assert price_axis_poses_s(*wedge(9.9).arrays(), cost)[4] == 0.0
-    assert price_axis_poses_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
+    assert price_axis_poses_s(*make_wedge(9.9).arrays(), cost)[4] == 0.0
+    assert price_axis_poses_s(*make_wedge(10.1).arrays(), cost)[4] == pytest.approx(
+        5.0 * 10.1 * 5.0, rel=0.01
+    )
 
 
 def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
     recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
     cost = replace(make_cost(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
-    steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)  # height over width, where 4 layers leave just that bare
-    for reach, skinned in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
-        assert (price_axis_poses_s(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
+    steepest = (
+        4 * 0.2 / (2 * 0.35 + 0.35 / 2)
+    )  # height over width, where 4 layers leave just this area uncovered
+    for reach, has_skin in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
+        assert (price_axis_poses_s(*make_wedge(reach).arrays(), cost)[4] > 0.0) == has_skin
 
 
 @pytest.mark.parametrize(
-    ("change", "term", "times"),
+    ("change", "term", "times_s"),
     [
         ({"infill_line_distance_mm": 14.0}, "infill", 0.5),
         ({"infill_line_distance_mm": 14.0}, "infill ends", 0.5),
@@ -148,10 +156,10 @@ def test_slope_has_skin_if_its_steps_are_wider_than_the_walls() -> None:
         ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
     ],
 )
-def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, times: float) -> None:
-    before, after = time_terms(Recipe())[term], time_terms(replace(Recipe(), **change))[term]
+def test_settings_change_the_price_as_expected(change: dict[str, float], term: str, times_s: float) -> None:
+    old_terms, new_terms = time_terms(Recipe())[term], time_terms(replace(Recipe(), **change))[term]
     share = slice(0, 2) if term == "infill" else slice(None)  # its volume less the skin's depends on layers
-    assert after[share] == pytest.approx(before[share] * times)
+    assert new_terms[share] == pytest.approx(old_terms[share] * times_s)
 
 
 def test_brim_takes_as_long_as_its_lines() -> None:
@@ -165,34 +173,38 @@ def test_every_term_has_a_factor() -> None:
 
 
 @settings(max_examples=25, deadline=None)
-@given(turn=st.tuples(*[st.floats(-math.pi, math.pi)] * 3), cut_mm=st.floats(-30.0, 60.0))
+@given(turns_deg=st.tuples(*[st.floats(-math.pi, math.pi)] * 3), cut_mm=st.floats(-30.0, 60.0))
 def test_additive_features_add_up_over_a_cut(
-    turn: tuple[float, float, float], cut_mm: float, ring_with_bar: Solid, cost: CostModel
+    turns_deg: tuple[float, float, float], cut_mm: float, ring_with_bar: Solid, cost: CostModel
 ) -> None:
-    """Two halves have the features of the whole, and twice those of the cut: wall or skin by its slope."""
-    rotations = Rotation.from_euler("xyz", [turn]).as_matrix()
+    """Compare two halves with the whole and twice the cut, which is wall or skin by its slope."""
+    rotations = Rotation.from_euler("xyz", [turns_deg]).as_matrix()
     halves = ring_with_bar.split(0, cut_mm)
     features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
     parts = sum(sum_pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
     cut_mm2 = (sum(half.area_mm2 for half in halves) - ring_with_bar.area_mm2) / 2.0
     n = abs(float(rotations[0, 2, 0]))
     upright = math.sqrt(1.0 - n * n)
-    added = np.array([0.0, upright, n * (n > cost.skin_cos), upright * (n > cost.skin_cos)]) * 2.0 * cut_mm2
-    assert parts[0, :4] == pytest.approx(features[0, :4] + added, rel=1e-6, abs=1e-3)
+    added_features = (
+        np.array([0.0, upright, n * (n > cost.skin_cos), upright * (n > cost.skin_cos)]) * 2.0 * cut_mm2
+    )
+    assert parts[0, :4] == pytest.approx(features[0, :4] + added_features, rel=1e-6, abs=1e-3)
 
 
 @settings(max_examples=25, deadline=None)
-@given(turns=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3))
+@given(turns_deg=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3))
 def test_rotating_part_and_bed_together_changes_no_price(
-    turns: tuple[float, ...], shift: tuple[float, float, float], ring_with_bar: Solid, cost: CostModel
+    turns_deg: tuple[float, ...], shift: tuple[float, float, float], ring_with_bar: Solid, cost: CostModel
 ) -> None:
     vertices, faces = ring_with_bar.arrays()
-    pose, motion = Rotation.from_euler("xyz", [turns[:3], turns[3:]]).as_matrix()
-    still, extents = sum_pose_features(vertices, faces, pose[None], cost)
-    moved, turned = sum_pose_features(vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost)
-    # A face at the very angle where skin or support begins may fall on either side of it.
-    assert moved == pytest.approx(still, rel=2e-3)
-    assert turned == pytest.approx(extents, abs=1e-6)
+    pose, motion = Rotation.from_euler("xyz", [turns_deg[:3], turns_deg[3:]]).as_matrix()
+    features, extents = sum_pose_features(vertices, faces, pose[None], cost)
+    moved_features, turned_extents = sum_pose_features(
+        vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost
+    )
+    # A face exactly at the angle where skin or support begins may be on either side of it.
+    assert moved_features == pytest.approx(features, rel=2e-3)
+    assert turned_extents == pytest.approx(extents, abs=1e-6)
 
 
 def test_axis_poses_are_priced_like_other_rotations(ring_with_bar: Solid, cost: CostModel) -> None:
@@ -200,8 +212,8 @@ def test_axis_poses_are_priced_like_other_rotations(ring_with_bar: Solid, cost: 
     assert np.linalg.det(POSE_ROTATIONS) == pytest.approx([1.0] * 6)
     for pose, rotation in enumerate(POSE_ROTATIONS):
         assert rotation[2, find_pose_axes(pose)[2]] == (-1.0 if pose % 2 else 1.0)
-    turned = price_axis_poses_s(vertices @ POSE_ROTATIONS[0].T, faces, cost)
-    assert turned[4] == pytest.approx(price_axis_poses_s(vertices, faces, cost)[0])
+    turned_prices_s = price_axis_poses_s(vertices @ POSE_ROTATIONS[0].T, faces, cost)
+    assert turned_prices_s[4] == pytest.approx(price_axis_poses_s(vertices, faces, cost)[0])
 
 
 def test_features_are_returned_in_the_order_of_the_poses(ring_with_bar: Solid, cost: CostModel) -> None:
@@ -209,8 +221,8 @@ def test_features_are_returned_in_the_order_of_the_poses(ring_with_bar: Solid, c
     together, _ = sum_pose_features(*ring_with_bar.arrays(), rotations, cost)
     assert together.shape == (40, len(ADDITIVE))
     for i in (0, 17, 39):
-        alone, _ = sum_pose_features(*ring_with_bar.arrays(), rotations[i : i + 1], cost)
-        assert together[i] == pytest.approx(alone[0])
+        single_features, _ = sum_pose_features(*ring_with_bar.arrays(), rotations[i : i + 1], cost)
+        assert together[i] == pytest.approx(single_features[0])
 
 
 def test_part_may_be_turned_about_the_vertical_only() -> None:
@@ -223,17 +235,17 @@ def test_part_may_be_turned_about_the_vertical_only() -> None:
 
 
 def test_compiled_code_reads_prices_by_name() -> None:
-    """Adding or moving a field does not change any price."""
+    """Check that an added or moved field does not change any price."""
     cost = CostModel.from_recipe(Recipe())
     additive, extents = (9e4, 2e4, 5e3, 300.0, 1e4), (60.0, 50.0, 40.0)
     values = {"another": 7.0} | dict(reversed(asdict(cost).items()))
     dtype = np.dtype([(name, np.float64) for name in values])
-    moved = np.array([tuple(values.values())], dtype=dtype)[0]
-    assert price(moved, additive, extents) == cost.price_s(additive, extents)
+    moved_prices = np.array([tuple(values.values())], dtype=dtype)[0]
+    assert price(moved_prices, additive, extents) == cost.price_s(additive, extents)
 
 
 def test_inner_walls_of_each_body_are_shorter() -> None:
-    """Four posts: what their inner walls lack is that of one post four times, up to a share of all walls."""
+    """Use four posts: their inner walls are shorter by four times one post's, within a share of all walls."""
     cost = CostModel.from_recipe(Recipe(min_layer_s=0.0))
     lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
     assert cost.inset_price_s(lateral_mm2, height_mm, 0.0) == 0.0

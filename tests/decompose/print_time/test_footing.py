@@ -72,16 +72,16 @@ def test_footing_of_an_edge_is_empty() -> None:
 def test_brim_depends_on_width_height_and_size() -> None:
     assert measure_box(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
     assert measure_box(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
-    assert measure_box(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
+    assert measure_box(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little contact with the bed
     assert measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
     assert (
         measure_box(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5
     )  # and less where it shrinks less
-    assert measure_box(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its weight is beside it
+    assert measure_box(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its centre of mass is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
     blunt = footing(Solid.from_arrays(disc.vertices, disc.faces))
-    assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # as long, without corners
+    assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # of the same length, without corners
 
 
 def test_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:

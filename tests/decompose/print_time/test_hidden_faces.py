@@ -23,21 +23,21 @@ COST, PLAIN = (
 )
 BLOCK = Solid.box((0.0, 0.0, 0.0), (40.0, 30.0, 20.0))
 BELOW, ABOVE, SIDE = (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 1.0, 20.0), (1.0, 0.0, 0.0, 40.0)
-UPRIGHT, OVER = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
+UPRIGHT, UPSIDE_DOWN = POSE_ROTATIONS[4], POSE_ROTATIONS[5]
 
 
 def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPRIGHT, cost=COST):
     vertices, faces = solid.arrays()
-    cut = find_cut_faces(vertices, faces, np.array(planes).reshape(-1, 4))
-    return measure_pose(vertices, faces, cut, rotation, cost, fit_first_layer=False)
+    is_cut = find_cut_faces(vertices, faces, np.array(planes).reshape(-1, 4))
+    return measure_pose(vertices, faces, is_cut, rotation, cost, fit_first_layer=False)
 
 
 @pytest.mark.parametrize(
     ("planes", "rotation", "bed", "tops"),
     [
         ((BELOW,), UPRIGHT, True, False),
-        ((BELOW,), OVER, False, True),
-        ((ABOVE,), OVER, True, False),
+        ((BELOW,), UPSIDE_DOWN, False, True),
+        ((ABOVE,), UPSIDE_DOWN, True, False),
         ((BELOW, ABOVE), UPRIGHT, True, True),
         ((SIDE,), UPRIGHT, False, False),
         ((), UPRIGHT, False, False),
@@ -46,12 +46,12 @@ def measure_block(*planes: tuple[float, ...], solid: Solid = BLOCK, rotation=UPR
 def test_cut_faces_on_the_bed_and_on_top_are_hidden(planes, rotation, bed, tops):
     pose = measure_block(*planes, rotation=rotation)
     assert (pose.bed_face_hidden, pose.tops_hidden) == (bed, tops)
-    plain = measure_block(*planes, rotation=rotation, cost=PLAIN)
-    assert not plain.bed_face_hidden
-    assert not plain.tops_hidden
-    # A layer of skin over 1200 mm2, but for the rim under the walls, and the infill in its place.
+    plain_pose = measure_block(*planes, rotation=rotation, cost=PLAIN)
+    assert not plain_pose.bed_face_hidden
+    assert not plain_pose.tops_hidden
+    # A layer of skin over 1200 mm2, except for the rim under the walls, less the infill that replaces it.
     layer_s = 1200.0 * COST.skin_s_mm2 / 4.0
-    assert plain.price_s - pose.price_s == pytest.approx((2.0 * bed + 1.0 * tops) * layer_s, rel=0.1)
+    assert plain_pose.price_s - pose.price_s == pytest.approx((2.0 * bed + 1.0 * tops) * layer_s, rel=0.1)
 
 
 def test_top_that_is_seen_beside_a_cut_keeps_its_skin():
@@ -62,40 +62,40 @@ def test_top_that_is_seen_beside_a_cut_keeps_its_skin():
 
 def test_foot_beside_a_cut_face_on_the_bed_is_seen():
     vertices, faces = BLOCK.arrays()
-    cut = find_cut_faces(vertices, faces, np.array([BELOW]))
-    cut[np.flatnonzero(cut)[0]] = False
-    assert not measure_pose(vertices, faces, cut, UPRIGHT, COST).bed_face_hidden
+    is_cut = find_cut_faces(vertices, faces, np.array([BELOW]))
+    is_cut[np.flatnonzero(is_cut)[0]] = False
+    assert not measure_pose(vertices, faces, is_cut, UPRIGHT, COST).bed_face_hidden
 
 
 def test_hidden_faces_make_a_part_lie_on_its_cut():
-    """The cut end of two equal ones goes down."""
+    """Check that of two equal ends the cut one is at the bottom."""
     vertices, faces = Solid.box((0.0, 0.0, 0.0), (80.0, 80.0, 10.0)).arrays()
     flat = [PrinterRoom("flat", ((90.0, 90.0, 15.0),))]
-    for plane, up in ((BELOW, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
+    for plane, up_z in ((BELOW, 1.0), ((0.0, 0.0, 1.0, 10.0), -1.0)):
         pose = find_best_pose(vertices, faces, find_cut_faces(vertices, faces, np.array([plane])), flat, COST)
         assert pose is not None
-        assert pose.to_model[:3, 2] == pytest.approx((0.0, 0.0, up))
+        assert pose.to_model[:3, 2] == pytest.approx((0.0, 0.0, up_z))
 
 
 @pytest.mark.parametrize("top_share", [0.0, COST.hidden_top_share])
 def test_tables_price_hidden_faces_as_parts_do(ring_with_bar: Solid, top_share: float):
-    """Those on the bed exactly; those on top only where no other face needs skin, above or below."""
+    """Compare faces on the bed exactly, faces on top only where no other face above or below needs skin."""
     angles = {"supported_deg": math.degrees(math.asin(0.7)), "skin_cos": 0.75}
     cost = replace(COST, hidden_top_share=top_share, **angles)
     vertices, faces = ring_with_bar.arrays()
     grid = build_grid(vertices[faces], 4, GridRules(0.0, True, 0.7, 0.75))
     boxes = price_boxes(grid, [PrinterRoom("huge", ((1e4, 1e4, 1e4),))], cost)
-    saving = 0
-    for at in np.flatnonzero(boxes.trimmed == np.arange(len(boxes.trimmed)))[::9]:
-        lo, hi = grid.bounds_mm(box_at(int(at), grid.shape))
+    saving_count = 0
+    for index in np.flatnonzero(boxes.trimmed == np.arange(len(boxes.trimmed)))[::9]:
+        lo, hi = grid.bounds_mm(box_at(int(index), grid.shape))
         mesh = ring_with_bar.clip(lo, hi).arrays()
         planes = [[*axis, end[i]] for end in (lo, hi) for i, axis in enumerate(np.eye(3).tolist())]
-        cut = find_cut_faces(*mesh, np.array(planes))
-        features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, cut=cut)
+        is_cut = find_cut_faces(*mesh, np.array(planes))
+        features, extents = sum_pose_features(*mesh, POSE_ROTATIONS, cost, cut=is_cut)
         hidden_s = min(cost.price_s(*pose) for pose in zip(features, extents, strict=True))
         seen_s = price_poses_s(*mesh, POSE_ROTATIONS, cost).min()
-        assert hidden_s * (1.0 - 1e-5) <= boxes.seconds[at] <= seen_s * (1.0 + 1e-5)
-        saving += boxes.seconds[at] < seen_s * (1.0 - 1e-3)
+        assert hidden_s * (1.0 - 1e-5) <= boxes.seconds[index] <= seen_s * (1.0 + 1e-5)
+        saving_count += boxes.seconds[index] < seen_s * (1.0 - 1e-3)
         if not top_share:
-            assert boxes.seconds[at] == pytest.approx(hidden_s, rel=1e-5)
-    assert saving > 10
+            assert boxes.seconds[index] == pytest.approx(hidden_s, rel=1e-5)
+    assert saving_count > 10

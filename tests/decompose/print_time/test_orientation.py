@@ -23,19 +23,21 @@ from decompose.printers import PrinterRoom
 
 COST = CostModel.from_recipe(Recipe())
 ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
-TURNED = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
+ROTATION = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
 EDGEWISE = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
 NOTHING = np.zeros(0, dtype=np.bool_)
 
 
-def rotate_solid(solid: Solid, rotation: npt.NDArray[np.float64] = TURNED) -> Solid:
+def rotate_solid(solid: Solid, rotation: npt.NDArray[np.float64] = ROTATION) -> Solid:
     vertices, faces = solid.arrays()
     return Solid.from_arrays(vertices @ rotation.T, faces)
 
 
-def laid(solid: Solid, room: PrinterRoom = ROOM, cut: npt.NDArray[np.bool_] = NOTHING) -> Pose:
+def find_pose(solid: Solid, room: PrinterRoom = ROOM, is_cut: npt.NDArray[np.bool_] = NOTHING) -> Pose:
     vertices, faces = solid.arrays()
-    pose = find_best_pose(vertices, faces, cut if len(cut) else np.zeros(len(faces), np.bool_), [room], COST)
+    pose = find_best_pose(
+        vertices, faces, is_cut if len(is_cut) else np.zeros(len(faces), np.bool_), [room], COST
+    )
     assert pose is not None
     assert room.fits(*pose.size_mm)
     return pose
@@ -55,8 +57,8 @@ def tee() -> Solid:
     return Solid.union([Solid.box((-5, -15, 0), (5, 15, 40)), Solid.box((-30, -15, 40), (30, 15, 50))])
 
 
-def spool() -> Solid:
-    """A post between a small slab below and a large one above."""
+def make_spool() -> Solid:
+    """Make a post between a small slab below and a large one above."""
     return Solid.union(
         [
             Solid.box((-15, -15, 0), (15, 15, 5)),
@@ -66,14 +68,14 @@ def spool() -> Solid:
     )
 
 
-def pyramid_on_its_tip() -> Solid:
+def make_inverted_pyramid() -> Solid:
     corners = np.array([(0, 0, 0), (25, 25, 40), (-25, 25, 40), (-25, -25, 40), (25, -25, 40)], float)
     hull = trimesh.convex.convex_hull(corners)
     return Solid.from_arrays(hull.vertices, hull.faces)
 
 
 def test_tilted_block_is_laid_flat() -> None:
-    pose = laid(rotate_solid(Solid.box((0, 0, 0), (70, 50, 12))))
+    pose = find_pose(rotate_solid(Solid.box((0, 0, 0), (70, 50, 12))))
     assert sorted(pose.size_mm) == pytest.approx([12.0, 50.0, 70.0], abs=1e-6)
     assert pose.stands
     assert pose.support_mm3 == 0.0
@@ -82,7 +84,7 @@ def test_tilted_block_is_laid_flat() -> None:
 
 @pytest.mark.parametrize("solid", [arch(), tee()])
 def test_pose_without_support_is_preferred(solid: Solid) -> None:
-    pose = laid(solid)
+    pose = find_pose(solid)
     assert pose.stands
     assert pose.support_mm3 == 0.0
     as_it_is = measure_pose(
@@ -92,7 +94,7 @@ def test_pose_without_support_is_preferred(solid: Solid) -> None:
 
 
 def test_pyramid_is_turned_over() -> None:
-    pose = laid(pyramid_on_its_tip())
+    pose = find_pose(make_inverted_pyramid())
     assert pose.stands
     assert pose.support_mm3 == 0.0
     assert pose.footing.contact_mm2 > 1000.0  # on its base or on a side
@@ -101,11 +103,11 @@ def test_pyramid_is_turned_over() -> None:
 @pytest.mark.parametrize("size", [(100.0, 2.0, 100.0), (3.0, 3.0, 150.0)])
 def test_thin_part_is_laid_down_or_gets_a_brim(size: tuple[float, ...]) -> None:
     solid = Solid.box((0, 0, 0), size)
-    lying = laid(solid)
-    assert lying.stands
-    assert lying.size_mm[2] == pytest.approx(min(size))
+    lying_pose = find_pose(solid)
+    assert lying_pose.stands
+    assert lying_pose.size_mm[2] == pytest.approx(min(size))
     narrow = PrinterRoom("narrow", ((110.0, 20.0, 200.0),))
-    upright = laid(solid, narrow)
+    upright = find_pose(solid, narrow)
     assert upright.size_mm[2] >= 100.0
     assert upright.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
 
@@ -119,51 +121,51 @@ def test_edge_is_not_used_as_footing() -> None:
 
 def test_rotating_the_model_rotates_the_pose() -> None:
     solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
-    pose, turned_pose = laid(solid), laid(rotate_solid(solid))
+    pose, turned_pose = find_pose(solid), find_pose(rotate_solid(solid))
     assert turned_pose.price_s == pytest.approx(pose.price_s, rel=0.01)
-    assert find_up(turned_pose) == pytest.approx(TURNED @ find_up(pose), abs=1e-6)
+    assert find_up(turned_pose) == pytest.approx(ROTATION @ find_up(pose), abs=1e-6)
     assert sorted(turned_pose.size_mm) == pytest.approx(sorted(pose.size_mm), abs=1e-6)
 
 
-def level_faces(solid: Solid, inner: bool) -> npt.NDArray[np.bool_]:
-    """Faces of the spool's slabs that look at the post."""
+def mark_level_faces(solid: Solid, inner: bool) -> npt.NDArray[np.bool_]:
+    """Mark the faces of the spool's slabs that face the post."""
     vertices, faces = solid.arrays()
     z = vertices[faces][:, :, 2]
     return np.isclose(z, 5.0).all(axis=1) | np.isclose(z, 55.0).all(axis=1) if inner else z.min(axis=1) > 1e9
 
 
 def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
-    solid = spool()
-    cut = level_faces(solid, inner=True)
+    solid = make_spool()
+    is_cut = mark_level_faces(solid, inner=True)
     upright_only = PrinterRoom("p", ((51.0, 51.0, 61.0),))
-    assert laid(solid, upright_only, cut).touched_mm2 > 0.0
-    free = laid(solid, ROOM, cut)
-    assert free.touched_mm2 <= 1.0
-    assert abs(find_up(free)[2]) < 0.9
+    assert find_pose(solid, upright_only, is_cut).touched_mm2 > 0.0
+    free_pose = find_pose(solid, ROOM, is_cut)
+    assert free_pose.touched_mm2 <= 1.0
+    assert abs(find_up(free_pose)[2]) < 0.9
 
 
 def test_pose_with_the_least_support_on_cut_faces_is_preferred() -> None:
-    """Support touches at most the area of the small slab on the large one."""
-    solid = spool()
-    cut = level_faces(solid, inner=True)
-    pose = laid(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), cut)
+    """Check that support touches at most the area of the small slab on the large one."""
+    solid = make_spool()
+    is_cut = mark_level_faces(solid, inner=True)
+    pose = find_pose(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), is_cut)
     assert find_up(pose) == pytest.approx([0.0, 0.0, -1.0])
     assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
 
 
 def test_cut_face_at_the_bed_is_not_squeezed_out() -> None:
     vertices, faces = Solid.box((0, 0, 0), (40, 40, 20)).arrays()
-    cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
-    for marked, expansion in ((cut, -0.2), (~cut & cut, 0.0)):
-        pose = measure_pose(vertices, faces, marked, POSE_ROTATIONS[4], COST)
+    is_cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
+    for is_marked, expansion in ((is_cut, -0.2), (~is_cut & is_cut, 0.0)):
+        pose = measure_pose(vertices, faces, is_marked, POSE_ROTATIONS[4], COST)
         assert pose.layer_0_expansion_mm == expansion
-        as_set = measure_pose(vertices, faces, marked, POSE_ROTATIONS[4], COST, fit_first_layer=False)
+        as_set = measure_pose(vertices, faces, is_marked, POSE_ROTATIONS[4], COST, fit_first_layer=False)
         assert as_set.layer_0_expansion_mm is as_set.brim_width_mm is None
         assert as_set.price_s > pose.price_s  # the quality's brim
 
 
 def test_long_bar_goes_across_the_bed() -> None:
-    pose = laid(Solid.box((0, 0, 0), (230, 6, 6)), PrinterRoom("p", ((190.0, 190.0, 50.0),)))
+    pose = find_pose(Solid.box((0, 0, 0), (230, 6, 6)), PrinterRoom("p", ((190.0, 190.0, 50.0),)))
     assert pose.size_mm[2] == pytest.approx(6.0)
 
 
@@ -173,7 +175,7 @@ def test_part_without_a_fitting_pose_is_reported() -> None:
 
 
 def test_flat_sides_are_candidates_in_any_orientation() -> None:
-    solid = rotate_solid(pyramid_on_its_tip())
+    solid = rotate_solid(make_inverted_pyramid())
     vertices, faces = solid.arrays()
     ups = list_directions(vertices, faces)
     corners = vertices[faces]
@@ -185,18 +187,18 @@ def test_flat_sides_are_candidates_in_any_orientation() -> None:
 @settings(max_examples=25, deadline=None)
 @given(arrays(np.float64, (12, 3), elements=st.floats(-40.0, 40.0), unique=True))
 def test_convex_part_is_stable_and_fits(points: npt.NDArray[np.float64]) -> None:
-    """The points surround a core of 20 mm, which keeps the part from being a needle."""
+    """Use points around a core of 20 mm, so that the part is no needle."""
     core = trimesh.creation.box((20.0, 20.0, 20.0)).vertices
     hull = trimesh.convex.convex_hull(np.vstack([points, core]))
-    pose = laid(Solid.from_arrays(hull.vertices, hull.faces))
+    pose = find_pose(Solid.from_arrays(hull.vertices, hull.faces))
     assert pose.stands
     assert pose.support_mm3 >= 0.0
-    placed = (hull.center_mass - pose.to_model[:3, 3]) @ pose.to_model[:3, :3]
-    assert pose.footing.inside_mm(placed[None, :2]) >= -COST.brim_mm / 2.0 - 0.5
+    centre_mm = (hull.center_mass - pose.to_model[:3, 3]) @ pose.to_model[:3, :3]
+    assert pose.footing.inside_mm(centre_mm[None, :2]) >= -COST.brim_mm / 2.0 - 0.5
 
 
 def test_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: Path) -> None:
-    """Corners at the bed are at zero after rounding to single precision."""
+    """Check that corners at the bed are at 0 after rounding to single precision."""
     solid = rotate_solid(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
     model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)
     result = write_decomposition(decompose_model(model, [ROOM], Options(granularity=3), COST), tmp_path)

@@ -1,4 +1,4 @@
-"""Layers that are so short that the slicer slows down for them."""
+"""Layers that are so short that the slicer prints them more slowly."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from decompose.print_time.pose_prices import SLABS, _sum_by_slab, price_short_la
 COST = CostModel.from_recipe(Recipe())
 
 
-def pyramid(side_mm: float, height_mm: float, top_mm: float) -> trimesh.Trimesh:
-    """A square pyramid with a cut tip."""
+def make_pyramid(side_mm: float, height_mm: float, top_mm: float) -> trimesh.Trimesh:
+    """Make a square pyramid with a cut tip."""
     corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     points = [(x * side_mm / 2, y * side_mm / 2, 0.0) for x, y in corners]
     points += [(x * top_mm / 2, y * top_mm / 2, height_mm) for x, y in corners]
@@ -37,15 +37,15 @@ def test_slabs_add_up_to_the_part() -> None:
 
 def test_equal_layers_are_covered_by_the_price() -> None:
     for side_mm in (4.0, 12.0, 60.0):
-        assert price_short_layers_s(pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(
+        assert price_short_layers_s(make_pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(
             0.0, abs=1e-6
         )
 
 
 def test_short_layers_of_a_tip_are_slowed_down() -> None:
-    """Compare with a sum over all layers of the time of their lines."""
+    """Compare with the sum of the times of all layers' lines."""
     side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
-    tip = pyramid(side_mm, height_mm, top_mm)
+    tip = make_pyramid(side_mm, height_mm, top_mm)
     heights = np.arange(layer_mm / 2.0, height_mm, layer_mm)
     sides = side_mm + (top_mm - side_mm) * heights / height_mm
     lines_s = layer_mm * (
@@ -59,27 +59,27 @@ def test_short_layers_of_a_tip_are_slowed_down() -> None:
     assert price_short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
     pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
     hasty = CostModel.from_recipe(Recipe(min_layer_s=0.0))
-    hurried = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
-    assert pose.price_s - hurried.price_s == pytest.approx(expected_s, rel=0.03)
+    hasty_pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
+    assert pose.price_s - hasty_pose.price_s == pytest.approx(expected_s, rel=0.03)
 
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
 def test_face_at_exactly_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
-    """CuraEngine supports such a face because of rounding; prices without it were a third too low."""
+    """Price the support that CuraEngine prints under such a face because of rounding."""
     cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
     assert (
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))
     )
     steep, flatter = (
         measure_pose(wedge.vertices, wedge.faces, np.zeros(len(wedge.faces), np.bool_), np.eye(3), cost)
-        for wedge in (leaning(angle_deg), leaning(angle_deg - 3.0))
+        for wedge in (make_leaning_block(angle_deg), make_leaning_block(angle_deg - 3.0))
     )
     assert steep.support_mm3 > 1000.0
     assert flatter.support_mm3 == 0.0
 
 
-def leaning(angle_deg: float) -> trimesh.Trimesh:
-    """A block of which one side leans out by this angle from the vertical."""
+def make_leaning_block(angle_deg: float) -> trimesh.Trimesh:
+    """Make a block of which one side leans out by this angle from the vertical."""
     out_mm = 30.0 * math.tan(math.radians(angle_deg))
     outline = [(0, 0), (40, 0), (40 + out_mm, 30), (0, 30)]
     return trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, 30.0)]))

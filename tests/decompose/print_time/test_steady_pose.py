@@ -1,4 +1,4 @@
-"""Parts with time to spare lie on a larger foot than in their fastest pose."""
+"""Parts with spare time, which lie on a larger foot than in their fastest pose."""
 
 from __future__ import annotations
 
@@ -26,55 +26,61 @@ ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
 PIN = Solid.box((0.0, 0.0, 0.0), (12.0, 12.0, 120.0))
 
 
-def mesh_of(solid: Solid) -> PartMesh:
+def get_mesh(solid: Solid) -> PartMesh:
     vertices, faces = solid.arrays()
     return PartMesh(vertices, faces, np.zeros(len(faces), np.bool_))
 
 
 def measure_upright(solid: Solid, cost: CostModel) -> Pose:
-    mesh = mesh_of(solid)
+    mesh = get_mesh(solid)
     return measure_pose(mesh.vertices, mesh.faces, mesh.cut, POSE_ROTATIONS[4], cost)
 
 
 def test_part_on_a_small_foot_lies_down_within_its_time(cost: CostModel) -> None:
-    standing = measure_upright(PIN, cost)
-    assert standing.has_small_foot
-    lying = find_steady_pose(mesh_of(PIN), [ROOM], cost, standing, 1.5 * standing.price_s)
-    assert lying.size_mm[2] == pytest.approx(12.0)
-    assert lying.footing.contact_mm2 == pytest.approx(1440.0)
-    assert not lying.has_small_foot
-    assert find_steady_pose(mesh_of(PIN), [ROOM], cost, standing, 0.5 * lying.price_s) is standing
+    standing_pose = measure_upright(PIN, cost)
+    assert standing_pose.has_small_foot
+    lying_pose = find_steady_pose(get_mesh(PIN), [ROOM], cost, standing_pose, 1.5 * standing_pose.price_s)
+    assert lying_pose.size_mm[2] == pytest.approx(12.0)
+    assert lying_pose.footing.contact_mm2 == pytest.approx(1440.0)
+    assert not lying_pose.has_small_foot
+    assert (
+        find_steady_pose(get_mesh(PIN), [ROOM], cost, standing_pose, 0.5 * lying_pose.price_s)
+        is standing_pose
+    )
 
 
 def test_steady_pose_fits_its_printer_and_keeps_supports_off_cuts(cost: CostModel) -> None:
-    standing = measure_upright(PIN, cost)
+    standing_pose = measure_upright(PIN, cost)
     narrow = PrinterRoom("narrow", ((50.0, 50.0, 200.0),))
-    assert find_steady_pose(mesh_of(PIN), [narrow], cost, standing, 9.0 * standing.price_s) is standing
+    assert (
+        find_steady_pose(get_mesh(PIN), [narrow], cost, standing_pose, 9.0 * standing_pose.price_s)
+        is standing_pose
+    )
     tee = Solid.union([Solid.box((-5, -5, 0), (5, 5, 40)), Solid.box((-30, -5, 40), (30, 5, 100))])
     vertices, faces = tee.arrays()
-    cut = (np.abs(vertices[faces][:, :, 1] + 5.0) < 1e-9).all(
+    is_cut = (np.abs(vertices[faces][:, :, 1] + 5.0) < 1e-9).all(
         axis=1
     )  # one of its flat sides, the foot if lying
-    mesh = PartMesh(vertices, faces, cut)
-    best = find_best_pose(vertices, faces, cut, [ROOM], cost)
+    mesh = PartMesh(vertices, faces, is_cut)
+    best = find_best_pose(vertices, faces, is_cut, [ROOM], cost)
     assert best is not None
     steady = find_steady_pose(mesh, [ROOM], cost, best, 9.0 * best.price_s)
     assert steady.touched_mm2 <= best.touched_mm2
 
 
 def test_only_a_part_on_a_small_foot_spends_its_spare_time(cost: CostModel) -> None:
-    small = measure_upright(PIN, cost)
-    large = measure_upright(Solid.box((0, 0, 0), (60, 60, 150)), cost)
-    assert small.has_small_foot and not large.has_small_foot
-    assert steady_limit_s(small, 2.0 * small.price_s) == 2.0 * small.price_s
-    assert steady_limit_s(small, 0.0) == pytest.approx(1.02 * small.price_s)
-    assert steady_limit_s(large, 2.0 * large.price_s) == pytest.approx(1.02 * large.price_s)
-    assert steady_limit_s(large, 0.0) == 0.0
+    small_pose = measure_upright(PIN, cost)
+    large_block = measure_upright(Solid.box((0, 0, 0), (60, 60, 150)), cost)
+    assert small_pose.has_small_foot and not large_block.has_small_foot
+    assert steady_limit_s(small_pose, 2.0 * small_pose.price_s) == 2.0 * small_pose.price_s
+    assert steady_limit_s(small_pose, 0.0) == pytest.approx(1.02 * small_pose.price_s)
+    assert steady_limit_s(large_block, 2.0 * large_block.price_s) == pytest.approx(1.02 * large_block.price_s)
+    assert steady_limit_s(large_block, 0.0) == 0.0
 
 
 @pytest.mark.parametrize("time_factor", [1.0, 1.5])
 def test_makespan_does_not_grow_by_steadier_poses(cost: CostModel, time_factor: float) -> None:
-    """A block takes far longer than the pin, which may therefore be printed lying down."""
+    """Use a block that takes far longer than the pin, which may therefore be printed lying down."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 90, 90)), Solid.box((200, 0, 0), (212, 12, 120))])
     rooms = [replace(ROOM, name=name, time_factor=time_factor) for name in "ab"]
     options = Options(Engine.GUILLOTINE, 4, prove=False)

@@ -34,8 +34,8 @@ class ReversedExecutor(Executor):
     """Executor that runs its calls in reverse order in one thread."""
 
     def map(self, fn: Callable[..., Any], *iterables: Iterable[Any], **_: Any) -> Iterator[Any]:
-        done = [(i, fn(*args)) for i, args in reversed(list(enumerate(zip(*iterables, strict=False))))]
-        return iter([answer for _, answer in sorted(done, key=lambda each: each[0])])
+        answers = [(i, fn(*args)) for i, args in reversed(list(enumerate(zip(*iterables, strict=False))))]
+        return iter([answer for _, answer in sorted(answers, key=lambda each: each[0])])
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -45,9 +45,9 @@ class ReversedExecutor(Executor):
 
 def list_figures(result: Decomposition) -> list[Any]:
     """Return a report without its durations."""
-    untimed = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
+    attempts = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
     parts = [(p.id, p.printer, p.price_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
-    return [untimed, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
+    return [attempts, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
 
 
 def are_equal(a: list[Any], b: list[Any]) -> bool:
@@ -65,15 +65,15 @@ PRINTERS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4)
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    """A crooked step."""
+    """Make a rotated step."""
     step = Solid.union([Solid.box((0, 0, 0), (150, 80, 40)), Solid.box((20, 10, 30), (90, 60, 110))])
-    turn = trimesh.transformations.rotation_matrix(0.4, (0.2, 0.1, 1.0))[:3, :3]
-    return Model(step.rotate(turn), (), 1.0)
+    rotation = trimesh.transformations.rotation_matrix(0.4, (0.2, 0.1, 1.0))[:3, :3]
+    return Model(step.rotate(rotation), (), 1.0)
 
 
 @pytest.fixture(scope="module")
 def run_within(cost: CostModel, model: Model) -> RunWithin:
-    """The step, cut for four printers within a budget."""
+    """Cut the step for four printers within a budget."""
 
     def decomposed(budget_s: float, executor: Executor | None = None) -> Decomposition:
         return decompose_module.decompose_model(
@@ -88,7 +88,7 @@ def unlimited_result(run_within: RunWithin) -> Decomposition:
     return run_within(1e9)
 
 
-def effort_s(result: Decomposition) -> float:
+def compute_effort_s(result: Decomposition) -> float:
     return sum(item.effort_s for item in result.attempts)
 
 
@@ -101,7 +101,7 @@ def test_result_is_independent_of_clock_and_threads(
         ticks = count(0.0, step_s)
         for module in (best, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
-        results.append(list_figures(run_within(share * effort_s(unlimited_result), executor)))
+        results.append(list_figures(run_within(share * compute_effort_s(unlimited_result), executor)))
     assert are_equal(results[0], results[1])
     assert are_equal(results[0], results[2])
 
@@ -109,27 +109,27 @@ def test_result_is_independent_of_clock_and_threads(
 def test_search_ends_with_the_best_so_far_within_the_budget(
     run_within: RunWithin, unlimited_result: Decomposition
 ) -> None:
-    none = run_within(0.0)
-    assert none.attempts[0].makespan_s == none.makespan_s
-    assert not none.attempts[0].finished
+    result = run_within(0.0)
+    assert result.attempts[0].makespan_s == result.makespan_s
+    assert not result.attempts[0].finished
     assert all(
         item.finished and item.makespan_s and item.effort_s > 0.0 for item in unlimited_result.attempts
     )
     assert are_equal(
-        list_figures(run_within(1.5 * effort_s(unlimited_result))), list_figures(unlimited_result)
+        list_figures(run_within(1.5 * compute_effort_s(unlimited_result))), list_figures(unlimited_result)
     )
-    assert unlimited_result.makespan_s <= none.makespan_s
+    assert unlimited_result.makespan_s <= result.makespan_s
 
 
 def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> None:
     options = replace(COARSE, engine=Engine.PARALLELOBOX)
-    unlimited, limited = Effort(), Effort(1e-4)
-    ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=unlimited))
+    unlimited_effort, limited_effort = Effort(), Effort(1e-4)
+    ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=unlimited_effort))
     with pytest.raises(NoFit):
-        ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=limited))
-    assert limited.cut_short
-    assert not unlimited.cut_short
-    assert limited.spent_s < unlimited.spent_s
+        ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=limited_effort))
+    assert limited_effort.cut_short
+    assert not unlimited_effort.cut_short
+    assert limited_effort.spent_s < unlimited_effort.spent_s
 
 
 @given(budget_s=st.floats(0.0, 10.0), reserved_s=st.floats(0.0, 5.0), units=st.integers(0, 10**8))
@@ -144,9 +144,9 @@ def test_affordable_work_keeps_the_budget_unspent(budget_s: float, reserved_s: f
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
 def test_sum_of_work_is_independent_of_order(work: list[tuple[Work, int]], budget_s: float) -> None:
     forwards, backwards = Effort(budget_s), Effort(budget_s)
-    for item, other in zip(work, reversed(work), strict=True):
+    for item, other_item in zip(work, reversed(work), strict=True):
         forwards.record(*item)
-        backwards.record(*other)
+        backwards.record(*other_item)
     assert forwards.spent_s == backwards.spent_s
     assert forwards.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
     assert forwards.is_spent() == backwards.is_spent() == forwards.cut_short == (forwards.spent_s >= budget_s)
@@ -162,11 +162,11 @@ def test_search_computes_one_sum_per_cut_of_each_box(shape: tuple[int, int, int]
 def test_first_grid_with_its_bound_keeps_a_small_budget(
     size_mm: tuple[float, float, float], cost: CostModel
 ) -> None:
-    """A block with a bore, askew: the search, a search of planes and the bound together."""
+    """Run search, plane shift and bound on a rotated block with a bore."""
     x, y, z = size_mm
     bore = Solid.box((0.3 * x, 0.2 * y, -1.0), (0.6 * x, 0.7 * y, z + 1.0))
-    turn = trimesh.transformations.rotation_matrix(0.3, (0.2, 0.1, 1.0))[:3, :3]
-    model = Model(Solid.box((0, 0, 0), size_mm).subtract(bore).rotate(turn), (), 1.0)
+    rotation = trimesh.transformations.rotation_matrix(0.3, (0.2, 0.1, 1.0))[:3, :3]
+    model = Model(Solid.box((0, 0, 0), size_mm).subtract(bore).rotate(rotation), (), 1.0)
     result = decompose_module.decompose_model(model, PRINTERS, Options(best=BestOptions(3.0)), cost)
     assert result.lower_bound_s <= result.grid_makespan_s
-    assert effort_s(result) <= 1.25 * 3.0
+    assert compute_effort_s(result) <= 1.25 * 3.0

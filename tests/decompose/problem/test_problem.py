@@ -1,4 +1,4 @@
-"""Problem as engines use it: end times of pieces on the printers, and proof of the bound."""
+"""End times of pieces on the printers of a problem, and proof of its bound."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
 def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> None:
-    """The partition with fewer parts is proven if two end together."""
+    """Prove the partition with fewer parts if two end at the same time."""
     problem = task(cost, fleet(factor, factor), prove=True)
     pieces = [block(30.0), block(60.0)]
     ends_s = factor * seconds(cost, 60.0)

@@ -49,12 +49,12 @@ def part(solid: Solid, name: str, printer: str) -> Part:
     return Part(name, solid, matrix, 100.0, printer)
 
 
-def in_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
+def convert_to_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
     return np.array([grid.bounds_mm(box) for box in boxes])
 
 
 @pytest.fixture(scope="module")
-def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
+def valid_result(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     base = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
     parts = [
@@ -66,15 +66,15 @@ def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
 
 
 def test_valid_result_passes_all_rules(
-    good: Decomposition, model: Model, grid: Grid, halves: list[Box]
+    valid_result: Decomposition, model: Model, grid: Grid, halves: list[Box]
 ) -> None:
-    coverage = check_result(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
+    coverage = check_result(valid_result.parts, convert_to_mm(grid, halves), model, PRINTERS, 5.0)
     assert coverage.surface_error < 1e-9
     assert coverage.overlap_mm3 == 0.0
 
 
 def make_overlapping(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
-    """The second part reaches 1 mm into the first."""
+    """Extend the second part by 1 mm into the first."""
     lo, hi = parts[1].solid.bounds_mm
     return [parts[0], replace(parts[1], solid=Solid.box((lo[0] - 1.0, lo[1], lo[2]), hi))]
 
@@ -87,19 +87,19 @@ def drop_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return parts[:1]
 
 
-def same_printer(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def repeat_printer(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [parts[0], replace(parts[1], printer=parts[0].printer)]
 
 
-def unknown_printer(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def rename_printer(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [parts[0], replace(parts[1], printer="nobody")]
 
 
-def too_large(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def enlarge_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [replace(parts[0], solid=model.solid)]
 
 
-def two_pieces(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def split_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     crumbs = Solid.union([Solid.box((0, 0, 0), (5, 5, 5)), Solid.box((10, 0, 0), (15, 5, 5))])
     return [replace(parts[0], solid=crumbs), parts[1]]
 
@@ -108,14 +108,14 @@ def make_empty(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     return [replace(parts[0], solid=parts[0].solid.clip((900, 900, 900), (901, 901, 901))), parts[1]]
 
 
-def hollowed(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+def hollow_part(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
     """Remove material inside the first part, with an unchanged surface."""
     lo, hi = parts[0].solid.bounds_mm
     return [replace(parts[0], solid=parts[0].solid.subtract(Solid.box(lo + 8.0, hi - 8.0))), parts[1]]
 
 
-def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
-    """A notch in an edge."""
+def notch_edge(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    """Cut a notch into an edge."""
     notch = Solid.box((5.0, -1.0, 19.0), (6.0, 1.0, 21.0))
     return [replace(parts[0], solid=parts[0].solid.subtract(notch)), parts[1]]
 
@@ -126,17 +126,17 @@ def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
         (make_overlapping, Rule.NO_OVERLAP, "p02"),
         (repeat_part, Rule.NO_OVERLAP, "p03"),
         (drop_part, Rule.SURFACE, None),
-        (nibbled, Rule.SURFACE, None),
-        (hollowed, Rule.SURFACE, None),
-        (same_printer, Rule.OWN_PRINTER, "p02"),
-        (unknown_printer, Rule.FITS, "p02"),
-        (too_large, Rule.FITS, "p01"),
-        (two_pieces, Rule.ONE_PIECE, "p01"),
+        (notch_edge, Rule.SURFACE, None),
+        (hollow_part, Rule.SURFACE, None),
+        (repeat_printer, Rule.OWN_PRINTER, "p02"),
+        (rename_printer, Rule.FITS, "p02"),
+        (enlarge_part, Rule.FITS, "p01"),
+        (split_part, Rule.ONE_PIECE, "p01"),
         (make_empty, Rule.CLOSED, "p01"),
     ],
 )
 def test_broken_rule_is_named(
-    good: Decomposition,
+    valid_result: Decomposition,
     model: Model,
     grid: Grid,
     halves: list[Box],
@@ -144,11 +144,11 @@ def test_broken_rule_is_named(
     rule: Rule,
     name: str | None,
 ) -> None:
-    spoilt = replace(good, parts=tuple(spoil(list(good.parts), model, grid)))
-    with pytest.raises(GeometryError) as raised:
-        check_result(spoilt.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
-    assert (raised.value.rule, raised.value.part) == (rule, name)
-    assert str(rule) in str(raised.value)
+    spoilt = replace(valid_result, parts=tuple(spoil(list(valid_result.parts), model, grid)))
+    with pytest.raises(GeometryError) as error:
+        check_result(spoilt.parts, convert_to_mm(grid, halves), model, PRINTERS, 5.0)
+    assert (error.value.rule, error.value.part) == (rule, name)
+    assert str(rule) in str(error.value)
 
 
 def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
@@ -161,36 +161,36 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
     near = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
 
     def list_boxes_around(lo: int) -> list[Box]:
-        """Boxes about the hollow [lo, 6) x [4, 6) x [4, 6)."""
+        """List the boxes around the hollow [lo, 6) x [4, 6) x [4, 6)."""
         return [
             (0, 0, 0, lo, 10, 10), (6, 0, 0, 10, 10, 10), (lo, 0, 0, 6, 4, 10),
             (lo, 6, 0, 6, 10, 10), (lo, 4, 0, 6, 6, 4), (lo, 4, 6, 6, 6, 10),
         ]  # fmt: skip
 
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
-    check_missing(hollow.parts, in_mm(grid, list_boxes_around(4)), block, 15.0)
-    with pytest.raises(GeometryError) as raised:
-        check_missing(hollow.parts, in_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
-    assert raised.value.rule == Rule.INSIDE
+    check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
+    with pytest.raises(GeometryError) as error:
+        check_missing(hollow.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
+    assert error.value.rule == Rule.INSIDE
     thin = replace(base, parts=(part(near, "p01", "p"),))
-    with pytest.raises(GeometryError) as raised:
-        check_missing(thin.parts, in_mm(grid, list_boxes_around(1)), block, 15.0)
-    assert raised.value.rule == Rule.WALL
+    with pytest.raises(GeometryError) as error:
+        check_missing(thin.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
+    assert error.value.rule == Rule.WALL
 
 
 @pytest.mark.parametrize(("top", "gap"), [(199.0, 1.0), (189.0, None)])
 def test_wall_is_measured_to_faces_not_only_to_their_corners(
     cost: CostModel, top: float, gap: float | None
 ) -> None:
-    """The faces of a plain cube have their corners and centres far from a hollow under one of them."""
+    """Use a cube whose corners and face centres are far from a hollow under one of its faces."""
     cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
     vertices, faces = cube.solid.arrays()
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose_model(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
-    plain = build_grid(vertices[faces], 3, GridRules(10.0, False, 0.7, 0.75))
+    plain_grid = build_grid(vertices[faces], 3, GridRules(10.0, False, 0.7, 0.75))
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
-    grid = replace(plain, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
+    grid = replace(plain_grid, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
     list_boxes_around: list[Box] = [
         (0, 0, 0, 1, 3, 3), (2, 0, 0, 3, 3, 3), (1, 0, 0, 2, 1, 3),
         (1, 2, 0, 2, 3, 3), (1, 1, 0, 2, 2, 1), (1, 1, 2, 2, 2, 3),
@@ -199,23 +199,21 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
     if gap is None:
-        check_missing(hollow.parts, in_mm(grid, list_boxes_around), cube, 10.0)
+        check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around), cube, 10.0)
         return
-    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as raised:
-        check_missing(hollow.parts, in_mm(grid, list_boxes_around), cube, 10.0)
-    assert raised.value.rule == Rule.WALL
+    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as error:
+        check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around), cube, 10.0)
+    assert error.value.rule == Rule.WALL
 
 
-def test_damaged_stl_is_refused(good: Decomposition, tmp_path: Path) -> None:
-    written = write_decomposition(good, tmp_path)
-    path = tmp_path / written.parts[0].file
+def test_damaged_stl_is_refused(valid_result: Decomposition, tmp_path: Path) -> None:
+    files = write_decomposition(valid_result, tmp_path)
+    path = tmp_path / files.parts[0].file
     data = bytearray(path.read_bytes())
-    check_stl(path, written.parts[0])
+    check_stl(path, files.parts[0])
     fewer = int.from_bytes(data[80:84], "little") - 1
     path.write_bytes(data[:80] + fewer.to_bytes(4, "little") + data[84:-50])
     with pytest.raises(GeometryError, match="not watertight"):
-        check_stl(path, written.parts[0])
+        check_stl(path, files.parts[0])
     with pytest.raises(GeometryError, match="mm3 instead of"):
-        check_stl(
-            tmp_path / written.parts[1].file, replace(written.parts[0], solid=Solid.box((0, 0, 0), SIZE))
-        )
+        check_stl(tmp_path / files.parts[1].file, replace(files.parts[0], solid=Solid.box((0, 0, 0), SIZE)))

@@ -1,4 +1,4 @@
-"""Rules of pins and marks refuse what breaks them, and a failure leaves parts as they were cut."""
+"""Violations of the rules of pins and marks; a failure leaves parts as they were cut."""
 
 from __future__ import annotations
 
@@ -55,23 +55,25 @@ def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) ->
 
 
 def change_pin(parts: DrilledParts, change: Callable[[Pin], Pin]) -> DrilledParts:
-    first, *rest = parts.connectors.pins
-    connectors = replace(parts.connectors, pins=(change(first), *rest))
+    first_pin, *other_pins = parts.connectors.pins
+    connectors = replace(parts.connectors, pins=(change(first_pin), *other_pins))
     return replace(parts, connectors=connectors, drilled=drill(parts.blanks, connectors))
 
 
 def move_hole(pin: Pin, offset: tuple[float, float, float]) -> Pin:
-    first, second = pin.holes
-    return replace(pin, holes=(replace(first, points_mm=first.points_mm + np.array(offset)), second))
+    first_hole, second_hole = pin.holes
+    return replace(
+        pin, holes=(replace(first_hole, points_mm=first_hole.points_mm + np.array(offset)), second_hole)
+    )
 
 
 def shift_out(parts: DrilledParts) -> DrilledParts:
-    """Both holes and the pin move to within a millimetre of the part's side."""
+    """Move both holes and the pin to within a millimetre of the part's side."""
 
     def shift(pin: Pin) -> Pin:
         offset = np.array([0.9 - min(hole.points_mm[:, 0].min() for hole in pin.holes), 0.0, 0.0])
-        first, second = (replace(hole, points_mm=hole.points_mm + offset) for hole in pin.holes)
-        return replace(pin, at_mm=pin.at_mm + offset, holes=(first, second))
+        first_hole, second_hole = (replace(hole, points_mm=hole.points_mm + offset) for hole in pin.holes)
+        return replace(pin, at_mm=pin.at_mm + offset, holes=(first_hole, second_hole))
 
     return change_pin(parts, shift)
 
@@ -90,7 +92,7 @@ def turn_over(parts: DrilledParts) -> DrilledParts:
     return replace(parts, blanks=[replace(blank, up=np.array([0.0, 0.8, -0.6])) for blank in parts.blanks])
 
 
-def part_holes(parts: DrilledParts) -> DrilledParts:
+def separate_holes(parts: DrilledParts) -> DrilledParts:
     return change_pin(parts, lambda pin: move_hole(pin, (1.0, 1.0, 0.0)))
 
 
@@ -105,7 +107,7 @@ def tilt_pin(parts: DrilledParts) -> DrilledParts:
         (add_material, Rule.DRILLED),
         (shift_out, Rule.SKIN),
         (turn_over, Rule.SUPPORT_FREE),
-        (part_holes, Rule.PINNED),
+        (separate_holes, Rule.PINNED),
         (tilt_pin, Rule.ORDER),
     ],
 )
@@ -119,11 +121,11 @@ def test_each_rule_refuses(
 def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled_parts: DrilledParts) -> None:
     pins = drilled_parts.connectors.pins
     assert find_wrong_fits(pins) == []
-    same = [replace(pin, length_mm=2.0 * pin.depth_mm - 5.0) for pin in pins]
-    assert any("half around" in fault for fault in find_wrong_fits(same))
-    first = [pin for pin in pins if pin.step == 0][:2]
-    again = [replace(pin, step=1) for pin in first]
-    assert any("fit each other" in fault for fault in find_wrong_fits([*first, *again]))
+    equal_pins = [replace(pin, length_mm=2.0 * pin.depth_mm - 5.0) for pin in pins]
+    assert any("half around" in fault for fault in find_wrong_fits(equal_pins))
+    first_pins = [pin for pin in pins if pin.step == 0][:2]
+    repeated_pins = [replace(pin, step=1) for pin in first_pins]
+    assert any("fit each other" in fault for fault in find_wrong_fits([*first_pins, *repeated_pins]))
 
 
 @pytest.fixture(scope="module")
@@ -193,36 +195,37 @@ def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts)
 
 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
-    """As after a fault: what is printed of the part is cut, and its neighbour is printed already."""
-    stored = connect_parts(halves)
-    printed_solid = stored.parts[0].printed
+    """Cut the printed share of a part after a fault, when its neighbour is already printed."""
+    result = connect_parts(halves)
+    printed_solid = result.parts[0].printed
     printers = [PrinterRoom(f"p{i}", ((30.0, 40.0, 50.0),)) for i in range(2)]
     options = replace(halves.options, interior=Interior.KEEP)
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
-    again = decompose_model(Model(printed_solid, (), 1.0), printers, options, cost).with_assembly()
-    named = replace(
-        again, parts=tuple(replace(p, id=f"p01{c}") for c, p in zip("ab", again.parts, strict=True))
+    second_result = decompose_model(Model(printed_solid, (), 1.0), printers, options, cost).with_assembly()
+    named_parts = replace(
+        second_result,
+        parts=tuple(replace(p, id=f"p01{c}") for c, p in zip("ab", second_result.parts, strict=True)),
     )
-    pieces = connect_parts(named)
+    pieces = connect_parts(named_parts)
     assert not pieces.connectors.failures
     assert {mark.text.rstrip("^") for mark in pieces.connectors.marks} == {"-1b", "1a", "1b-1a"}
-    printed = Solid.union([piece.printed for piece in pieces.parts])
-    old = [Solid.hull(tool.points_mm) for tool in stored.connectors.tools if tool.part == 0]
-    assert len(old) > 10 and printed.intersect(Solid.union(old)).volume_mm3 < 1e-3
+    printed_solids = Solid.union([piece.printed for piece in pieces.parts])
+    old_tools = [Solid.hull(tool.points_mm) for tool in result.connectors.tools if tool.part == 0]
+    assert len(old_tools) > 10 and printed_solids.intersect(Solid.union(old_tools)).volume_mm3 < 1e-3
 
 
 def test_without_options_parts_stay_as_they_were_cut(halves: Decomposition) -> None:
-    plain = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
-    assert connect_parts(plain) is plain
+    plain_grid = replace(halves, options=replace(halves.options, connectors=ConnectorOptions()))
+    assert connect_parts(plain_grid) is plain_grid
 
 
 def test_parts_that_break_a_rule_stay_as_they_were_cut(
     halves: Decomposition, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def plan_badly(*args: object) -> Connectors:
-        good = plan_connectors(*args)  # type: ignore[arg-type]
-        deep, shallow = good.pins
-        return replace(good, pins=(move_hole(deep, (0.0, 0.0, 50.0)), shallow))
+        connectors = plan_connectors(*args)  # type: ignore[arg-type]
+        deep, shallow = connectors.pins
+        return replace(connectors, pins=(move_hole(deep, (0.0, 0.0, 50.0)), shallow))
 
     monkeypatch.setattr(connect, "plan_connectors", plan_badly)
     result = connect_parts(halves)
@@ -254,9 +257,9 @@ def test_holes_that_spoil_an_stl_are_left_out_and_that_is_said(
         check_stl(path, part)
 
     monkeypatch.setattr(files, "check_stl", refuse_holes)
-    written = write_decomposition(halves, tmp_path)
-    assert [part.drilled for part in written.parts] == [None, None]
-    assert not written.connectors.pins and not written.connectors.marks
+    written_files = write_decomposition(halves, tmp_path)
+    assert [part.drilled for part in written_files.parts] == [None, None]
+    assert not written_files.connectors.pins and not written_files.connectors.marks
     [failure] = json.loads((tmp_path / REPORT).read_text())["connectors"]["failures"]
     assert failure.startswith("no pins and marks: ") and "not watertight" in failure
 
@@ -276,9 +279,9 @@ def test_seams_that_cannot_be_measured_are_left_out(
 
 def test_tool_that_opens_outside_of_its_joint_is_refused(drilled_parts: DrilledParts) -> None:
     mark = drilled_parts.connectors.marks[0]
-    shifted = tuple(
+    shifted_tools = tuple(
         Tool(t.part, t.points_mm + np.array([0.0, 30.0, 0.0]), t.into, t.face_mm) for t in mark.grooves
     )
-    connectors = replace(drilled_parts.connectors, marks=(replace(mark, grooves=shifted),))
+    connectors = replace(drilled_parts.connectors, marks=(replace(mark, grooves=shifted_tools),))
     parts = replace(drilled_parts, connectors=connectors, drilled=drill(drilled_parts.blanks, connectors))
     assert Rule.SKIN in {fault.rule for fault in parts.find_faults()}

@@ -1,4 +1,4 @@
-"""Ceilings of hollows are measured in layers, without the formulas of the search."""
+"""Ceilings of hollows, measured in layers without the formulas of the search."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ UP = np.array([0.0, 0.0, 1.0])
 SIDE = np.array([1.0, 0.0, 0.0])
 
 
-def prism(profile: list[tuple[float, float]]) -> np.ndarray:
+def make_prism(profile: list[tuple[float, float]]) -> np.ndarray:
     """Make a hollow 6 mm deep along x behind an upright face, with a profile in y and z."""
     return np.array([(x, y, z) for x in (-0.1, 6.0) for y, z in profile])
 
 
-def cone(width_mm: float, height_mm: float) -> np.ndarray:
+def make_cone(width_mm: float, height_mm: float) -> np.ndarray:
     """Make a hollow that opens on the bed and ends in a point."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    ring = np.stack([np.cos(turn), np.sin(turn), np.zeros(24)], axis=1) * width_mm / 2.0
+    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1) * width_mm / 2.0
     return np.vstack([ring - 0.1 * UP, ring + UP, [[0.0, 0.0, 1.0 + height_mm]]])
 
 
 @pytest.mark.parametrize(
     ("tool", "into", "least_mm2", "most_mm2"),
     [
-        (prism([(-2, 0), (2, 0), (2, 3), (-2, 3)]), SIDE, 15.0, 24.0),  # a flat ceiling
-        (prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)]), SIDE, 0.0, 0.0),  # a roof of 45 degrees
-        (prism([(-2, 0), (2, 0), (2, 3), (0, 4), (-2, 3)]), SIDE, 0.5, 24.0),  # a roof that is too flat
-        (cone(3.0, 2.0), UP, 0.005, 0.2),  # the slicer closes a point one layer early
-        (cone(3.0, 0.5), UP, 1.0, 8.0),
-        (cone(3.0, 2.0) * [1, 1, -1], -UP, 0.0, 0.0),  # opens to the top
+        (make_prism([(-2, 0), (2, 0), (2, 3), (-2, 3)]), SIDE, 15.0, 24.0),  # a flat ceiling
+        (make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)]), SIDE, 0.0, 0.0),  # a roof of 45 degrees
+        (make_prism([(-2, 0), (2, 0), (2, 3), (0, 4), (-2, 3)]), SIDE, 0.5, 24.0),  # a roof that is too flat
+        (make_cone(3.0, 2.0), UP, 0.005, 0.2),  # the slicer closes a point one layer early
+        (make_cone(3.0, 0.5), UP, 1.0, 8.0),
+        (make_cone(3.0, 2.0) * [1, 1, -1], -UP, 0.0, 0.0),  # opens to the top
     ],
 )  # fmt: skip
 def test_ceiling_that_needs_support_is_found(
@@ -41,7 +41,7 @@ def test_ceiling_that_needs_support_is_found(
 
 
 def test_bodies_that_meet_are_one_hollow() -> None:
-    """A roof alone needs no support; with a body through its ridge it ends in a flat ceiling."""
-    roof = prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)])
-    through = prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
+    """Join a roof, which alone needs no support, with a body through its ridge: a flat ceiling."""
+    roof = make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)])
+    through = make_prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
     assert measure_ceiling_mm2([roof, through], SIDE, 0.0, UP) > 5.0

@@ -17,7 +17,7 @@ from drivers.link.replies import LinkFault, Report
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
 from drivers.safety import NO_COMMAND
-from print_rig import PLUS, Rig, gcode
+from print_rig import PLUS, Rig, make_gcode
 
 DEADLINE_S = 20.0
 CUT = "power_off_cmd cut its mains"
@@ -33,15 +33,15 @@ class Agent:
         self.board = Board("sim://ultimaker2_plus", PLUS, folder, Clock(), lambda: None, lambda _: None)
         self.recorder = Recorder(start, self.board, self.journal, Clock())
 
-    def report(self, nozzle_c: float, times: int = 3) -> None:
+    def report(self, nozzle_c: float, count: int = 3) -> None:
         """Pass reports of an idle board to the agent."""
-        for _ in range(times):
+        for _ in range(count):
             self.board._on_idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
             self.recorder.record_changes()
 
-    def wait_until(self, observed: Callable[[], bool]) -> None:
+    def wait_until(self, condition: Callable[[], bool]) -> None:
         until_s = time.monotonic() + DEADLINE_S
-        while not observed():
+        while not condition():
             assert time.monotonic() < until_s
             select.select([], [], [], 0.01)
             self.recorder.record_changes()
@@ -66,9 +66,9 @@ def mark(tmp_path: Path) -> Path:
     return tmp_path / "mark"
 
 
-def relay(mark: Path, then: str = "") -> str:
+def relay(mark: Path, command: str = "") -> str:
     script = mark.with_name("relay.sh")
-    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n{then}\n')
+    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n{command}\n')
     script.chmod(0o700)
     return f"{script} {{printer}}"
 
@@ -97,7 +97,7 @@ def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark
 
 
 def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
-    """Cut the mains at once: the link is dead, so no report would show a rise."""
+    """Cut the mains immediately: without a link no report would show a rise."""
     agent = Agent(tmp_path, relay(mark))
     agent.report(21.0)
     agent.board._on_idle_trouble(LinkFault(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
@@ -117,15 +117,15 @@ def test_without_a_command_a_person_is_notified_once(tmp_path: Path):
 def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
 
-    def burns(times: int) -> None:
+    def make_hot_reports(count: int) -> None:
         agent.report(21.0)
         agent.report(90.0, 5)
         agent.wait_for_outcome()
-        assert runs(mark) == times
+        assert runs(mark) == count
 
-    burns(1)
-    burns(2)  # it was cold in between
-    agent.board.absent_reason, agent.board.rearms_alarm = None, True  # it came back
+    make_hot_reports(1)
+    make_hot_reports(2)  # it was cold in between
+    agent.board.absent_reason, agent.board.rearms_alarm = None, True  # the printer is connected again
     agent.board.idle_watch.reset()
     agent.report(60.0)
     agent.report(90.0)
@@ -133,7 +133,7 @@ def test_finding_is_new_after_the_printer_was_cold_absent_or_checked(tmp_path: P
     assert runs(mark) == 3
     agent.recorder.alarms.clear()
     assert agent.alarm is None
-    burns(4)
+    make_hot_reports(4)
 
 
 def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark: Path):
@@ -141,8 +141,8 @@ def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark:
     agent.report(21.0)
     agent.report(90.0)
     agent.wait_for_outcome()
-    last = json.loads((tmp_path / "seen").read_text().splitlines()[-1])
-    assert last["alarm"]["asked"] and last["alarm"]["said"] is None
+    last_record = json.loads((tmp_path / "seen").read_text().splitlines()[-1])
+    assert last_record["alarm"]["asked"] and last_record["alarm"]["said"] is None
 
 
 def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
@@ -192,11 +192,11 @@ def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
     assert agent.wait_for_outcome().outcome == CUT and runs(mark) == 1
 
 
-# --- at a print ---
+# --- during a print ---
 
 
 def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
-    agent, rig = Agent(folder, command), Rig(text=gcode(4000)).printing(300)
+    agent, rig = Agent(folder, command), Rig(text=make_gcode(4000)).run_until_printing(300)
     shot = PrintSnapshot(print_id="p-1", phase=PrintPhase.PRINTING, extruded=True)
     agent.journal.write(0.0, print=shot.model_dump(mode="json"), filament=Filament.AT_NOZZLE.value)
     agent.board.session = rig.session
@@ -222,18 +222,18 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
-    reported = read_journal(tmp_path / JOURNAL)[0].alarm
-    assert reported is not None and reported.suspected and f"the {heater} went up to" in reported.text
+    alarm = read_journal(tmp_path / JOURNAL)[0].alarm
+    assert alarm is not None and alarm.suspected and f"the {heater} went up to" in alarm.text
     step_until(agent, rig, lambda: agent.board.session is None)
-    ended = agent.journal.state.print
-    assert ended is not None and ended.phase is PrintPhase.FAILED
+    ended_print = agent.journal.state.print
+    assert ended_print is not None and ended_print.phase is PrintPhase.FAILED
     message = CUT if command else NO_COMMAND
-    assert str(ended.reason).count(message) == 1 and len(str(ended.reason)) < 250
+    assert str(ended_print.reason).count(message) == 1 and len(str(ended_print.reason)) < 250
     assert runs(mark) == command
-    assert agent.look == ended.reason
+    assert agent.look == ended_print.reason
     agent.report(300.0)
-    agent.report(350.0, 20)  # it burns on: that is known
-    assert runs(mark) == command and agent.look == ended.reason
+    agent.report(350.0, 20)  # it stays hot, which is known
+    assert runs(mark) == command and agent.look == ended_print.reason
 
 
 def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):

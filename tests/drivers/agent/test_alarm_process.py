@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import MODEL, Printer, gcode, printer, run
+from agent_with_emulator import MODEL, Printer, make_gcode, printer, run
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import PortError
 
-SCALE = 6.0  # quicker, and the least patience (4 s of wall time) would be longer than what is shown here
+SCALE = 6.0  # a higher scale would make the minimum delay (4 s of wall time) longer than these times
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("killed", [False, True])
-def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, is_killed: bool):
     """Cut the mains also if the agent is killed after the finding: the next agent completes it."""
     mark, gate = tmp_path / "mark", tmp_path / "gate"
     os.mkfifo(gate)
@@ -33,28 +33,28 @@ def test_shorted_nozzle_cuts_the_mains_once(tmp_path: Path, killed: bool):
         try:
             rig.spawn()
             await rig.connect()
-            await rig.ready()
-            text = gcode(5000).replace("M140 S40\n", "").replace("M190 S40\n", "")
+            await rig.wait_until_ready()
+            text = make_gcode(5000).replace("M140 S40\n", "").replace("M190 S40\n", "")
             assert (await rig.start(text)).error is None
-            await rig.phase(m.PrintPhase.PRINTING)
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             control(rig.folder / "emulator", "break", fault="nozzle_burns_after")
             result = await rig.until(lambda s: s.alarm is not None)
             assert "went up to" in str(result.alarm) and result.nozzle is not None
-            if killed:
+            if is_killed:
                 assert rig.process is not None
                 rig.process.send_signal(signal.SIGKILL)
                 rig.process.wait(10.0)
                 await rig.client.close()
                 rig.spawn()
                 await rig.connect()
-            # While the command hangs, the loop reads on.
-            cut = await rig.until(lambda s: mark.exists() and s.nozzle is not None)
-            assert cut.print is not None and cut.print.phase is m.PrintPhase.ENDING
-            at_c = cut.nozzle.now_c if cut.nozzle else 0.0
+            # While the command hangs, the loop continues to read.
+            snapshot = await rig.until(lambda s: mark.exists() and s.nozzle is not None)
+            assert snapshot.print is not None and snapshot.print.phase is m.PrintPhase.ENDING
+            at_c = snapshot.nozzle.now_c if snapshot.nozzle else 0.0
             await rig.until(lambda s: s.nozzle is not None and s.nozzle.now_c > at_c + 2.0)
             await asyncio.to_thread(gate.write_text, "go\n")
-            reported = await rig.until(lambda s: "cut its mains" in str(s.alarm))
-            assert str(reported.alarm).count("cut its mains") == 1
+            alarm_snapshot = await rig.until(lambda s: "cut its mains" in str(s.alarm))
+            assert str(alarm_snapshot.alarm).count("cut its mains") == 1
             assert mark.read_text() == "um2-01\n"
         finally:
             await rig.close()

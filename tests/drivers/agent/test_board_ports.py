@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from agent_with_emulator import MODEL, Printer, everything, gcode, printer, run
+from agent_with_emulator import MODEL, Printer, make_gcode, printer, read_all, run
 from drivers import messages as m
 from drivers.agent.board import Board
 from drivers.emulator.launch import control, launch, read_status
@@ -58,25 +58,25 @@ def test_port_is_opened_after_a_person_confirms_the_printer_idle(
             message = await rig.until(lambda s: s.link is m.LinkState.FAULT)
             assert "does not print" in str(message.reason) and message.bed_unknown_reason is not None
             assert not link_open()
-            refused = await rig.start(gcode(10))
-            assert refused.error is not None and not link_open()
+            reply = await rig.start(make_gcode(10))
+            assert reply.error is not None and not link_open()
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
-            ready = await rig.ready()
-            assert ready.reset_verified and ready.bed_unknown_reason is None
+            snapshot = await rig.wait_until_ready()
+            assert snapshot.reset_verified and snapshot.bed_unknown_reason is None
             assert rig.process is not None
             rig.process.kill()
             rig.process.wait(10.0)
-            rig.spawn()  # DTR has been up since: opening changes nothing
+            rig.spawn()  # DTR is still set, so opening changes nothing
             await rig.connect()
-            ready = await rig.ready()
-            assert ready.bed_unknown_reason is not None
+            snapshot = await rig.wait_until_ready()
+            assert snapshot.bed_unknown_reason is not None
             control(tmp_path / "emulator", "power_off")
             await rig.until(lambda s: s.link is m.LinkState.ABSENT)
-            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plugged in anew
+            launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)  # plugged in again
             await rig.until(lambda s: s.link is m.LinkState.FAULT)
             assert not link_open()
             assert (await rig.client.request(m.Commission(id=0))).error is None
-            await rig.ready()
+            await rig.wait_until_ready()
         finally:
             await rig.close()
             if emulator_is_running(tmp_path / "emulator"):
@@ -96,22 +96,22 @@ def test_board_without_reset_is_reported_and_cooled_by_command(tmp_path: Path):
         try:
             await rig.connect()
             message = await rig.until(lambda s: s.link is m.LinkState.FAULT)
-            assert (await rig.start(gcode(10))).error is not None
+            assert (await rig.start(make_gcode(10))).error is not None
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
-            message = await rig.ready()
+            message = await rig.wait_until_ready()
             assert not message.reset_verified and "DTR" in str(message.reason)
-            assert (await rig.start(gcode(10))).error is None
-            await rig.phase(m.PrintPhase.DONE)
+            assert (await rig.start(make_gcode(10))).error is None
+            await rig.wait_for_phase(m.PrintPhase.DONE)
             assert (await rig.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
-            assert (await rig.start(gcode(3000), "p-2")).error is None
-            await rig.phase(m.PrintPhase.PRINTING)
+            assert (await rig.start(make_gcode(3000), "p-2")).error is None
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
             rig.process.kill()
             rig.process.wait(10.0)
             rig.spawn()
             await rig.connect()
-            left = await rig.phase(m.PrintPhase.FAILED)
-            assert left.fault == Fault.AGENT_DIED
+            failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
+            assert failed_print.fault == Fault.AGENT_DIED
             status = read_status(emulator)
             assert (status.nozzle_target_c, status.bed_target_c, status.resets) == (0.0, 0.0, 0)
         finally:
@@ -145,7 +145,7 @@ def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    ("deed", "observed"),
+    ("action", "expected_text"),
     [
         ({"command": "move", "z_mm": 50.0}, "moved"),
         ({"command": "set_nozzle", "target_c": 180.0}, "heater"),
@@ -154,21 +154,21 @@ def test_heat_left_by_a_print_is_ended_by_command_without_a_reset(tmp_path: Path
     ],
 )
 def test_manual_use_of_an_idle_printer_makes_its_bed_unknown(
-    tmp_path: Path, deed: dict[str, Any], observed: str
+    tmp_path: Path, action: dict[str, Any], expected_text: str
 ):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
             idle = await rig.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
             assert idle.bed_unknown_reason is None
-            await asyncio.to_thread(control, rig.folder / "emulator", **deed)
-            doubted = await rig.until(lambda s: s.bed_unknown_reason is not None)
-            assert observed in str(doubted.bed_unknown_reason) or observed == "SD card"
-            refused = await rig.start(gcode(10))
-            assert refused.error is not None
-            if observed == "SD card":
+            await asyncio.to_thread(control, rig.folder / "emulator", **action)
+            snapshot = await rig.until(lambda s: s.bed_unknown_reason is not None)
+            assert expected_text in str(snapshot.bed_unknown_reason) or expected_text == "SD card"
+            reply = await rig.start(make_gcode(10))
+            assert reply.error is not None
+            if expected_text == "SD card":
                 await rig.until(lambda s: "SD" in str(s.reason))
-                refused = await rig.client.request(m.BedCleared(id=0))
-                assert "SD card" in str(refused.error)
+                reply = await rig.client.request(m.BedCleared(id=0))
+                assert "SD card" in str(reply.error)
                 assert read_status(rig.folder / "emulator").nozzle_target_c > 0  # nobody has reset it
 
     run(scenario())
@@ -189,16 +189,18 @@ def test_hot_printer_that_disconnects_has_its_mains_cut_and_is_reported(tmp_path
             await rig.connect()
             await rig.until(lambda s: s.link is m.LinkState.FAULT)
             await rig.client.request(m.BedCleared(id=0))
-            await rig.ready()
-            assert (await rig.start(gcode(50_000))).error is None
-            await rig.phase(m.PrintPhase.PRINTING)
+            await rig.wait_until_ready()
+            assert (await rig.start(make_gcode(50_000))).error is None
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             control(tmp_path / "emulator", "power_off")
-            failed = await rig.phase(m.PrintPhase.FAILED)
-            assert failed.fault == "port_lost" and "mains" in str(failed.reason)
+            failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
+            assert failed_print.fault == "port_lost" and "mains" in str(failed_print.reason)
             assert (tmp_path / "cut").read_text() == "um2-01\n"
             assert not (await rig.until(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
             launch(f"sim://{MODEL}", tmp_path / "emulator", rig.clock)
-            back = await rig.until(lambda s: s.heaters_off)  # heat of ours may be on there: it is opened
+            back = await rig.until(
+                lambda s: s.heaters_off
+            )  # the agent's heat may still be on: the port is opened
             assert back.link is m.LinkState.FAULT and "mains" in str(back.reason)
         finally:
             await rig.close()
@@ -228,8 +230,8 @@ def test_last_command_to_a_board_without_reset_is_sent_over_a_full_wire(tmp_path
         while not port.write_pending:
             port.write(b"G1 X1 Y1\n" * 100)
         board.switch_off()
-        # What the board has not taken yet goes for the next word: how many it hears is up to its own pace.
-        assert everything(master).endswith(ULTIMAKER2.abort_unnumbered)
+        # Data that the board has not read is replaced by the next command; the number depends on its speed.
+        assert read_all(master).endswith(ULTIMAKER2.abort_unnumbered)
     finally:
         board.close()
         os.close(master)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import DEADLINE_S, MODEL, Printer, gcode, run
+from agent_with_emulator import DEADLINE_S, MODEL, Printer, make_gcode, run
 from drivers import messages as m
 from drivers.agent.idle_watch import FilamentWatch
 from drivers.emulator.launch import Command, control, launch
 from drivers.records import JOURNAL
 
-REST = b"X:0.00 Y:224.50 Z:205.00 E:-20.00 Count X:0.00 Y:224.50 Z:205.00"
-OTHER = REST.replace(b"E:-20.00", b"E:80.00")
+REST_POSITION = b"X:0.00 Y:224.50 Z:205.00 E:-20.00 Count X:0.00 Y:224.50 Z:205.00"
+OTHER_POSITION = REST_POSITION.replace(b"E:-20.00", b"E:80.00")
 
 
 @asynccontextmanager
@@ -29,15 +29,15 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
         printer.spawn()
         await printer.connect()
         await printer.until(lambda s: s.link is m.LinkState.FAULT)
-        cleared = m.BedCleared(id=0, filament=m.Filament.PARKED)
-        assert (await printer.client.request(cleared)).error is None
-        await printer.ready()
-        assert (await printer.start(gcode(10))).error is None
-        await printer.phase(m.PrintPhase.DONE)
+        bed_cleared = m.BedCleared(id=0, filament=m.Filament.PARKED)
+        assert (await printer.client.request(bed_cleared)).error is None
+        await printer.wait_until_ready()
+        assert (await printer.start(make_gcode(10))).error is None
+        await printer.wait_for_phase(m.PrintPhase.DONE)
         await printer.until(lambda s: s.link is m.LinkState.READY and s.filament is m.Filament.PARKED)
         assert (await printer.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
         await _await_rest(printer, '"X:')
-        dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # stays up while no agent has the port
+        dtr = os.open(emulator / "tty", os.O_RDWR | os.O_NOCTTY)  # DTR stays set while no agent has the port
         await _end(printer)
         yield printer
     finally:
@@ -48,7 +48,7 @@ async def print_file(folder: Path) -> AsyncIterator[Printer]:
 
 
 async def _await_rest(printer: Printer, record: str) -> None:
-    """Wait until the last line of the agent's journal has this position of rest."""
+    """Wait until the last record of the agent's journal has this rest position."""
     async with asyncio.timeout(DEADLINE_S):
         while f'"rest": {record}' not in (printer.folder / JOURNAL).read_text().splitlines()[-1]:
             await asyncio.sleep(0.02)
@@ -73,29 +73,29 @@ def test_filament_is_parked_after_a_restart_of_the_agent(tmp_path: Path) -> None
     async def scenario() -> None:
         async with print_file(tmp_path) as printer:
             for _ in range(2):
-                first = await _start_again(printer)
-                assert first.bed_unknown_reason is not None
-                expected = await printer.until(lambda s: s.filament is not m.Filament.UNKNOWN)
-                assert expected.filament is m.Filament.PARKED
-                assert expected.bed_unknown_reason is not None  # a person looks at the bed all the same
+                first_snapshot = await _start_again(printer)
+                assert first_snapshot.bed_unknown_reason is not None
+                known_snapshot = await printer.until(lambda s: s.filament is not m.Filament.UNKNOWN)
+                assert known_snapshot.filament is m.Filament.PARKED
+                assert known_snapshot.bed_unknown_reason is not None  # the bed still needs an inspection
                 await _end(printer)
 
     run(scenario())
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("deed", [{"command": "move", "z_mm": 50.0}, {"command": "reset"}], ids=str)
+@pytest.mark.parametrize("action", [{"command": "move", "z_mm": 50.0}, {"command": "reset"}], ids=str)
 def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
-    tmp_path: Path, deed: dict[str, object]
+    tmp_path: Path, action: dict[str, object]
 ) -> None:
     async def scenario() -> None:
         async with print_file(tmp_path) as printer:
-            await asyncio.to_thread(control, tmp_path / "emulator", **deed)
+            await asyncio.to_thread(control, tmp_path / "emulator", **action)
             await _start_again(printer)
             await _await_rest(printer, "null")
-            assert printer.last is not None and printer.last.filament is m.Filament.UNKNOWN
-            cleared = m.BedCleared(id=0, filament=m.Filament.AT_NOZZLE)
-            assert (await printer.client.request(cleared)).error is None
+            assert printer.last_snapshot is not None and printer.last_snapshot.filament is m.Filament.UNKNOWN
+            bed_cleared = m.BedCleared(id=0, filament=m.Filament.AT_NOZZLE)
+            assert (await printer.client.request(bed_cleared)).error is None
             await printer.until(lambda s: s.filament is m.Filament.AT_NOZZLE)
 
     run(scenario())
@@ -104,28 +104,28 @@ def test_filament_is_unknown_if_the_printer_was_used_while_no_agent_watched(
 def test_position_counts_only_after_a_print_and_until_a_reset() -> None:
     watch = FilamentWatch()
     watch.confirm()
-    watch.judge_position(REST)
+    watch.judge_position(REST_POSITION)
     assert (
         watch.is_certain and watch.rest_position is None
     )  # a board that has just started reports the same each time
     watch.note_print()
-    watch.judge_position(REST)
-    assert watch.rest_position == REST.decode()
+    watch.judge_position(REST_POSITION)
+    assert watch.rest_position == REST_POSITION.decode()
     watch.note_reset()
     assert watch.is_certain and watch.rest_position is None
-    watch.judge_position(REST)
+    watch.judge_position(REST_POSITION)
     assert watch.rest_position is None
 
 
-@pytest.mark.parametrize(("observed", "certain"), [(REST, True), (OTHER, False)])
+@pytest.mark.parametrize(("position", "certain"), [(REST_POSITION, True), (OTHER_POSITION, False)])
 def test_next_agent_knows_the_filament_if_the_printer_rests_where_it_was(
-    observed: bytes, certain: bool
+    position: bytes, certain: bool
 ) -> None:
-    watch = FilamentWatch(rest_position=REST.decode())
+    watch = FilamentWatch(rest_position=REST_POSITION.decode())
     assert not watch.is_certain
-    watch.judge_position(observed)
-    assert (watch.is_certain, watch.rest_position) == (certain, REST.decode() if certain else None)
-    watch.judge_position(REST)
-    assert watch.is_certain is certain  # once in doubt, a person has to say it
+    watch.judge_position(position)
+    assert (watch.is_certain, watch.rest_position) == (certain, REST_POSITION.decode() if certain else None)
+    watch.judge_position(REST_POSITION)
+    assert watch.is_certain is certain  # an unknown state needs a person's answer
     watch.forget()
     assert (watch.is_certain, watch.rest_position) == (False, None)

@@ -3,37 +3,50 @@ from drivers.errors import Fault
 from drivers.link.replies import Report
 
 HOME = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00"
-AWAY = b"X:10.00Y:224.50Z:215.00E:0.00 Count X: 10.00Y:224.50Z:215.00"
-FED = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
+MOVED_POSITION = b"X:10.00Y:224.50Z:215.00E:0.00 Count X: 10.00Y:224.50Z:215.00"
+FED_POSITION = b"X:0.00Y:224.50Z:215.00E:5.00 Count X: 0.00Y:224.50Z:215.00"
 
 
 def test_moved_position_is_detected_when_reported_twice():
-    for new in (AWAY, FED):
+    for position in (MOVED_POSITION, FED_POSITION):
         watch = IdleWatch()
-        received = [watch.judge_answer(text) for text in (HOME, HOME, new, HOME, new, new, new, HOME, HOME)]
-        doubts = [doubt for understood, doubt in received]
-        assert all(understood for understood, _ in received)
+        verdicts = [
+            watch.judge_answer(text)
+            for text in (HOME, HOME, position, HOME, position, position, position, HOME, HOME)
+        ]
+        doubts = [doubt for understood, doubt in verdicts]
+        assert all(understood for understood, _ in verdicts)
         assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
 
 
 def test_garbled_first_answer_is_not_a_move():
-    """A position counts once it was reported twice; a later move from it is detected."""
+    """Use a position only after it was reported twice; a later move from it is detected."""
     watch = IdleWatch()
-    answers = [watch.judge_answer(text)[1] for text in (FED, HOME, HOME, HOME, AWAY, AWAY)]
+    answers = [
+        watch.judge_answer(text)[1]
+        for text in (FED_POSITION, HOME, HOME, HOME, MOVED_POSITION, MOVED_POSITION)
+    ]
     assert answers == [None, None, None, None, None, MOVED]
 
 
 def test_move_after_the_first_answer_is_detected():
-    """A bed that a person has begun to use must not count as clear."""
+    """Detect that a person has begun to use a bed, which must not count as clear."""
     watch = IdleWatch()
-    assert [watch.judge_answer(text)[1] for text in (HOME, AWAY, AWAY)] == [None, None, MOVED]
+    assert [watch.judge_answer(text)[1] for text in (HOME, MOVED_POSITION, MOVED_POSITION)] == [
+        None,
+        None,
+        MOVED,
+    ]
 
 
 def test_position_after_a_reset_is_not_a_move():
     watch = IdleWatch()
     watch.judge_answer(HOME)
     watch.reset()
-    assert [watch.judge_answer(AWAY), watch.judge_answer(AWAY)] == [(True, None), (True, None)]
+    assert [watch.judge_answer(MOVED_POSITION), watch.judge_answer(MOVED_POSITION)] == [
+        (True, None),
+        (True, None),
+    ]
 
 
 def test_print_from_the_sd_card_is_detected_until_it_ends():
@@ -48,18 +61,20 @@ def test_print_from_the_sd_card_is_detected_until_it_ends():
 
 def test_manually_heated_nozzle_is_detected_but_a_garbled_report_is_ignored():
     watch = IdleWatch()
-    cold, hot = Report(21.0, 0.0, 21.0, 0.0), Report(21.0, 180.0, 21.0, 0.0)
-    assert [watch.judge_report(r)[0] for r in (cold, hot, cold, hot, hot)] == [None, None, None, None, HEATED]
+    cold_report, hot_report = Report(21.0, 0.0, 21.0, 0.0), Report(21.0, 180.0, 21.0, 0.0)
+    assert [
+        watch.judge_report(r)[0] for r in (cold_report, hot_report, cold_report, hot_report, hot_report)
+    ] == [None, None, None, None, HEATED]
 
 
 def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():
     watch = IdleWatch()
-    falling = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
-    assert all(watch.judge_report(report) == (None, None) for report in falling)
-    rising = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
-    results = [finding for finding in rising if finding is not None]
+    falling_verdicts = [Report(float(t), 0.0, 60.0, 0.0) for t in range(210, 40, -5)]
+    assert all(watch.judge_report(report) == (None, None) for report in falling_verdicts)
+    rising_verdicts = [watch.judge_report(Report(float(t), 0.0, 60.0, 0.0))[1] for t in range(45, 100, 5)]
+    results = [finding for finding in rising_verdicts if finding is not None]
     assert results and all(finding.fault is Fault.HEATER_STUCK_ON for finding in results)
-    assert rising.index(results[0]) == 6  # three reports above 60 C
+    assert rising_verdicts.index(results[0]) == 6  # three reports above 60 C
     assert "nozzle" in results[0].text
-    watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # a person heats: that is no fault
+    watch.judge_report(Report(120.0, 200.0, 60.0, 0.0))  # heating by a person is no fault
     assert watch.judge_report(Report(150.0, 0.0, 60.0, 0.0)) == (None, None)

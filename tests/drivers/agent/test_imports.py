@@ -1,11 +1,11 @@
-"""Modules of an agent: an upgrade changes its files while it prints."""
+"""Imported modules of an agent, whose files an upgrade may replace during a print."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import gcode, printer, run
+from agent_with_emulator import make_gcode, printer, run
 from drivers import messages as m
 
 
@@ -15,15 +15,15 @@ def test_an_agent_loads_no_module_after_its_start(tmp_path: Path, monkeypatch: p
 
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            assert (await rig.start(gcode(200))).error is None
-            await rig.phase(m.PrintPhase.PRINTING)
+            assert (await rig.start(make_gcode(200))).error is None
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             await rig.client.close()
             await rig.connect()
-            await rig.phase(m.PrintPhase.DONE)
+            await rig.wait_for_phase(m.PrintPhase.DONE)
 
     run(scenario())
     [log] = [path.read_text() for path in tmp_path.rglob("agent.log")]
-    imports, ready, after = log.partition("the board answers")
-    assert ready and "done" in after
+    imports, ready_text, log_after = log.partition("the board answers")
+    assert ready_text and "done" in log_after
     assert re.search(r"import time:.*\| +drivers\.session", imports)
-    assert "import time:" not in after
+    assert "import time:" not in log_after

@@ -1,4 +1,4 @@
-"""Real processes: an agent, the emulator on a pty, and a client as the daemon has it."""
+"""Real processes: an agent, the emulator on a pty, and a client like the daemon's."""
 
 import asyncio
 import signal
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import HEAD, MODEL, TAIL, Printer, gcode, printer, run, settled
+from agent_with_emulator import HEAD, MODEL, TAIL, Printer, make_gcode, printer, run, wait_for_emulator
 from drivers import messages as m
 from drivers.emulator.launch import control, read_status
 from drivers.remote import is_alive, spawn_agent
@@ -17,27 +17,31 @@ from drivers.remote import is_alive, spawn_agent
 def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            assert rig.last is not None
-            assert (rig.last.bed_clear, rig.last.filament) == (True, m.Filament.PARKED)
-            text = gcode(200)
+            assert rig.last_snapshot is not None
+            assert (rig.last_snapshot.bed_clear, rig.last_snapshot.filament) == (True, m.Filament.PARKED)
+            text = make_gcode(200)
             assert (await rig.start(text)).error is None
-            assert (await rig.start(text)).error is None  # told again: nothing changes
-            done = await rig.phase(m.PrintPhase.DONE)
-            assert (done.line, done.progress_s, done.fault) == (done.lines, 60.0, None)
-            assert (done.layer, done.layers, done.feature) == (1, 1, "FILL")
-            assert done.extruded and done.started_s is not None and done.ended_s is not None
-            last = await rig.until(lambda s: s.bed_clear is False)
-            assert last.heaters_off and last.filament is m.Filament.PARKED
-            assert rig.targets() == (0.0, 0.0)
+            assert (await rig.start(text)).error is None  # a repeated command changes nothing
+            done_print = await rig.wait_for_phase(m.PrintPhase.DONE)
+            assert (done_print.line, done_print.progress_s, done_print.fault) == (
+                done_print.lines,
+                60.0,
+                None,
+            )
+            assert (done_print.layer, done_print.layers, done_print.feature) == (1, 1, "FILL")
+            assert done_print.extruded and done_print.started_s is not None and done_print.ended_s is not None
+            last_snapshot = await rig.until(lambda s: s.bed_clear is False)
+            assert last_snapshot.heaters_off and last_snapshot.filament is m.Filament.PARKED
+            assert rig.read_targets() == (0.0, 0.0)
             moves = read_status(rig.folder / "emulator").moves
             assert (await rig.start(text)).error is None  # ended: never printed twice
             assert (await rig.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
             await rig.until(lambda s: s.print is None)
             assert (await rig.client.request(m.BedCleared(id=0))).error is None
             await rig.until(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
-            reported = await rig.start(text)  # ended and forgotten: never printed twice either
-            assert reported.error is None
-            assert reported.snapshot is not None and reported.snapshot.print is None
+            reply = await rig.start(text)  # ended and forgotten: never printed twice either
+            assert reply.error is None
+            assert reply.snapshot is not None and reply.snapshot.print is None
             assert read_status(rig.folder / "emulator").moves == moves
             assert (await rig.client.request(m.Shutdown(id=0))).error is None
             assert rig.process is not None
@@ -51,21 +55,21 @@ def test_print_runs_once_and_leaves_the_bed_not_clear(tmp_path: Path):
 def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(50_000))
-            await rig.phase(m.PrintPhase.PRINTING)
+            await rig.start(make_gcode(50_000))
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
             rig.process.kill()
             rig.process.wait(10.0)
             assert not is_alive(rig.folder)
-            assert rig.targets() != (0.0, 0.0)  # closing the port switches nothing off
+            assert rig.read_targets() != (0.0, 0.0)  # closing the port does not switch the heaters off
             rig.spawn()
             await rig.connect()
-            failed = await rig.phase(m.PrintPhase.FAILED)
-            assert failed.fault == "agent_died"
-            assert failed.extruded
-            last = await rig.ready()
-            assert last.heaters_off
-            assert rig.targets() == (0.0, 0.0)
+            failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
+            assert failed_print.fault == "agent_died"
+            assert failed_print.extruded
+            last_snapshot = await rig.wait_until_ready()
+            assert last_snapshot.heaters_off
+            assert rig.read_targets() == (0.0, 0.0)
 
     run(scenario())
 
@@ -74,28 +78,30 @@ def test_next_agent_confirms_heaters_off_and_fails_the_open_print(tmp_path: Path
 def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(3000))
-            first = await rig.phase(m.PrintPhase.PRINTING)
+            await rig.start(make_gcode(3000))
+            printing_print = await rig.wait_for_phase(m.PrintPhase.PRINTING)
             await rig.client.close()
             assert rig.process is not None
             rig.process.send_signal(signal.SIGTERM)
             await rig.connect()
-            last = await rig.until(lambda s: s.print is not None and s.print.line > first.line)
-            assert last.agent_pid == rig.process.pid
-            refused = await rig.client.request(m.Shutdown(id=0))
-            assert refused.error is not None and "now" in refused.error
+            last_snapshot = await rig.until(
+                lambda s: s.print is not None and s.print.line > printing_print.line
+            )
+            assert last_snapshot.agent_pid == rig.process.pid
+            reply = await rig.client.request(m.Shutdown(id=0))
+            assert reply.error is not None and "now" in reply.error
             await rig.client.request(m.CancelPrint(id=0, print_id="another"))
             assert (await rig.client.request(m.Hello(id=0))).snapshot.link is m.LinkState.BUSY  # type: ignore[union-attr]
             await rig.client.request(m.CancelPrint(id=0, print_id="p-1", reason="enough"))
-            cancelled = await rig.phase(m.PrintPhase.CANCELLED)
-            assert cancelled.reason == "enough"
-            assert cancelled.ended_s is not None
-            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0  # as the signal asked
-            assert rig.targets() == (0.0, 0.0)
+            cancelled_print = await rig.wait_for_phase(m.PrintPhase.CANCELLED)
+            assert cancelled_print.reason == "enough"
+            assert cancelled_print.ended_s is not None
+            assert await asyncio.to_thread(rig.process.wait, 10.0) == 0  # as requested by the signal
+            assert rig.read_targets() == (0.0, 0.0)
             rig.spawn()
             await rig.connect()
-            last = await rig.until(lambda s: s.heaters_off)
-            assert last.filament is m.Filament.PARKED
+            last_snapshot = await rig.until(lambda s: s.heaters_off)
+            assert last_snapshot.filament is m.Filament.PARKED
             rig.process.send_signal(signal.SIGTERM)  # idle now
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
 
@@ -106,13 +112,13 @@ def test_print_continues_without_a_daemon_and_sigterm_ends_the_agent_afterwards(
 def test_sigint_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(50_000))
-            await rig.phase(m.PrintPhase.PRINTING)
+            await rig.start(make_gcode(50_000))
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
             rig.process.send_signal(signal.SIGINT)
-            await rig.phase(m.PrintPhase.CANCELLED)
+            await rig.wait_for_phase(m.PrintPhase.CANCELLED)
             assert await asyncio.to_thread(rig.process.wait, 10.0) == 0
-            assert rig.targets() == (0.0, 0.0)
+            assert rig.read_targets() == (0.0, 0.0)
 
     run(scenario())
 
@@ -131,10 +137,10 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
             await rig.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
             await rig.until(lambda s: s.print is not None and s.print.line >= lines)
             await rig.client.request(m.CancelPrint(id=0, print_id="p-1"))
-            await rig.phase(m.PrintPhase.CANCELLED)
-            last = await rig.ready()
-            assert last.heaters_off and last.filament is m.Filament.PARKED
-            assert settled(rig.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
+            await rig.wait_for_phase(m.PrintPhase.CANCELLED)
+            last_snapshot = await rig.wait_until_ready()
+            assert last_snapshot.heaters_off and last_snapshot.filament is m.Filament.PARKED
+            assert wait_for_emulator(rig.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
 
     run(scenario())
 
@@ -143,19 +149,21 @@ def test_cancel_parks_the_filament_after_any_retraction(tmp_path: Path, lines: i
 def test_print_is_paused_and_resumed(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(1500))
+            await rig.start(make_gcode(1500))
             await rig.until(lambda s: s.print is not None and s.print.line >= 100)
             await rig.client.request(m.PausePrint(id=0, print_id="p-1"))
-            paused = await rig.phase(m.PrintPhase.PAUSED)
+            paused_print = await rig.wait_for_phase(m.PrintPhase.PAUSED)
             await rig.until(lambda s: s.filament is m.Filament.PARKED)
-            assert await asyncio.to_thread(settled, rig.folder / "emulator", lambda s: s.nozzle_target_c == 0)
-            assert rig.targets() == (0.0, 40.0)
+            assert await asyncio.to_thread(
+                wait_for_emulator, rig.folder / "emulator", lambda s: s.nozzle_target_c == 0
+            )
+            assert rig.read_targets() == (0.0, 40.0)
             await rig.until(lambda s: s.print is not None and s.print.pause_ends_s is not None)
             await rig.client.request(m.ResumePrint(id=0, print_id="p-1"))
-            done = await rig.phase(m.PrintPhase.DONE)
-            assert done.line == done.lines > paused.line
-            assert done.pause_ends_s is None
-            assert rig.targets() == (0.0, 0.0)
+            done_print = await rig.wait_for_phase(m.PrintPhase.DONE)
+            assert done_print.line == done_print.lines > paused_print.line
+            assert done_print.pause_ends_s is None
+            assert rig.read_targets() == (0.0, 0.0)
 
     run(scenario())
 
@@ -166,19 +174,19 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
 ):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(50_000))
-            await rig.phase(m.PrintPhase.PRINTING)
-            before = read_status(rig.folder / "emulator").tty
+            await rig.start(make_gcode(50_000))
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
+            old_tty = read_status(rig.folder / "emulator").tty
             control(rig.folder / "emulator", "unplug")
             await rig.until(lambda s: s.reason is not None)
-            assert rig.targets() != (0.0, 0.0)
+            assert rig.read_targets() != (0.0, 0.0)
             control(rig.folder / "emulator", "plug")
-            failed = await rig.phase(m.PrintPhase.FAILED)
-            assert failed.fault == "port_lost"
-            last = await rig.until(lambda s: s.link is not m.LinkState.BUSY)
-            assert last.heaters_off
-            assert rig.targets() == (0.0, 0.0)
-            assert read_status(rig.folder / "emulator").tty != before
+            failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
+            assert failed_print.fault == "port_lost"
+            last_snapshot = await rig.until(lambda s: s.link is not m.LinkState.BUSY)
+            assert last_snapshot.heaters_off
+            assert rig.read_targets() == (0.0, 0.0)
+            assert read_status(rig.folder / "emulator").tty != old_tty
 
     run(scenario())
 
@@ -187,19 +195,19 @@ def test_pulled_cable_fails_the_print_and_heaters_are_confirmed_off_later(
 def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
     async def scenario() -> None:
         rig = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
-        for print_id, levelled, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
-            rig.url = f"sim://{MODEL}?levelled={levelled}"
+        for print_id, level, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
+            rig.url = f"sim://{MODEL}?levelled={level}"
             rig.spawn()
             try:
                 await rig.connect()
                 if print_id == "p-3":
                     await rig.until(lambda s: s.link is m.LinkState.FAULT)
                     assert (await rig.client.request(m.BedCleared(id=0))).error is None
-                await rig.ready()
-                assert (await rig.start(gcode(20), print_id)).error is None
-                ended = await rig.phase(m.PrintPhase(phase))
-                assert ended.fault == ("wrong_printer" if phase == "failed" else None)
-                assert ended.extruded == (phase == "done")
+                await rig.wait_until_ready()
+                assert (await rig.start(make_gcode(20), print_id)).error is None
+                ended_print = await rig.wait_for_phase(m.PrintPhase(phase))
+                assert ended_print.fault == ("wrong_printer" if phase == "failed" else None)
+                assert ended_print.extruded == (phase == "done")
                 if phase == "done":
                     await rig.client.request(m.ForgetPrint(id=0, print_id=print_id))
             finally:
@@ -212,15 +220,17 @@ def test_swapped_cables_are_reported_until_a_person_confirms(tmp_path: Path):
 def test_file_with_another_hash_heats_nothing(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(10), sha256="0" * 64)
-            failed = await rig.phase(m.PrintPhase.FAILED)
-            assert failed.fault == "bad_file" and not failed.extruded
-            await rig.start(gcode(10) + "M0\n", print_id="p-2")
-            failed = (await rig.until(lambda s: s.print is not None and s.print.print_id == "p-2")).print  # type: ignore[assignment]
-            assert failed.fault == "bad_file" and "M0" in str(failed.reason)
-            reply = await rig.start(gcode(10), print_id="../p")
+            await rig.start(make_gcode(10), sha256="0" * 64)
+            failed_print = await rig.wait_for_phase(m.PrintPhase.FAILED)
+            assert failed_print.fault == "bad_file" and not failed_print.extruded
+            await rig.start(make_gcode(10) + "M0\n", print_id="p-2")
+            failed_print = (
+                await rig.until(lambda s: s.print is not None and s.print.print_id == "p-2")
+            ).print  # type: ignore[assignment]
+            assert failed_print.fault == "bad_file" and "M0" in str(failed_print.reason)
+            reply = await rig.start(make_gcode(10), print_id="../p")
             assert reply.error is not None
-            assert rig.targets() == (0.0, 0.0)
+            assert rig.read_targets() == (0.0, 0.0)
 
     run(scenario())
 
@@ -229,9 +239,9 @@ def test_file_with_another_hash_heats_nothing(tmp_path: Path):
 def test_checksum_errors_and_lost_oks_are_recovered(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as rig:
-            await rig.start(gcode(1000))
-            done = await rig.phase(m.PrintPhase.DONE)
-            assert done.line == done.lines
+            await rig.start(make_gcode(1000))
+            done_print = await rig.wait_for_phase(m.PrintPhase.DONE)
+            assert done_print.line == done_print.lines
             assert read_status(rig.folder / "emulator").errors > 0
 
     run(scenario())
@@ -242,11 +252,11 @@ def test_printer_switched_off_is_absent_and_reconnects(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
             control(rig.folder / "emulator", "power_off")
-            removed = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
-            assert removed.reason is not None
-            refused = await rig.start(gcode(10))
-            assert refused.error is not None and "absent" in refused.error
-            await rig.ready()  # a simulated printer is switched on again by opening its port
+            snapshot = await rig.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert snapshot.reason is not None
+            reply = await rig.start(make_gcode(10))
+            assert reply.error is not None and "absent" in reply.error
+            await rig.wait_until_ready()  # a simulated printer is switched on again by opening its port
 
     run(scenario())
 
@@ -259,8 +269,8 @@ def test_second_agent_of_a_printer_is_refused_and_the_socket_is_private(tmp_path
             assert len(str(rig.folder / "agent.sock")) > 107
             assert stat.S_IMODE((rig.folder / "agent.sock").stat().st_mode) == 0o600
             assert is_alive(rig.folder)
-            second = spawn_agent("um2-01", MODEL, rig.url, rig.folder, rig.clock)
-            assert await asyncio.to_thread(second.wait, 20.0) == 1
+            second_agent = spawn_agent("um2-01", MODEL, rig.url, rig.folder, rig.clock)
+            assert await asyncio.to_thread(second_agent.wait, 20.0) == 1
             assert (await rig.client.request(m.Hello(id=0))).snapshot is not None
 
     run(scenario())

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import gcode, printer, run
+from agent_with_emulator import make_gcode, printer, run
 from drivers import messages as m
 from drivers.records import AGENT_LOG, JOURNAL, Journal
 from drivers.records.journal import MAX_BYTES
@@ -16,8 +16,10 @@ from drivers.records.journal import MAX_BYTES
 def fill_journal(path: Path) -> None:
     """Write a journal of thousands of prints, the last of them parked."""
     journal = Journal(path)
-    ended = m.PrintSnapshot(print_id="p-0", phase=m.PrintPhase.DONE, ended_s=time.time(), reason="x" * 400)
-    line = ended.model_dump_json()
+    ended_print = m.PrintSnapshot(
+        print_id="p-0", phase=m.PrintPhase.DONE, ended_s=time.time(), reason="x" * 400
+    )
+    line = ended_print.model_dump_json()
     with path.open("a") as file:
         for number in range(MAX_BYTES // len(line) + 100):
             file.write(f'{{"at_s": 1.0, "print": {line.replace("p-0", f"old-{number}")}}}\n')
@@ -32,22 +34,27 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
             assert client.process is not None
             client.process.send_signal(signal.SIGTERM)
             client.process.wait(10.0)
-            before = (client.folder / AGENT_LOG).read_text()
+            old_log = (client.folder / AGENT_LOG).read_text()
             with (client.folder / AGENT_LOG).open("a") as log:
                 log.write("x" * 3_000_000 + "\n")
             fill_journal(client.folder / JOURNAL)
             client.spawn()
             await client.connect()
-            await client.ready()
-            assert (await client.start(gcode(50))).error is None
-            await client.phase(m.PrintPhase.DONE)
-            old, new = (client.folder / f"{AGENT_LOG}.1").read_text(), (client.folder / AGENT_LOG).read_text()
-            assert old.startswith(before + "x" * 100) and len(new) < 10_000
+            await client.wait_until_ready()
+            assert (await client.start(make_gcode(50))).error is None
+            await client.wait_for_phase(m.PrintPhase.DONE)
+            old_log, new_log = (
+                (client.folder / f"{AGENT_LOG}.1").read_text(),
+                (client.folder / AGENT_LOG).read_text(),
+            )
+            assert old_log.startswith(old_log + "x" * 100) and len(new_log) < 10_000
             records = (json.loads(line) for line in (client.folder / JOURNAL).read_text().splitlines())
             prints = (record["print"] for record in records if record.get("print"))
             phases = [expected["phase"] for expected in prints if expected["print_id"] == "p-1"]
-            logged = [line.rpartition("print p-1: ")[2] for line in new.splitlines() if "print p-1: " in line]
-            assert phases[0] == "spooled" and logged == phases[1:] and logged[-1] == "done"
+            log_texts = [
+                line.rpartition("print p-1: ")[2] for line in new_log.splitlines() if "print p-1: " in line
+            ]
+            assert phases[0] == "spooled" and log_texts == phases[1:] and log_texts[-1] == "done"
             assert (client.folder / JOURNAL).stat().st_size < MAX_BYTES
             state = Journal(client.folder / JOURNAL).state
             assert len(state.recent) == 1000 and state.recent[-1].print_id == "p-1"

@@ -1,4 +1,4 @@
-"""Starts of prints that the journal knows, by an agent in this process and without a port."""
+"""Starts of prints that are in the journal, by an agent in this process and without a port."""
 
 import hashlib
 import signal
@@ -24,10 +24,10 @@ def ready_link(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def signals() -> Iterator[None]:
     """Restore the handlers that an agent replaces."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     yield
     signal.set_wakeup_fd(-1)
-    for number, handler in before.items():
+    for number, handler in handlers.items():
         signal.signal(number, handler)
 
 
@@ -41,18 +41,18 @@ def start(folder: Path, print_id: str) -> m.StartPrint:
     file = folder / "p.gcode"
     file.write_bytes(GCODE)
     digest = hashlib.sha256(GCODE).hexdigest()
-    parked = m.Filament.PARKED
+    filament = m.Filament.PARKED
     return m.StartPrint(
-        id=0, print_id=print_id, gcode=str(file), sha256=digest, print_time_s=1.0, filament=parked
+        id=0, print_id=print_id, gcode=str(file), sha256=digest, print_time_s=1.0, filament=filament
     )
 
 
 def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
-    """Refuse the start: a daemon may not have stored its end, and the part would be printed twice."""
+    """Refuse the start: if the daemon did not store the end, the part would be printed twice."""
     journal = Journal(tmp_path / JOURNAL)
     for print_id in ("p-1", "p-2"):
-        done = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
-        journal.write(1.0, print=done.model_dump(mode="json"), filament="parked")
+        done_print = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
+        journal.write(1.0, print=done_print.model_dump(mode="json"), filament="parked")
     journal.write(2.0, print=None)
     printer = agent(tmp_path)
     for print_id in ("p-1", "p-2"):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import DEADLINE_S, MODEL, SCALE, gcode, printer, run, settled
+from agent_with_emulator import DEADLINE_S, MODEL, SCALE, make_gcode, printer, run, wait_for_emulator
 from drivers import messages as m
 from drivers.agent.loop import Agent
 from drivers.emulator.launch import control, read_status
@@ -68,7 +68,7 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, t
     def do(agent: Driven) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY:
-            assert agent.start(tmp_path / "a.gcode", gcode(50_000)).error is None
+            assert agent.start(tmp_path / "a.gcode", make_gcode(50_000)).error is None
         elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
             status = read_status(tmp_path / "emulator")
             assert status.nozzle_target_c > 0
@@ -77,26 +77,28 @@ def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, t
     driven.do = do
     with pytest.raises(ZeroDivisionError):
         driven.run()
-    assert settled(tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0))
+    assert wait_for_emulator(
+        tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0)
+    )
 
 
 @pytest.mark.system
 def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_path: Path):
     async def scenario() -> None:
         async with printer(tmp_path) as rig:
-            await rig.start(gcode(20_000))
-            await rig.phase(m.PrintPhase.PRINTING)
+            await rig.start(make_gcode(20_000))
+            await rig.wait_for_phase(m.PrintPhase.PRINTING)
             assert rig.process is not None
             rig.process.kill()
             rig.process.wait(10.0)
-            assert max(rig.targets()) > 0
+            assert max(rig.read_targets()) > 0
             command = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", rig.folder]
-            done = await asyncio.to_thread(
+            answer = await asyncio.to_thread(
                 subprocess.run, command, check=False, capture_output=True, text=True, timeout=DEADLINE_S
             )
-            assert done.returncode == 1
-            assert "cannot be written" in done.stdout and "seen off" in done.stdout
-            assert rig.targets() == (0.0, 0.0)
+            assert answer.returncode == 1
+            assert "cannot be written" in answer.stdout and "seen off" in answer.stdout
+            assert rig.read_targets() == (0.0, 0.0)
 
     run(scenario())
 
@@ -105,47 +107,47 @@ def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_
 def test_full_disk_stops_no_print_and_starts_none(
     driven: Driven, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    full = False
+    is_full = False
     tell = Journal.write
-    observed: list[m.PrintPhase] = []
+    phases: list[m.PrintPhase] = []
 
     def write(journal: Journal, at_s: float, **record: object) -> None:
-        if full:
+        if is_full:
             raise JournalError("the disk is full")
         tell(journal, at_s, **record)
 
     monkeypatch.setattr(Journal, "write", write)
 
     def do(agent: Driven) -> None:
-        nonlocal full
+        nonlocal is_full
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
-            full = True
-            assert "full" in str(agent.start(tmp_path / "a.gcode", gcode(300)).error)
+            is_full = True
+            assert "full" in str(agent.start(tmp_path / "a.gcode", make_gcode(300)).error)
             assert agent.snapshot.print is None
-            full = False
-            assert agent.start(tmp_path / "a.gcode", gcode(300)).error is None
-            full = True
+            is_full = False
+            assert agent.start(tmp_path / "a.gcode", make_gcode(300)).error is None
+            is_full = True
         elif snapshot.print is not None:
-            observed.append(snapshot.print.phase)
+            phases.append(snapshot.print.phase)
             if snapshot.print.phase is m.PrintPhase.DONE:
-                if full:
-                    assert snapshot.link is m.LinkState.BUSY  # it is not over before it is written down
-                    full = False
+                if is_full:
+                    assert snapshot.link is m.LinkState.BUSY  # the print ends only with its record
+                    is_full = False
                 elif snapshot.link is m.LinkState.READY:
                     assert agent._answer(m.Shutdown(id=2)).error is None
 
     driven.do = do
     driven.run()
-    assert m.PrintPhase.PRINTING in observed
+    assert m.PrintPhase.PRINTING in phases
     memory = Journal(tmp_path / "journal.jsonl").state
     assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
 
 
 @pytest.mark.system
 def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_path: Path):
-    text = gcode(300)
-    observed: list[m.PrintPhase] = []
+    text = make_gcode(300)
+    phases: list[m.PrintPhase] = []
 
     def list_prints(since_s: float) -> tuple[m.PrintSnapshot, ...]:
         return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
@@ -158,7 +160,7 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
         elif snapshot.print is not None and snapshot.link is m.LinkState.BUSY:
             (rig,) = list_prints(snapshot.now_s)
             assert rig.sha256 == hashlib.sha256(text.encode()).hexdigest()
-            observed.append(rig.phase)
+            phases.append(rig.phase)
         elif snapshot.print is not None:
             assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
             (rig,) = list_prints(0.0)
@@ -172,22 +174,22 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
 
     driven.do = do
     driven.run()
-    assert m.PrintPhase.PRINTING in observed
+    assert m.PrintPhase.PRINTING in phases
 
 
 def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:
-    """Keep the agent: without it, nothing switches the heat off when the port returns."""
-    refused = []
+    """Keep the agent running, to switch the heat off when the port returns."""
+    replies = []
 
     def do(agent: Driven) -> None:
         if agent.snapshot.link is m.LinkState.READY:
             agent._board.state.hot = True
-            refused.append(agent._answer(m.Shutdown(id=1)).error)
+            replies.append(agent._answer(m.Shutdown(id=1)).error)
             assert agent._answer(m.Shutdown(id=2, now=True)).error is None
 
     driven.do = do
     driven.run()
-    assert "may still be hot" in str(refused[0])
+    assert "may still be hot" in str(replies[0])
 
 
 @pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
@@ -195,20 +197,20 @@ def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:
 def test_ending_agent_switches_off_heat_left_by_an_ended_print(
     driven: Driven, tmp_path: Path, end: m.Shutdown | signal.Signals
 ):
-    heated = False
+    was_heated = False
 
     def targets() -> set[float]:
         status = read_status(tmp_path / "emulator")
         return {status.nozzle_target_c, status.bed_target_c}
 
     def do(agent: Driven) -> None:
-        nonlocal heated
+        nonlocal was_heated
         board = agent._board
-        if agent.snapshot.link is m.LinkState.READY and not heated:
-            heated = True
+        if agent.snapshot.link is m.LinkState.READY and not was_heated:
+            was_heated = True
             assert board._port is not None
             board._port.write_now(b"\nM104 S200\nM140 S60\n")
-            assert settled(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
+            assert wait_for_emulator(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
             board.state.hot = True
             if isinstance(end, m.Shutdown):
                 assert agent._answer(end).error is None
@@ -217,35 +219,35 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
 
     driven.do = do
     driven.run()
-    assert settled(tmp_path / "emulator", lambda _: targets() == {0.0})
+    assert wait_for_emulator(tmp_path / "emulator", lambda _: targets() == {0.0})
 
 
 @pytest.mark.system
 def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daemon(
     driven: Driven, tmp_path: Path
 ):
-    late: list[m.Reply] = []
-    failed: list[m.PrintSnapshot] = []
+    replies: list[m.Reply] = []
+    failed_prints: list[m.PrintSnapshot] = []
 
     def do(agent: Driven) -> None:
         snapshot, now_s = agent.snapshot, agent._clock.now()
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
-            late.append(agent.start(tmp_path / "a.gcode", gcode(20_000), not_after_s=now_s - 1.0))
+            replies.append(agent.start(tmp_path / "a.gcode", make_gcode(20_000), not_after_s=now_s - 1.0))
             assert agent.snapshot.print is None
             hours = {"not_after_s": now_s + 600.0, "ends_by_s": now_s + 10_000.0}
-            assert agent.start(tmp_path / "a.gcode", gcode(20_000), **hours).error is None
+            assert agent.start(tmp_path / "a.gcode", make_gcode(20_000), **hours).error is None
         elif snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
             if snapshot.print.ends_by_s is not None and snapshot.print.ends_by_s > now_s:
                 agent._answer(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))
                 assert agent.snapshot.print == snapshot.print
                 agent._answer(m.EndPrintBy(id=4, print_id="p-1", ends_by_s=now_s))
         elif snapshot.link is m.LinkState.READY and snapshot.print is not None and snapshot.print.phase.ended:
-            failed.append(snapshot.print)
+            failed_prints.append(snapshot.print)
             agent._answer(m.Shutdown(id=2))
 
     driven.do = do
     driven.run()
-    assert late[0].late and "too late" in str(late[0].error)
-    assert (failed[0].phase, failed[0].fault) == (m.PrintPhase.FAILED, Fault.HOURS_ENDED)
+    assert replies[0].late and "too late" in str(replies[0].error)
+    assert (failed_prints[0].phase, failed_prints[0].fault) == (m.PrintPhase.FAILED, Fault.HOURS_ENDED)
     status = read_status(tmp_path / "emulator")
     assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)

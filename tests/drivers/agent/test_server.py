@@ -78,19 +78,19 @@ def test_idle_clients_are_limited_and_the_latest_requester_is_kept(bench: Server
 
 
 def test_incomplete_request_is_dropped_after_its_time_limit(bench: ServerBench):
-    half, whole, none = (
+    half_client, whole_client, silent_client = (
         bench.client(b'{"do": "he'),
         bench.client(b'{"do": "hello", "id": 1}\n'),
         bench.client(),
     )
     bench.now_s += 9.0
-    half.sendall(b"l")  # a byte now and then is no more time
+    half_client.sendall(b"l")  # single bytes do not extend the time limit
     bench.run_once()
     bench.server.end_stalled()
-    assert is_open(half)
+    assert is_open(half_client)
     bench.now_s += 2.0
     bench.server.end_stalled()
-    assert not is_open(half) and is_open(whole) and is_open(none)
+    assert not is_open(half_client) and is_open(whole_client) and is_open(silent_client)
 
 
 def test_loop_pauses_without_free_descriptors_and_continues_later(
@@ -108,18 +108,18 @@ def test_loop_pauses_without_free_descriptors_and_continues_later(
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
     listener = bench.server._listener
-    full = Full(listener)
-    monkeypatch.setattr(bench.server, "_listener", full)
+    full_listener = Full(listener)
+    monkeypatch.setattr(bench.server, "_listener", full_listener)
     with caplog.at_level(logging.WARNING):
-        waiting = bench.client()
-        assert full.tries == 1
+        waiting_client = bench.client()
+        assert full_listener.tries == 1
         bench.now_s += 2.0
         bench.server.end_stalled()
         bench.run_once()
-        assert full.tries == 2
+        assert full_listener.tries == 2
     assert len(caplog.records) == 1
     monkeypatch.setattr(bench.server, "_listener", listener)
     bench.now_s += 2.0
     bench.server.end_stalled()
     bench.run_once()
-    assert waiting.recv(16) == b"{}\n"
+    assert waiting_client.recv(16) == b"{}\n"

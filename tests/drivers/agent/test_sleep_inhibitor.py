@@ -8,8 +8,8 @@ from pathlib import Path
 
 from drivers.agent.sleep_inhibitor import Inhibitor
 
-# As systemd-inhibit does it: the lock is there as long as the command runs.
-HELD = 'echo "$1" > "$0"; shift; "$@"; rm "$0"'
+# As with systemd-inhibit, the lock exists as long as the command runs.
+HOLD_COMMAND = 'echo "$1" > "$0"; shift; "$@"; rm "$0"'
 
 
 def wait_for_file(path: Path, exists: bool) -> bool:
@@ -21,7 +21,7 @@ def wait_for_file(path: Path, exists: bool) -> bool:
 
 def test_lock_is_held_while_a_print_is_open(tmp_path: Path):
     lock = tmp_path / "lock"
-    inhibitor = Inhibitor("um2-01", simulated=False, command=["sh", "-c", HELD, str(lock)])
+    inhibitor = Inhibitor("um2-01", simulated=False, command=["sh", "-c", HOLD_COMMAND, str(lock)])
     for _ in range(2):
         inhibitor.hold(True)
         inhibitor.hold(True)
@@ -34,7 +34,7 @@ def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
     lock = tmp_path / "lock"
     text = (
         "import sys, time; from drivers.agent.sleep_inhibitor import Inhibitor\n"
-        f"Inhibitor('a', simulated=False, command=['sh', '-c', {HELD!r}, {str(lock)!r}]).hold(True)\n"
+        f"Inhibitor('a', simulated=False, command=['sh', '-c', {HOLD_COMMAND!r}, {str(lock)!r}]).hold(True)\n"
         "time.sleep(60)"
     )
     agent = subprocess.Popen([sys.executable, "-c", text], cwd=Path(__file__).parents[3])

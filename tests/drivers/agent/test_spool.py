@@ -23,7 +23,7 @@ def test_spool_keeps_a_checked_copy(tmp_path: Path):
     spool.drop("p-1")
     spool.drop("p-1")
     assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
-    assert program.lines(0, 1) == [b"G28"]  # whoever prints has it still
+    assert program.lines(0, 1) == [b"G28"]  # a running print keeps its open file
     source.write_bytes(b"M0\n")
     with pytest.raises(BadGcode, match="knob"):
         spool.take("p-1", source, hashlib.sha256(b"M0\n").hexdigest())
@@ -53,8 +53,8 @@ def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.Mo
 def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
     spool = Spool(tmp_path, ULTIMAKER2_PLUS)
     text = b"G28\n" * 100
-    for at in (0, 64, 0, 64, 128):  # begun anew after a break
-        spool.put("p-1", at, text[at : at + 64])
+    for offset in (0, 64, 0, 64, 128):  # restarted after an interruption
+        spool.put("p-1", offset, text[offset : offset + 64])
     with pytest.raises(AgentError, match="follow"):
         spool.put("p-1", 128, b"G28\n")
     spool.put("p-1", 192, text[192:])
@@ -83,10 +83,10 @@ def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
     sha256 = hashlib.sha256(b"G28\n").hexdigest()
-    printing = spool.take("p-1", source, sha256)
+    printing_path = spool.take("p-1", source, sha256)
     spool.put("p-2", 0, b"G28\n")  # an upload that was never started
     spool.take("p-3", source, sha256)
     assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
-    assert printing.lines(0, 1) == [b"G28"]
+    assert printing_path.lines(0, 1) == [b"G28"]
     spool.keep_only(None)
     assert not list((tmp_path / "spool").iterdir())

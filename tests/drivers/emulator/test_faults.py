@@ -1,4 +1,4 @@
-"""Faults that a url may ask for, and the time of the wire."""
+"""Faults that a URL may request, and the transfer time of the wire."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from drivers.printers import PROFILES
 
 
 def test_plain_url_has_no_faults() -> None:
-    expected = parse_url("sim://ultimaker2_extended_plus")
-    assert expected.profile.model == "ultimaker2_extended_plus"
-    assert expected.faults == Faults() and expected.seed == 0 and not expected.faults.affects_lines
+    url = parse_url("sim://ultimaker2_extended_plus")
+    assert url.profile.model == "ultimaker2_extended_plus"
+    assert url.faults == Faults() and url.seed == 0 and not url.faults.affects_lines
 
 
 def test_faults_have_two_notations() -> None:
-    plain = parse_url("sim://ultimaker2_plus?checksum=0.01&dead_bed=1&reset_after=500&seed=7")
-    named = parse_url("sim://ultimaker2_plus?fault=checksum:0.01,dead_bed&fault=reset_after:500&seed=7")
-    assert plain.faults == named.faults == Faults(checksum=0.01, dead_bed=True, reset_after=500)
-    assert plain.seed == named.seed == 7
-    assert parse_faults(plain.words) == parse_faults(named.words) == plain.faults
+    plain_url = parse_url("sim://ultimaker2_plus?checksum=0.01&dead_bed=1&reset_after=500&seed=7")
+    named_url = parse_url("sim://ultimaker2_plus?fault=checksum:0.01,dead_bed&fault=reset_after:500&seed=7")
+    assert plain_url.faults == named_url.faults == Faults(checksum=0.01, dead_bed=True, reset_after=500)
+    assert plain_url.seed == named_url.seed == 7
+    assert parse_faults(plain_url.words) == parse_faults(named_url.words) == plain_url.faults
 
 
 @pytest.mark.parametrize(
@@ -44,17 +44,17 @@ def test_faults_have_two_notations() -> None:
     ],
 )
 def test_error_for_an_invalid_url_names_the_mistake_and_the_choices(url: str, message: str) -> None:
-    with pytest.raises(PortError, match=r"^[^\n]*$") as raised:
+    with pytest.raises(PortError, match=r"^[^\n]*$") as error:
         parse_url(url)
-    assert message in str(raised.value)
+    assert message in str(error.value)
 
 
 @given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))
 @settings(deadline=None)
 def test_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
-    disturbed = FaultSampler(Faults(checksum=1.0), random.Random(seed)).disturb(line)
-    assert len(disturbed) == len(line)
-    assert sum(a != b for a, b in zip(line, disturbed, strict=True)) == 1
+    disturbed_line = FaultSampler(Faults(checksum=1.0), random.Random(seed)).disturb(line)
+    assert len(disturbed_line) == len(line)
+    assert sum(a != b for a, b in zip(line, disturbed_line, strict=True)) == 1
 
 
 def test_bytes_are_delivered_in_order_at_the_baud_rate() -> None:

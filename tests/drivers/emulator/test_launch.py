@@ -1,4 +1,4 @@
-"""The emulator as a process, through a real pseudo-terminal."""
+"""Emulator in a process, connected by a real pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ SCALE = 50.0
 PATIENCE_S = 20.0
 
 
-def wait_for(happened: Callable[[], bool]) -> None:
+def wait_for(condition: Callable[[], bool]) -> None:
     """Poll until a condition is true, up to a deadline."""
     until_s = time.monotonic() + PATIENCE_S
-    while not happened():
+    while not condition():
         assert time.monotonic() < until_s, "it never happened"
         select.select([], [], [], 0.01)
 
@@ -35,16 +35,16 @@ class Link:
     def __init__(self, tty: Path) -> None:
         self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
 
-    def read_until(self, word: bytes) -> bytes:
+    def read_until(self, pattern: bytes) -> bytes:
         message = b""
-        while word not in message:
+        while pattern not in message:
             assert select.select([self.port], [], [], PATIENCE_S)[0], f"only {message!r}"
             message += os.read(self.port, 4096)
         return message
 
-    def ask(self, line: bytes, word: bytes = b"ok") -> bytes:
+    def ask(self, line: bytes, pattern: bytes = b"ok") -> bytes:
         os.write(self.port, line + b"\n")
-        return self.read_until(word)
+        return self.read_until(pattern)
 
     def close(self) -> None:
         os.close(self.port)
@@ -70,7 +70,7 @@ class Printer:
 
 @pytest.fixture
 def printer(tmp_path: Path) -> Iterator[Printer]:
-    # Deeper than a Unix socket's path may be long.
+    # Longer than the path of a Unix socket may be.
     printer = Printer(tmp_path / ("deep" * 20) / ("deeper" * 12))
     yield printer
     if is_running(printer.folder):
@@ -107,25 +107,25 @@ def test_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) 
     wait_for(lambda: printer.status().nozzle_target_c == 200.0)
     link.close()
     wait_for(lambda: not printer.status().link_open)
-    observed = printer.status()
-    wait_for(lambda: printer.status().time_s > observed.time_s + 25.0)
-    assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > observed.nozzle_c
-    repeated = Link(printer.start_emulator())
-    wait_for(lambda: printer.status().resets == observed.resets + 1)
+    status = printer.status()
+    wait_for(lambda: printer.status().time_s > status.time_s + 25.0)
+    assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > status.nozzle_c
+    second_link = Link(printer.start_emulator())
+    wait_for(lambda: printer.status().resets == status.resets + 1)
     assert printer.status().nozzle_target_c == 0.0
-    assert repeated.read_until(b"SD init fail\n").startswith(b"start\n")
-    repeated.close()
+    assert second_link.read_until(b"SD init fail\n").startswith(b"start\n")
+    second_link.close()
 
 
 def test_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
     link = printer.booted()
-    before = printer.status().resets
-    for times in range(1, 6):
+    old_resets = printer.status().resets
+    for count in range(1, 6):
         link.ask(b"M104 S200")
         link.close()
         link = Link(printer.start_emulator())
         assert link.read_until(b"SD init fail\n").startswith(b"start\n")
-        wait_for(lambda times=times: printer.status().resets == before + times)  # type: ignore[misc]
+        wait_for(lambda count=count: printer.status().resets == old_resets + count)  # type: ignore[misc]
         assert printer.status().nozzle_target_c == 0.0
     link.close()
 
@@ -158,7 +158,7 @@ def test_power_is_cut_and_restored(printer: Printer) -> None:
     control(printer.folder, Command.POWER_OFF)
     assert not is_running(printer.folder)
     assert printer.status().nozzle_target_c == 0.0
-    assert not (printer.folder / "tty").is_symlink()  # its number is soon somebody else's
+    assert not (printer.folder / "tty").is_symlink()  # its process id is soon reused
     link.close()
     with pytest.raises(PortError, match="no emulator answers"):
         control(printer.folder, Command.RESET)
@@ -192,13 +192,13 @@ def test_slow_wire_delays_answers(printer: Printer) -> None:
 
 def test_status_is_written_atomically(printer: Printer) -> None:
     link = printer.booted()
-    observed = set()
+    statuses = set()
     for k in range(60):  # each target is written at once, and read in the middle of it
         os.write(link.port, b"M104 S%d\n" % (k % 2 * 50))
         for _ in range(20):
-            observed.add(printer.status().nozzle_target_c)
+            statuses.add(printer.status().nozzle_target_c)
         link.read_until(b"ok")
-    assert observed == {0.0, 50.0}
+    assert statuses == {0.0, 50.0}
     link.close()
 
 
@@ -207,19 +207,19 @@ def test_pulled_cable_hangs_up_and_returns_as_another_device(
 ) -> None:
     link = printer.booted()
     link.ask(b"M104 S200")
-    before = printer.status()
+    old_status = printer.status()
     control(printer.folder, Command.UNPLUG)
     while os.read(link.port, 4096):
-        pass  # to its end: the port has hung up
+        pass  # to the end of the data: the port has hung up
     link.close()
     assert not (printer.folder / "tty").exists()
     assert printer.status().nozzle_target_c == 200.0
     control(printer.folder, Command.PLUG)
-    assert printer.status().tty != before.tty
-    repeated = Link(printer.folder / "tty")  # which resets the board, as any opening does
-    repeated.read_until(b"start\n")
-    assert printer.status().resets == before.resets + 1
-    repeated.close()
+    assert printer.status().tty != old_status.tty
+    second_link = Link(printer.folder / "tty")  # which resets the board, as any opening does
+    second_link.read_until(b"start\n")
+    assert printer.status().resets == old_status.resets + 1
+    second_link.close()
 
 
 def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
@@ -235,7 +235,7 @@ def test_actions_at_the_display_show_in_queries_only(printer: Printer) -> None:
     status = printer.status()
     assert (status.nozzle_target_c, status.bed_target_c) == (210.0, 60.0)
     with pytest.raises(PortError):
-        control(printer.folder, Command.SET_BED)  # to what?
+        control(printer.folder, Command.SET_BED)  # without a value
     link.close()
 
 

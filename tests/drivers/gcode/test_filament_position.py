@@ -45,10 +45,10 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
     [
         ((15.0, 10.0, 1.0, 2.5), 0.0),  # before the retraction
         ((20.0, 10.0, 1.0, 2.0), 3.0),  # in it
-        ((50.0, 10.0, 1.0, -1.5), 6.5),  # behind it
+        ((50.0, 10.0, 1.0, -1.5), 6.5),  # after it
         ((80.0, 10.0, 1.0, 2.0), 3.0),  # on the way back
         ((85.0, 10.0, 1.0, 5.5), 0.0),
-        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there: by the last line
+        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there: taken from the last line
     ],
 )
 def test_interrupted_move_decides_the_retraction(
@@ -65,9 +65,11 @@ def test_retraction_is_independent_of_earlier_lines_and_of_the_mode(feeds: list[
         e_mm += feed
         retracted_mm = max(0.0, retracted_mm - feed)
         moves.append(f"G1 X{i} E{feed if relative else 100 + e_mm:g}\n")
-    long = "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
+    long_text = (
+        "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
+    )
     assert WINDOW_LINES < 5000
-    assert measure_after(long + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(
+    assert measure_after(long_text + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(
         retracted_mm
     )
 

@@ -19,7 +19,7 @@ from drivers.gcode.line import is_plain_move
 from drivers.printers import PROFILES
 
 LETTERS = [bytes([letter]) for letter in b"ABCDEFGHIJKLMOPQRSTUVWXYZ"]  # no N, the line's number
-COLLIDING = b"G1 X10 Y112.30 E4.5"
+COLLIDING_MOVE = b"G1 X10 Y112.30 E4.5"
 
 
 class FirmwareReceiver(EmulatedFirmware):
@@ -30,7 +30,7 @@ class FirmwareReceiver(EmulatedFirmware):
         self.phase = Phase.RUNNING
 
     def take(self, number: int, data: bytes) -> list[bytes]:
-        """Return the lines that the firmware executes of `data`, if line `number` is the next."""
+        """Return the lines of `data` that the firmware executes if line `number` is the next."""
         self._drop_input()
         self._last_number = number - 1
         self._receiver.put(data)
@@ -41,45 +41,45 @@ class FirmwareReceiver(EmulatedFirmware):
 EAR = FirmwareReceiver()
 
 
-def meaning(line: bytes) -> dict[bytes, float]:
-    """Values of a line's letters; a J without a number, made of a newline, is the default of an arc."""
+def read_values(line: bytes) -> dict[bytes, float]:
+    """Return the values of a line's letters; a J without a number, from a newline, is an arc's default."""
     results = {letter: read_value(line, letter) for letter in LETTERS}
     return {letter: v for letter, v in results.items() if v is not None and (letter, v) != (b"J", 0.0)}
 
 
-def flips(data: bytes) -> list[bytes]:
+def list_flips(data: bytes) -> list[bytes]:
     return [
-        data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :]
-        for at in range(len(data))
+        data[:index] + bytes([data[index] ^ 1 << bit]) + data[index + 1 :]
+        for index in range(len(data))
         for bit in range(8)
     ]
 
 
 @st.composite
-def numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
-    """A line number and a move, of which some decimals are the checksum of what is before them."""
+def draw_numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int, bytes]:
+    """Draw a line number and a move, of which some decimals are the checksum of the preceding bytes."""
     number = draw(st.integers(1, 9_999_999))
     command = b"G1"
     for letter in draw(st.lists(st.sampled_from(letters), min_size=1, unique=True).map(sorted)):
         command += b" %c%d." % (letter, draw(st.integers(-300, 99_999)))
-        colliding = checksum(b"N%d %b" % (number, command[:-1]))
-        blank = colliding ^ ord(" ")
+        collision = checksum(b"N%d %b" % (number, command[:-1]))
+        blank = collision ^ ord(" ")
         decimals = st.from_regex(rb"\A[0-9]{0,6}\Z")
-        sums = st.sampled_from([b"%d" % colliding, b"%03d" % colliding, b"%06d" % colliding, b"%d" % blank])
+        sums = st.sampled_from([b"%d" % collision, b"%03d" % collision, b"%06d" % collision, b"%d" % blank])
         command += draw(sums | decimals)
     return number, command
 
 
-@given(numbered_moves())
-@example((4, COLLIDING))
+@given(draw_numbered_moves())
+@example((4, COLLIDING_MOVE))
 @settings(max_examples=100, deadline=None)
 def test_flipped_bit_is_never_accepted_as_another_line(line):
     number, command = line
-    sent = add_frame(number, command)
-    assert [meaning(taken) for taken in EAR.take(number, sent)] == [meaning(command)]
-    for data in flips(sent):
-        for taken in EAR.take(number, data + ULTIMAKER2.last_line_query):
-            assert meaning(taken) == meaning(command), (data, taken)
+    frame = add_frame(number, command)
+    assert [read_values(executed_line) for executed_line in EAR.take(number, frame)] == [read_values(command)]
+    for data in list_flips(frame):
+        for executed_line in EAR.take(number, data + ULTIMAKER2.last_line_query):
+            assert read_values(executed_line) == read_values(command), (data, executed_line)
 
 
 @pytest.mark.parametrize(
@@ -89,28 +89,28 @@ def test_flipped_bit_is_never_accepted_as_another_line(line):
 )  # fmt: skip
 def test_flipped_bit_is_never_accepted_in_lines_of_a_session(command):
     for number in (0, 1, 38, 999_999):
-        for data in flips(add_frame(number, command)):
-            for taken in EAR.take(number, data + ULTIMAKER2.last_line_query):
-                assert meaning(taken) == meaning(command), (data, taken)
+        for data in list_flips(add_frame(number, command)):
+            for line in EAR.take(number, data + ULTIMAKER2.last_line_query):
+                assert read_values(line) == read_values(command), (data, line)
 
 
-@given(numbered_moves(b"EFIJRXYZ"))
+@given(draw_numbered_moves(b"EFIJRXYZ"))
 @settings(deadline=None)
 def test_frame_holds_its_command_and_fits(line):
     number, command = line
     assume(len(command) <= ULTIMAKER2.command_bytes)
-    sent = add_frame(number, command)
-    assert remove_frame(sent) == command
-    text, _, message = sent.removesuffix(b"\n").rpartition(b"*")
+    frame = add_frame(number, command)
+    assert remove_frame(frame) == command
+    text, _, message = frame.removesuffix(b"\n").rpartition(b"*")
     assert text.split() == [b"N%d" % number, *command.split()]
     assert int(message) == checksum(text)
-    assert len(sent) <= LINE_BYTES + 1
+    assert len(frame) <= LINE_BYTES + 1
 
 
 def test_blank_is_inserted_only_where_needed():
     assert checksum(b"N4 G1 X10 Y112") == 30
-    assert add_frame(4, COLLIDING).startswith(b"N4 G1 X10  Y112.30 E4.5*")
-    assert add_frame(5, COLLIDING).startswith(b"N5 G1 X10 Y112.30 E4.5*")
+    assert add_frame(4, COLLIDING_MOVE).startswith(b"N4 G1 X10  Y112.30 E4.5*")
+    assert add_frame(5, COLLIDING_MOVE).startswith(b"N5 G1 X10 Y112.30 E4.5*")
 
 
 @given(st.integers(1, 60_000), st.integers(0, 199_999), st.integers(0, 10**7))
@@ -118,17 +118,17 @@ def test_few_lines_need_a_blank(number, x_um, e_10nm):
     command = b"G1 X%.3f E%.5f" % (x_um / 1000, e_10nm / 1e5)
     assert is_plain_move(command)
     line = b"N%d %b" % (number, command)
-    plain = b"%b*%d\n" % (line, checksum(line))
+    plain_line = b"%b*%d\n" % (line, checksum(line))
     collides = any(
-        checksum(line[:at]) == int(line[at + 1 :].split()[0])
-        for at, byte in enumerate(line)
+        checksum(line[:index]) == int(line[index + 1 :].split()[0])
+        for index, byte in enumerate(line)
         if byte == ord(".")
     )
-    assert (add_frame(number, command) == plain) is not collides
+    assert (add_frame(number, command) == plain_line) is not collides
 
 
 def test_line_without_room_for_a_blank_keeps_its_length():
-    command = COLLIDING + b" " + b"S" * (ULTIMAKER2.command_bytes - len(COLLIDING) - 1)
+    command = COLLIDING_MOVE + b" " + b"S" * (ULTIMAKER2.command_bytes - len(COLLIDING_MOVE) - 1)
     assert len(add_frame(4, command)) <= LINE_BYTES + 1
     longest = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
     assert len(add_frame(4, longest)) <= LINE_BYTES + 1
@@ -136,23 +136,25 @@ def test_line_without_room_for_a_blank_keeps_its_length():
 
 @given(st.binary(min_size=1, max_size=128))
 def test_running_checksums_match_each_prefix(line):
-    assert list(compute_running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
+    assert list(compute_running_checksums(line)) == [
+        reduce(xor, line[: index + 1]) for index in range(len(line))
+    ]
 
 
-@given(st.integers(0, 9_999_000), st.lists(numbered_moves().map(lambda line: line[1]), max_size=30))
-@example(3, [b"G1 X1.5", COLLIDING, b"M117 1. *2.30 *", b"M105", b"G1 Y.0000000000 E1.1234567"])
+@given(st.integers(0, 9_999_000), st.lists(draw_numbered_moves().map(lambda line: line[1]), max_size=30))
+@example(3, [b"G1 X1.5", COLLIDING_MOVE, b"M117 1. *2.30 *", b"M105", b"G1 Y.0000000000 E1.1234567"])
 def test_lines_framed_together_equal_lines_framed_one_by_one(number, commands):
-    frames = [add_frame(at, command) for at, command in enumerate(commands, number)]
+    frames = [add_frame(index, command) for index, command in enumerate(commands, number)]
     assert add_frames(number, commands) == frames
 
 
 @given(st.integers(1, 99_999), st.data())
 def test_blank_is_inserted_in_a_line_among_many(number, data):
-    """Each line of a block has the decimals that match its own number."""
+    """Use lines whose decimals match their own number."""
     commands = []
-    for at in range(number, number + data.draw(st.integers(1, 8))):
+    for index in range(number, number + data.draw(st.integers(1, 8))):
         command = b"G1 X10 Y%d" % data.draw(st.integers(0, 200))
-        commands.append(b"%b.%d E4.5" % (command, checksum(b"N%d %b" % (at, command))))
+        commands.append(b"%b.%d E4.5" % (command, checksum(b"N%d %b" % (index, command))))
     frames = add_frames(number, commands)
     assert all(b"  Y" in frame for frame in frames)
     assert [remove_frame(frame) for frame in frames] == commands

@@ -17,7 +17,7 @@ def program(text: str) -> Program:
     return read_program(io.BytesIO(text.encode()), ULTIMAKER2_PLUS)
 
 
-SLICED = """;FLAVOR:Marlin
+SLICED_GCODE = """;FLAVOR:Marlin
 ;LAYER_COUNT:2
 M140 S60 ; bed
 G28
@@ -40,14 +40,14 @@ M140 S0
 
 
 def test_comments_blanks_and_queries_are_not_sent():
-    p = program(SLICED)
+    p = program(SLICED_GCODE)
     assert p.lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
     assert p.count == 11
     assert not any(b";" in line or b"M105" in line for line in p.lines(0, p.count))
 
 
 def test_heating_lines_are_listed_with_their_targets():
-    p = program(SLICED)
+    p = program(SLICED_GCODE)
     waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
     assert p.target_c(HeaterName.NOZZLE, 0) is None
@@ -56,7 +56,7 @@ def test_heating_lines_are_listed_with_their_targets():
 
 
 def test_progress_is_linear_in_time_within_a_layer():
-    p = program(SLICED)
+    p = program(SLICED_GCODE)
     assert p.home_line == 1
     assert p.extrusion_line == 5
     assert p.progress_at(0).seconds == 0.0
@@ -122,7 +122,7 @@ LINES = st.one_of(
 
 @given(st.lists(LINES, max_size=60))
 def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
-    commands = [words for line in lines if (words := line.partition(";")[0].strip())]
+    commands = [command for line in lines if (command := line.partition(";")[0].strip())]
     if not commands:
         return
     p = program("\n".join(lines))
@@ -130,9 +130,9 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
     marks = [(mark.line, mark.seconds) for mark in p.timeline]
     assert marks == sorted(marks)
     assert len({line for line, _ in marks}) == len(marks)
-    times = [p.progress_at(line).seconds for line in range(p.count + 1)]
-    assert times == sorted(times)
-    assert times[-1] == p.time_s == max((s for _, s in marks), default=0.0)
+    times_s = [p.progress_at(line).seconds for line in range(p.count + 1)]
+    assert times_s == sorted(times_s)
+    assert times_s[-1] == p.time_s == max((s for _, s in marks), default=0.0)
 
 
 @pytest.mark.parametrize(
@@ -181,11 +181,11 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
     ],
 )
 def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, message: str):
-    with pytest.raises(BadGcode) as refused:
+    with pytest.raises(BadGcode) as error:
         program("G28\n" + line + "\n")
-    assert str(refused.value).startswith("line 2: ")
-    assert message in str(refused.value)
-    assert "\n" not in str(refused.value)
+    assert str(error.value).startswith("line 2: ")
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_file_without_a_command_is_refused():
@@ -203,12 +203,12 @@ def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], star
     p = read_program((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
     assert p.lines(start, stop) == lines[start:stop]
     assert p.count == len(lines)
-    times = [p.progress_at(n).seconds for n in range(0, p.count + 1, 50)]
-    assert times == sorted(times)
+    times_s = [p.progress_at(n).seconds for n in range(0, p.count + 1, 50)]
+    assert times_s == sorted(times_s)
 
 
 @pytest.mark.parametrize(
-    ("line", "sent"),
+    ("line", "sent_line"),
     [
         ("G1X1Y2", b"G1 X1 Y2"),
         ("G01 Y2 X1 F900", b"G1 Y2 X1 F900"),
@@ -218,8 +218,8 @@ def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], star
         ("M0106 S128", b"M106 S128"),
     ],
 )
-def test_readable_lines_are_rewritten_in_one_form(line: str, sent: bytes):
-    assert program(line + "\n").lines(0, 1) == [sent]
+def test_readable_lines_are_rewritten_in_one_form(line: str, sent_line: bytes):
+    assert program(line + "\n").lines(0, 1) == [sent_line]
 
 
 def test_display_texts_are_dropped():
@@ -249,26 +249,26 @@ HARD = st.builds(
 @given(st.lists(HARD, min_size=1, max_size=12), st.data())
 @settings(deadline=None)
 def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str], data: st.DataObject):
-    """A pause, a cancel or a snapshot reads numbers of the file in the middle of a print."""
-    accepted = []
+    """Read numbers of the file in the middle of a print, as a pause, a cancel or a snapshot does."""
+    accepted_lines = []
     for line in ["M109 S210", *lines]:
         try:
-            p = program("\n".join(["M109 S210", *accepted, line]))
+            p = program("\n".join(["M109 S210", *accepted_lines, line]))
         except BadGcode as refused:
             assert str(refused).startswith("line ") and "\n" not in str(refused)
         else:
-            accepted.append(line)
-    p = program("\n".join(accepted))
-    done = data.draw(st.integers(0, p.count))
-    moves = MotionState(p, done)
+            accepted_lines.append(line)
+    p = program("\n".join(accepted_lines))
+    line_count = data.draw(st.integers(0, p.count))
+    moves = MotionState(p, line_count)
     expected = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in expected)
-    assert 0.0 <= measure_retraction(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
-    mark = p.progress_at(done)
-    assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(done), p.time_s))
-    sent = p.lines(0, p.count)
-    assert program("\n".join(line.decode() for line in sent)).lines(0, p.count) == sent
-    assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent)
+    assert 0.0 <= measure_retraction(p, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
+    mark = p.progress_at(line_count)
+    assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(line_count), p.time_s))
+    sent_lines = p.lines(0, p.count)
+    assert program("\n".join(line.decode() for line in sent_lines)).lines(0, p.count) == sent_lines
+    assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent_lines)
 
 
 @given(st.binary(max_size=200))
@@ -299,11 +299,11 @@ def test_long_files_and_their_marks_take_little_memory():
         p = read_program(
             io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), ULTIMAKER2_PLUS, DiscardingStore()
         )
-        held, _ = tracemalloc.get_traced_memory()
+        held_bytes, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
     assert len(p.timeline) > 15_000
-    assert held < 60 * len(p.timeline)
+    assert held_bytes < 60 * len(p.timeline)
 
 
 class DiscardingStore:

@@ -1,4 +1,4 @@
-"""Watch over one agent, whose process is one that never takes the agent's lock."""
+"""Watch over one agent whose process never takes the agent's lock."""
 
 import asyncio
 import subprocess

@@ -19,23 +19,23 @@ def run_pair(
 
     async def run() -> None:
         ends: list[MuxConnection] = []
-        accepted: asyncio.Future[tuple[asyncio.StreamReader, asyncio.StreamWriter]]
-        accepted = asyncio.get_running_loop().create_future()
+        connection: asyncio.Future[tuple[asyncio.StreamReader, asyncio.StreamWriter]]
+        connection = asyncio.get_running_loop().create_future()
 
         async def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            accepted.set_result((reader, writer))
+            connection.set_result((reader, writer))
 
         server = await asyncio.start_server(accept, "127.0.0.1", 0)
-        here = await asyncio.open_connection(*server.sockets[0].getsockname())
-        there = await accepted
-        ends.append(MuxConnection(*here, ([] if messages is None else messages).append))
-        ends.append(MuxConnection(*there, lambda _: None, on_stream))
+        near_end = await asyncio.open_connection(*server.sockets[0].getsockname())
+        far_end = await connection
+        ends.append(MuxConnection(*near_end, ([] if messages is None else messages).append))
+        ends.append(MuxConnection(*far_end, lambda _: None, on_stream))
         tasks = [asyncio.create_task(end.run()) for end in ends]
         try:
             async with asyncio.timeout(30):
                 await scenario(*ends)
         finally:
-            here[1].close()
+            near_end[1].close()
             await asyncio.gather(*tasks, return_exceptions=True)
             server.close()
 
@@ -79,29 +79,29 @@ def test_writer_waits_for_a_reader_that_does_not_read_and_others_do_not():
         fast[1].write(b"hello\n")
         while len(streams) < 2:
             await asyncio.sleep(0)
-        sent = 0
+        sent_bytes = 0
 
         async def fill() -> None:
-            nonlocal sent
+            nonlocal sent_bytes
             while True:
                 slow[1].write(bytes(65536))
                 await slow[1].drain()
-                sent += 65536
+                sent_bytes += 65536
 
-        filling = asyncio.create_task(fill())
+        fill_task = asyncio.create_task(fill())
         assert await streams["fast"][0].readline() == b"hello\n"
-        before = -1
-        while before != sent:  # until the writer waits
-            before = sent
+        old_count = -1
+        while old_count != sent_bytes:  # until the writer waits
+            old_count = sent_bytes
             fast[1].write(b"hello\n")
             assert await streams["fast"][0].readline() == b"hello\n"
             for _ in range(200):
                 await asyncio.sleep(0)
-        assert sent < 2 * 1024 * 1024 + 3 * WINDOW_BYTES
-        await streams["slow"][0].readexactly(sent)
-        while sent == before:
+        assert sent_bytes < 2 * 1024 * 1024 + 3 * WINDOW_BYTES
+        await streams["slow"][0].readexactly(sent_bytes)
+        while sent_bytes == old_count:
             await asyncio.sleep(0)
-        filling.cancel()
+        fill_task.cancel()
         for _, writer in (slow, fast, *streams.values()):
             writer.close()
 

@@ -1,4 +1,4 @@
-"""Streams on one connection: bytes arrive once and in order, however the connection cuts them."""
+"""Streams on one connection: bytes arrive once and in order for any division into packets."""
 
 import pytest
 from hypothesis import given, settings
@@ -15,16 +15,16 @@ FRAMES = st.builds(
 
 def cut(data: bytes, cuts: list[int]) -> list[bytes]:
     """Cut bytes into pieces whose lengths are taken from `cuts` in turn."""
-    pieces, at, turn = [], 0, 0
-    while at < len(data):
-        size = cuts[turn % len(cuts)] if cuts else len(data)
-        pieces.append(data[at : at + size])
-        at, turn = at + size, turn + 1
+    pieces, offset, cycle = [], 0, 0
+    while offset < len(data):
+        size = cuts[cycle % len(cuts)] if cuts else len(data)
+        pieces.append(data[offset : offset + size])
+        offset, cycle = offset + size, cycle + 1
     return pieces
 
 
 def move(source: Mux, target: Mux, cuts: list[int]) -> list[object]:
-    """Carry everything that one end can send now to the other; return the events there."""
+    """Move all bytes that one end can send now to the other; return the events there."""
     events: list[object] = []
     while data := source.take():
         for piece in cut(data, cuts):
@@ -52,32 +52,32 @@ def test_bytes_of_each_stream_arrive_once_and_in_order(steps, cuts):
         Opened(stream, f"um2-{number}") for number, stream in enumerate(streams)
     ]
     ends = {"to host": (daemon, host), "to daemon": (host, daemon)}
-    sent = {(way, s): b"" for way in ends for s in streams}
-    got = dict.fromkeys(sent, b"")
+    sent = {(direction, s): b"" for direction in ends for s in streams}
+    received = dict.fromkeys(sent, b"")
 
     def settle() -> None:
-        for way, (source, target) in ends.items():
+        for direction, (source, target) in ends.items():
             for event in move(source, target, cuts):
                 assert isinstance(event, Received)
-                got[way, event.stream] += event.data
+                received[direction, event.stream] += event.data
 
-    for at, what, size in steps:
-        stream = streams[at]
-        if what == "consume":
-            for way, (_, target) in ends.items():
-                target.consume(stream, min(size, len(got[way, stream])))
+    for sender, stream_number, size in steps:
+        stream = streams[sender]
+        if stream_number == "consume":
+            for direction, (_, target) in ends.items():
+                target.consume(stream, min(size, len(received[direction, stream])))
         else:
-            piece = PATTERN[len(sent[what, stream]) % 251 :][:size]
-            ends[what][0].write(stream, piece)
-            sent[what, stream] += piece
+            piece = PATTERN[len(sent[stream_number, stream]) % 251 :][:size]
+            ends[stream_number][0].write(stream, piece)
+            sent[stream_number, stream] += piece
         settle()
-        assert all(sent[key].startswith(got[key]) for key in sent)
+        assert all(sent[key].startswith(received[key]) for key in sent)
     for _ in range(1 + sum(size for _, _, size in steps) // (WINDOW_BYTES // 4)):
         for _, target in ends.values():
             for stream in streams:
                 target.consume(stream, WINDOW_BYTES)
         settle()
-    assert got == sent
+    assert received == sent
 
 
 def test_stream_that_nobody_reads_stops_and_the_others_go_on():
@@ -96,11 +96,11 @@ def test_stream_that_nobody_reads_stops_and_the_others_go_on():
 
 def test_streams_take_turns_so_that_a_short_one_does_not_wait_for_a_long_one():
     daemon, host = Mux(), Mux()
-    long, short = daemon.open("long"), daemon.open("short")
-    daemon.write(long, b"l" * WINDOW_BYTES)
-    daemon.write(short, b"s")
+    long_stream, short_stream = daemon.open("long"), daemon.open("short")
+    daemon.write(long_stream, b"l" * WINDOW_BYTES)
+    daemon.write(short_stream, b"s")
     events = list(host.receive(daemon.take(3 * FRAME_BYTES)))
-    assert Received(short, b"s") in events
+    assert Received(short_stream, b"s") in events
 
 
 def test_stream_closes_after_its_bytes_and_late_bytes_are_dropped():

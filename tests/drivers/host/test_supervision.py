@@ -37,20 +37,20 @@ def line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase.PRIN
 
 
 def test_progress_is_thinned_and_changes_pass_at_once():
-    chosen = ReportFilter(5.0)
-    assert [second for second in range(12) if chosen.passes(line(second, second), float(second))] == [
+    report_filter = ReportFilter(5.0)
+    assert [time_s for time_s in range(12) if report_filter.passes(line(time_s, time_s), float(time_s))] == [
         0,
         5,
         10,
     ]
-    assert chosen.passes(line(12, 12, m.PrintPhase.ENDING), 12.0)
-    assert not chosen.passes(line(13, 13, m.PrintPhase.ENDING), 13.0)
-    assert chosen.passes(m.Reply(id=3).model_dump_json().encode(), 13.0)
+    assert report_filter.passes(line(12, 12, m.PrintPhase.ENDING), 12.0)
+    assert not report_filter.passes(line(13, 13, m.PrintPhase.ENDING), 13.0)
+    assert report_filter.passes(m.Reply(id=3).model_dump_json().encode(), 13.0)
 
 
 def test_report_of_every_second_passes_where_no_rate_is_set():
-    chosen = ReportFilter(1.0)
-    assert all(chosen.passes(line(0, 0), 0.0) for _ in range(3))
+    report_filter = ReportFilter(1.0)
+    assert all(report_filter.passes(line(0, 0), 0.0) for _ in range(3))
 
 
 VALUES = st.recursive(

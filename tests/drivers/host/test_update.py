@@ -1,4 +1,4 @@
-"""Update of the agents of one host, with agents that exist only here."""
+"""Update of the agents of one host, with simulated agents."""
 
 import asyncio
 from collections.abc import Callable
@@ -15,19 +15,19 @@ OLD, NEW = Installation("/old/python", "/old"), Installation("/new/python", "/ne
 
 
 class FakeWatch:
-    """An agent that starts again as the installation that it shall have."""
+    """Simulated agent that restarts with the installation that it shall have."""
 
-    def __init__(self, printer: str, printing: bool = False, new_link: m.LinkState | None = None) -> None:
+    def __init__(self, printer: str, is_printing: bool = False, new_link: m.LinkState | None = None) -> None:
         self.printer, self.wanted, self.kept = printer, True, None
         self.new_link = new_link or m.LinkState.READY
-        self.snapshot = self.report(m.LinkState.BUSY if printing else m.LinkState.READY, printing)
+        self.snapshot = self.report(m.LinkState.BUSY if is_printing else m.LinkState.READY, is_printing)
         self.runs = OLD
         self.is_running = True
         self.starts = self.ended_start = 0
         self.deaf = False  # as a new agent
 
-    def report(self, link: m.LinkState, printing: bool = False) -> m.Snapshot:
-        report = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING) if printing else None
+    def report(self, link: m.LinkState, is_printing: bool = False) -> m.Snapshot:
+        report = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING) if is_printing else None
         return m.Snapshot(
             printer=self.printer, agent_pid=1, link=link, print=report, reason="its port is gone"
         )
@@ -50,7 +50,7 @@ class FakeWatch:
         self.runs = self.kept or NEW
 
     def restart(self) -> None:
-        """Start the agent without a wait: it has ended before."""
+        """Start the agent immediately: it has already ended."""
 
 
 def run_update(watches: list[FakeWatch], until: Callable[[AgentsUpdate], bool]) -> AgentsUpdate:
@@ -82,7 +82,7 @@ def test_idle_agents_are_replaced_one_by_one():
 
 
 def test_printing_agent_is_left_until_its_print_has_ended():
-    watches = [FakeWatch("a", printing=True), FakeWatch("b")]
+    watches = [FakeWatch("a", is_printing=True), FakeWatch("b")]
     agents = run_update(watches, lambda _: watches[1].runs == NEW)
     assert watches[0].runs == OLD
     assert agents.describe(watches).phase is UpdatePhase.RUNNING
@@ -107,15 +107,17 @@ def test_new_agent_that_does_not_end_is_killed_for_the_old_one(monkeypatch):
 
 
 def test_verdict_on_a_new_agent():
-    ready, fault, absent = (
+    ready_report, fault, absent_report = (
         FakeWatch("a").report(link) for link in (m.LinkState.READY, m.LinkState.FAULT, m.LinkState.ABSENT)
     )
-    connecting = FakeWatch("a").report(m.LinkState.CONNECTING)
-    before = m.LinkState.READY
-    assert judge_trial(Trial(before, ready, False, 5.0)) is True
-    assert judge_trial(Trial(before, connecting, False, 5.0)) is False
-    assert judge_trial(Trial(before, None, False, 5.0)) is False  # a busy computer starts it late
-    assert judge_trial(Trial(before, None, True, 0.1)) == "its new agent has ended"
-    assert "its port is gone" in str(judge_trial(Trial(before, fault, False, 5.0)))
-    assert judge_trial(Trial(m.LinkState.ABSENT, absent, False, 5.0)) is True  # as before: not its fault
-    assert "was not ready" in str(judge_trial(Trial(before, connecting, False, 100.0)))
+    report = FakeWatch("a").report(m.LinkState.CONNECTING)
+    old_link = m.LinkState.READY
+    assert judge_trial(Trial(old_link, ready_report, False, 5.0)) is True
+    assert judge_trial(Trial(old_link, report, False, 5.0)) is False
+    assert judge_trial(Trial(old_link, None, False, 5.0)) is False  # a busy computer starts it late
+    assert judge_trial(Trial(old_link, None, True, 0.1)) == "its new agent has ended"
+    assert "its port is gone" in str(judge_trial(Trial(old_link, fault, False, 5.0)))
+    assert (
+        judge_trial(Trial(m.LinkState.ABSENT, absent_report, False, 5.0)) is True
+    )  # as before the update, which is not the cause
+    assert "was not ready" in str(judge_trial(Trial(old_link, report, False, 100.0)))

@@ -1,4 +1,4 @@
-"""The link against a small firmware, over wires that lose and garble.
+"""Link with a small firmware, over wires that lose and change bytes.
 
 The rules are those of docs/explanation/ultimaker2-serial.md, section 1.
 """
@@ -16,7 +16,7 @@ from drivers.gcode import add_frame
 from drivers.link import Connected, Link, Phase, Report, replies
 from drivers.link.link import SILENCE_S
 from drivers.link.recovery import MAX_QUERIES, TRIES
-from link_bench import BANNER, Bench, Wire, lines, stream
+from link_bench import BANNER, Bench, Wire, make_lines, stream_program
 
 
 def test_frames_equal_those_of_the_documentation():
@@ -27,13 +27,13 @@ def test_frames_equal_those_of_the_documentation():
 @settings(max_examples=25, deadline=None)
 def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: int):
     bench = Bench(Wire(0.0, 0.0, piece, 0)).boot()
-    program = lines(count)
-    stream(bench, program)
+    program = make_lines(count)
+    stream_program(bench, program)
     bench.run()
-    assert bench.firmware.done == list(enumerate(program, 1))
+    assert bench.firmware.executed == list(enumerate(program, 1))
     assert bench.link.streamed_lines == count
     assert bench.link.repeated == 0
-    assert not bench.faults()
+    assert not bench.list_faults()
 
 
 def test_resent_line_is_counted_once():
@@ -41,36 +41,36 @@ def test_resent_line_is_counted_once():
         """Wire that loses the third line."""
 
         def carry(self, data: bytes) -> list[bytes]:
-            lost = data.startswith(b"N3 ") and not bench.link.repeated
-            return [] if lost else super().carry(data)
+            is_lost = data.startswith(b"N3 ") and not bench.link.repeated
+            return [] if is_lost else super().carry(data)
 
     bench = Bench(LossyWire(0.0, 0.0, 10_000, 0)).boot()
-    stream(bench, lines(5))
+    stream_program(bench, make_lines(5))
     bench.run()
-    assert (bench.link.repeated, len(bench.firmware.done)) == (1, 5)
+    assert (bench.link.repeated, len(bench.firmware.executed)) == (1, 5)
 
 
 @given(
     count=st.integers(1, 400),
-    lost=st.sampled_from([0.0, 0.0002, 0.002]),
-    changed=st.sampled_from([0.0002, 0.001, 0.01]),
+    loss_share=st.sampled_from([0.0, 0.0002, 0.002]),
+    change_share=st.sampled_from([0.0002, 0.001, 0.01]),
     piece=st.sampled_from([1, 10_000]),
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=150, deadline=None)
 def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
-    count: int, lost: float, changed: float, piece: int, seed: int
+    count: int, loss_share: float, change_share: float, piece: int, seed: int
 ):
-    bench = Bench(Wire(lost, changed, piece, seed)).boot()
-    program = [*lines(count), b"M400", b"M400", b"M400"]
-    stream(bench, program)
+    bench = Bench(Wire(loss_share, change_share, piece, seed)).boot()
+    program = [*make_lines(count), b"M400", b"M400", b"M400"]
+    stream_program(bench, program)
     bench.run()
-    numbers = [number for number, _ in bench.firmware.done]
+    numbers = [number for number, _ in bench.firmware.executed]
     assert numbers == list(range(1, len(numbers) + 1))
     if bench.link.phase is Phase.DEAD:
-        assert set(bench.faults()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
+        assert set(bench.list_faults()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
     else:
-        # Three barriers: what is believed of the last of them by mistake is no line of the print.
+        # Three barriers: a wrong acknowledgement of the last one affects no line of the print.
         assert len(numbers) >= count
         assert bench.link.streamed_lines == len(program)
 
@@ -78,7 +78,7 @@ def test_lossy_wire_executes_lines_once_in_order_or_ends_in_a_named_fault(
 @given(st.lists(st.binary(max_size=60), max_size=30))
 def test_link_never_raises_for_any_input(noise: list[bytes]):
     bench = Bench().boot()
-    stream(bench, lines(20))
+    stream_program(bench, make_lines(20))
     for data in noise:
         bench.link.receive(data, bench.now_s)
         bench.link.take()
@@ -121,7 +121,7 @@ def test_silent_board_fails_with_no_answer_and_is_sent_nothing_more():
     bench.firmware.mute = True
     bench.link.send(bench.now_s, b"G1 X1")
     bench.run()
-    assert bench.faults() == [Fault.NO_ANSWER]
+    assert bench.list_faults() == [Fault.NO_ANSWER]
     assert bench.link.take() == b""
     assert bench.link.deadline_s == math.inf
 
@@ -129,23 +129,23 @@ def test_silent_board_fails_with_no_answer_and_is_sent_nothing_more():
 def test_slow_board_is_queried_and_no_line_is_sent_twice():
     bench = Bench().boot()
     bench.run()
-    stream(bench, lines(50))
-    late = bench.link.take()
+    stream_program(bench, make_lines(50))
+    late_bytes = bench.link.take()
     for _ in range(3):
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
-        late += bench.link.take()
-    assert late.count(ULTIMAKER2.last_line_query) == 3
-    bench.link.receive(bench.firmware.feed(late), bench.now_s)
+        late_bytes += bench.link.take()
+    assert late_bytes.count(ULTIMAKER2.last_line_query) == 3
+    bench.link.receive(bench.firmware.feed(late_bytes), bench.now_s)
     bench.run()
-    assert [number for number, _ in bench.firmware.done] == list(range(1, 51))
+    assert [number for number, _ in bench.firmware.executed] == list(range(1, 51))
     assert bench.link.repeated == 0
 
 
 def test_time_out_is_reset_by_an_ordinary_ok():
     bench = Bench().boot()
     bench.run()
-    stream(bench, lines(50))
+    stream_program(bench, make_lines(50))
     bench.now_s = bench.link.deadline_s
     bench.link.tick(bench.now_s)
     bench.now_s = bench.link.deadline_s
@@ -156,10 +156,10 @@ def test_time_out_is_reset_by_an_ordinary_ok():
 
 def test_query_with_a_flipped_bit_is_not_executed():
     query = ULTIMAKER2.last_line_query
-    for at in range(len(query)):
+    for index in range(len(query)):
         for bit in range(8):
-            requested = query[:at] + bytes((query[at] ^ 1 << bit,)) + query[at + 1 :]
-            for line in re.split(rb"[\n\r:]", requested):
+            damaged_query = query[:index] + bytes((query[index] ^ 1 << bit,)) + query[index + 1 :]
+            for line in re.split(rb"[\n\r:]", damaged_query):
                 assert not re.search(rb"[GMTN;]", line)
 
 
@@ -170,7 +170,7 @@ def silence_s(bench: Bench, *commands: bytes) -> float:
     started_s = bench.now_s
     bench.link.send(started_s, *commands)
     bench.run()
-    assert bench.faults() == [Fault.NO_ANSWER]
+    assert bench.list_faults() == [Fault.NO_ANSWER]
     return bench.now_s - started_s
 
 
@@ -179,7 +179,7 @@ def test_time_out_is_never_below_the_minimum():
     bench = Bench(floor_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
-    assert bench.link.deadline_s >= bench.now_s + 25.0  # a question costs nothing: an eighth of it
+    assert bench.link.deadline_s >= bench.now_s + 25.0  # a query is cheap: an eighth of the time limit
 
 
 @pytest.mark.parametrize(
@@ -194,17 +194,17 @@ def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
     bench = Bench().boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X" + b"1" * (ULTIMAKER2.command_bytes - 4))
-    sent = b""
+    sent_bytes = b""
     while bench.link.phase is Phase.LIVE:
-        sent += bench.link.take()
+        sent_bytes += bench.link.take()
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
-    assert sent.count(ULTIMAKER2.last_line_query) == MAX_QUERIES
-    assert len(sent) + len(b"234567") <= 126  # more is lost without a word
+    assert sent_bytes.count(ULTIMAKER2.last_line_query) == MAX_QUERIES
+    assert len(sent_bytes) + len(b"234567") <= 126  # more is lost without an error
 
 
 @pytest.mark.parametrize(
-    ("line", "expected"),
+    ("line", "answers"),
     [
         (b"ok", [b"ok"]),
         (b"okok", [b"ok", b"ok"]),
@@ -219,8 +219,8 @@ def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():
         (b"", []),
     ],
 )
-def test_answers_without_a_newline_are_split(line: bytes, expected: list[bytes]):
-    assert replies.split_answers(line, ULTIMAKER2) == expected
+def test_answers_without_a_newline_are_split(line: bytes, answers: list[bytes]):
+    assert replies.split_answers(line, ULTIMAKER2) == answers
 
 
 @given(st.binary(max_size=100))
@@ -232,7 +232,7 @@ def test_ok_without_a_newline_after_m119_counts():
     bench = Bench().boot()
     bench.link.send(bench.now_s, b"M119", b"G1 X1")
     bench.run()
-    assert [body for _, body in bench.firmware.done] == [b"M119", b"G1 X1"]
+    assert [body for _, body in bench.firmware.executed] == [b"M119", b"G1 X1"]
     assert bench.now_s < 1.0
 
 
@@ -267,43 +267,43 @@ def test_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line():
 )
 def test_faults_of_the_firmware_stop_the_stream_at_once(message: bytes, fault: Fault):
     bench = Bench().boot()
-    stream(bench, lines(50))
+    stream_program(bench, make_lines(50))
     bench.run(until_s=0.1)
     bench.link.take()
     bench.events += bench.link.receive(message, bench.now_s) or ()
-    assert bench.faults() == [fault]
+    assert bench.list_faults() == [fault]
     bench.link.receive(b"ok\n", bench.now_s)
     assert bench.link.take() == b""
 
 
 def test_resend_of_a_board_that_lost_its_count_is_ignored():
     bench = Bench().boot()
-    stream(bench, lines(300))
+    stream_program(bench, make_lines(300))
     bench.run(until_s=1.0)
     bench.firmware.last = 0  # it was reset, and its `start` was lost
-    done = len(bench.firmware.done)
+    executed_count = len(bench.firmware.executed)
     bench.run()
-    assert bench.faults() == [Fault.REBOOT]
-    assert len(bench.firmware.done) == done
+    assert bench.list_faults() == [Fault.REBOOT]
+    assert len(bench.firmware.executed) == executed_count
     assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
 
 
 def test_halting_leaves_the_line_in_flight_and_sends_no_more_of_the_program():
     bench = Bench().boot()
-    stream(bench, lines(300))
+    stream_program(bench, make_lines(300))
     bench.run(until_s=0.5)
     bench.link.halt()
     bench.link.send(bench.now_s, b"M401")
-    streamed = bench.link.streamed_lines
+    streamed_lines = bench.link.streamed_lines
     bench.run()
-    bodies = [body for _, body in bench.firmware.done]
+    bodies = [body for _, body in bench.firmware.executed]
     assert bodies[-1] == b"M401"
-    assert len(bodies) - 1 <= streamed + 1 == bench.link.streamed_lines
+    assert len(bodies) - 1 <= streamed_lines + 1 == bench.link.streamed_lines
 
 
 def test_commands_wait_for_the_program_to_be_halted():
     bench = Bench().boot()
-    stream(bench, lines(300))
+    stream_program(bench, make_lines(300))
     with pytest.raises(ValueError, match="halt"):
         bench.link.send(0.0, b"M401")
         bench.link.send(0.0, b"M401")
@@ -312,68 +312,68 @@ def test_commands_wait_for_the_program_to_be_halted():
 @given(
     count=st.integers(1, 600),
     every_s=st.sampled_from([0.02, 0.05, 0.3, 1.0]),
-    changed=st.sampled_from([0.0, 0.0005]),
+    change_share=st.sampled_from([0.0, 0.0005]),
     seed=st.integers(0, 2**32),
 )
 @settings(max_examples=60, deadline=None)
 def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
-    count: int, every_s: float, changed: float, seed: int
+    count: int, every_s: float, change_share: float, seed: int
 ):
-    bench = Bench(Wire(0.0, changed, 10_000, seed))
+    bench = Bench(Wire(0.0, change_share, 10_000, seed))
     bench.link.poll_every_s = every_s
     bench.boot()
-    program = lines(count)
+    program = make_lines(count)
     bench.link.send(0.0, b"M82")
-    stream(bench, program)
-    observed = [0]
+    stream_program(bench, program)
+    line_counts = [0]
     for _ in range(200):
         if bench.link.is_drained or bench.link.phase is Phase.DEAD:
             break
         bench.run(until_s=bench.now_s + 0.5)
-        observed.append(bench.link.streamed_lines)
+        line_counts.append(bench.link.streamed_lines)
     if bench.link.phase is not Phase.DEAD:
-        assert len(bench.firmware.done) == count + 1
+        assert len(bench.firmware.executed) == count + 1
         assert bench.link.streamed_lines == count
-        if not changed:
-            assert [body for _, body in bench.firmware.done] == [b"M82", *program]
-            assert observed == sorted(observed)
+        if not change_share:
+            assert [body for _, body in bench.firmware.executed] == [b"M82", *program]
+            assert line_counts == sorted(line_counts)
             assert bench.link.repeated == 0
 
 
 def test_unexpected_last_line_is_accepted_when_reported_twice():
-    """A digit of one answer may be garbled, but a board that was reset repeats its answer."""
-    program, bench = lines(120), Bench().boot()
-    stream(bench, program)
+    """Accept a last line reported twice: one answer may be garbled, a board after a reset repeats it."""
+    program, bench = make_lines(120), Bench().boot()
+    stream_program(bench, program)
     bench.run(until_s=0.8)
     assert 50 < bench.link.streamed_lines < 100
     bench.link.take()
     for resend in (5, 6, 6):
         bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()
-    for last in (5, 6, 6):
-        assert bench.link.phase is Phase.LIVE and bench.faults() == []
-        message = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+    for last_line in (5, 6, 6):
+        assert bench.link.phase is Phase.LIVE and bench.list_faults() == []
+        message = b"Error:No Line Number with checksum, Last Line: %d\n" % last_line
         bench.events += bench.link.receive(message, bench.now_s) or ()
-    assert bench.faults() == [Fault.REBOOT]
+    assert bench.list_faults() == [Fault.REBOOT]
     assert bench.link.phase is Phase.DEAD
 
 
 def test_link_gives_up_on_contradicting_last_lines():
     bench = Bench().boot()
-    stream(bench, lines(120))
+    stream_program(bench, make_lines(120))
     bench.run(until_s=0.8)
     bench.link.receive(b"Resend: 5\n", bench.now_s)
-    for last in range(20, 20 + TRIES + 1):
+    for last_line in range(20, 20 + TRIES + 1):
         assert bench.link.phase is Phase.LIVE
-        message = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        message = b"Error:No Line Number with checksum, Last Line: %d\n" % last_line
         bench.events += bench.link.receive(message, bench.now_s) or ()
-    assert bench.faults() == [Fault.NOISY_LINE]
+    assert bench.list_faults() == [Fault.NOISY_LINE]
 
 
 def test_garbled_resend_of_an_old_line_is_ignored():
-    program, bench = lines(120), Bench().boot()
-    stream(bench, program)
+    program, bench = make_lines(120), Bench().boot()
+    stream_program(bench, program)
     bench.run(until_s=0.8)
     bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
     bench.run()
-    assert [text for _, text in bench.firmware.done] == program
-    assert bench.faults() == []
+    assert [text for _, text in bench.firmware.executed] == program
+    assert bench.list_faults() == []

@@ -55,15 +55,15 @@ PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
 def test_polls_keep_the_order_of_lines_and_are_not_counted(
     start: int, commands: tuple[bytes, ...], poll_every_s: float
 ):
-    """The journal keeps as printed exactly the acknowledged lines, at every moment."""
+    """Check at every moment that the count for the journal is that of the acknowledged lines."""
     board = Board(poll_every_s)
     if commands:
         board.link.send(0.0, *commands)
     board.link.stream(0.0, lambda a, b: PROGRAM[a:b], start, len(PROGRAM))
     while board.step():
-        printed = sum(line.startswith(b"G1") for line in board.done)
-        assert board.link.streamed_lines == start + printed
-        assert not board.link.is_drained or start + printed == len(PROGRAM)
+        printed_count = sum(line.startswith(b"G1") for line in board.done)
+        assert board.link.streamed_lines == start + printed_count
+        assert not board.link.is_drained or start + printed_count == len(PROGRAM)
     assert board.link.is_drained
     assert board.done == [b"M110", *commands, *PROGRAM[start:]]
     assert board.link.repeated == 0

@@ -15,7 +15,7 @@ from drivers.printers import PROFILES
 
 MEDIAN_S, WORST_S = 1.0, 3.0  # simulated seconds
 OFTEN = 200
-SELDOM = 30  # of the lines that are no moves
+SELDOM = 30  # of the lines without a move
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -45,16 +45,16 @@ def test_print_is_exact_and_continues_within_3_s_after_any_damage(name: str, see
 @example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, hits=set())
 @settings(max_examples=60, deadline=None)
 def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_min: int, hits: set[int]):
-    """A move may take 90 s, in which the board is silent and is queried."""
-    places = [20.0 + (mm if at % 2 else 0.0) for at, mm in enumerate(moves)]
+    """Use a move of 90 s, during which the board is silent and is queried."""
+    places = [20.0 + (mm if index % 2 else 0.0) for index, mm in enumerate(moves)]
     program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in places]
     firmware, link = (
         EmulatedFirmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0),
         Link(ULTIMAKER2),
     )
     link.on_opened(0.0)
-    now_s, connected, answers = 0.0, False, 0
-    while not (connected and link.is_drained):
+    now_s, is_connected, answers = 0.0, False, 0
+    while not (is_connected and link.is_drained):
         assert link.phase is not Phase.DEAD
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s)) + 1e-3
         back = firmware.feed(link.take(), now_s)
@@ -63,8 +63,8 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
             back = b"" if answers in hits else back
         link.receive(back, now_s)
         link.tick(now_s)
-        if not connected and link.phase is Phase.LIVE:
-            connected = True
+        if not is_connected and link.phase is Phase.LIVE:
+            is_connected = True
             link.send(now_s, b"M302 S0", b"G28")
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
     now_s += 200.0

@@ -1,4 +1,4 @@
-"""The link and the emulator's firmware over wires that cut up, delay, lose, flip and double bytes."""
+"""Link and emulated firmware over wires that split, delay, lose, flip and double bytes."""
 
 import math
 import random
@@ -18,7 +18,7 @@ from drivers.gcode import remove_frame
 from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
-NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
+NAMED_FAULTS = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
 
 
 class Recorder(EmulatedFirmware):
@@ -32,9 +32,9 @@ class Recorder(EmulatedFirmware):
         return False
 
     def _accept(self, line: bytes) -> None:
-        before = self._last_number
+        old_number = self._last_number
         super()._accept(line)
-        if self._last_number != before:
+        if self._last_number != old_number:
             self.taken.append((self._last_number, remove_frame(line)))
 
 
@@ -47,18 +47,18 @@ class Wire:
         self.last_s = 0.0
 
     def put(self, data: bytes, now_s: float) -> None:
-        for at in range(0, len(data), self.piece):
+        for index in range(0, len(data), self.piece):
             self.last_s = max(self.last_s, now_s + self.rng.random() * self.late_s)
-            self.under_way.append((self.last_s, data[at : at + self.piece]))
+            self.under_way.append((self.last_s, data[index : index + self.piece]))
 
     def due_s(self) -> float:
         return self.under_way[0][0] if self.under_way else math.inf
 
     def take(self, now_s: float) -> bytes:
-        out = b""
+        data = b""
         while self.under_way and self.under_way[0][0] <= now_s:
-            out += self.under_way.popleft()[1]
-        return out
+            data += self.under_way.popleft()[1]
+        return data
 
 
 def print_program(
@@ -68,7 +68,7 @@ def print_program(
     rng = random.Random(seed)
     firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
     to_board, to_host = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
-    now_s, connected, fault_texts = 0.0, False, []
+    now_s, is_connected, fault_texts = 0.0, False, []
     link.on_opened(now_s)
     for _ in range(100_000):
         to_board.put(link.take(), now_s)
@@ -77,10 +77,10 @@ def print_program(
         to_host.put(firmware.feed(to_board.take(now_s), now_s), now_s)
         events = [*(link.receive(to_host.take(now_s), now_s) or ()), *link.tick(now_s)]
         fault_texts += [event.fault for event in events if isinstance(event, LinkFault)]
-        if not connected and link.phase is Phase.LIVE:
-            connected = True
+        if not is_connected and link.phase is Phase.LIVE:
+            is_connected = True
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        elif (connected and link.is_drained) or fault_texts:
+        elif (is_connected and link.is_drained) or fault_texts:
             return firmware, link, fault_texts
     raise AssertionError("it does not end")
 
@@ -88,35 +88,37 @@ def print_program(
 @given(
     count=st.integers(1, 120),
     noise=st.sampled_from([0.0, 0.0002, 0.001, 0.01]),
-    lost=st.sampled_from([0.0, 0.0002, 0.002]),
-    doubled=st.sampled_from([0.0, 0.0002, 0.002]),
+    loss_share=st.sampled_from([0.0, 0.0002, 0.002]),
+    doubling_share=st.sampled_from([0.0, 0.0002, 0.002]),
     piece=st.sampled_from([1, 2, 7, 1000]),
     late_s=st.sampled_from([0.0, 0.01, 0.5, 12.0]),
     seed=st.integers(0, 2**32),
 )
-@example(count=120, noise=0.0002, lost=0.0002, doubled=0.002, piece=7, late_s=0.0, seed=580706)  # two spaces
+@example(
+    count=120, noise=0.0002, loss_share=0.0002, doubling_share=0.002, piece=7, late_s=0.0, seed=580706
+)  # two spaces
 @settings(max_examples=80, deadline=None)
 def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
-    count: int, noise: float, lost: float, doubled: float, piece: int, late_s: float, seed: int
+    count: int, noise: float, loss_share: float, doubling_share: float, piece: int, late_s: float, seed: int
 ):
     path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
     program = [b"M302 S0", *path, *[b"M400"] * 3]
     firmware, link, fault_texts = print_program(
-        program, Faults(noise=noise, lost=lost, doubled=doubled), piece, late_s, seed
+        program, Faults(noise=noise, lost=loss_share, doubled=doubling_share), piece, late_s, seed
     )
     numbers = [number for number, _ in firmware.taken]
     assert numbers == list(range(1, len(numbers) + 1))
-    other = sum(body != line for (_, body), line in zip(firmware.taken, program, strict=False))
-    assert other == (firmware.noise.altered if firmware.noise is not None else 0)
+    altered_count = sum(body != line for (_, body), line in zip(firmware.taken, program, strict=False))
+    assert altered_count == (firmware.noise.altered if firmware.noise is not None else 0)
     if fault_texts:
-        assert set(fault_texts) <= NAMED
+        assert set(fault_texts) <= NAMED_FAULTS
     else:
         assert len(numbers) >= count
         assert link.streamed_lines == len(program)
 
 
 def test_checksum_collision_is_counted():
-    """Two flips of the same bit keep the XOR: the firmware accepts the line, and the emulator counts it."""
+    """Flip the same bit twice, which keeps the XOR: the firmware accepts the line, the emulator counts it."""
     firmware = Recorder(Faults(noise=1e-9), 0)
     assert firmware.noise is not None
     firmware.feed(b"", 10.0)

@@ -41,21 +41,21 @@ def test_time_limit_follows_the_slowest_queued_move():
     assert waits == [LINE_S, *[pytest.approx(60 * REACH_MM / 30)] * 3]
 
 
-@pytest.mark.parametrize("before", range(1, 6))
-def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(before):
-    plain = [b"G90", b"M400", b"G90", b"G4 P9", b"G28"]
-    assert send_all(plain, [before])[1] == send_all(plain)[1]
+@pytest.mark.parametrize("lines_before", range(1, 6))
+def test_line_keeps_its_time_limit_if_a_poll_takes_its_number(lines_before):
+    commands = [b"G90", b"M400", b"G90", b"G4 P9", b"G28"]
+    assert send_all(commands, [lines_before])[1] == send_all(commands)[1]
 
 
 def test_line_can_be_resent_while_it_is_kept():
     outbox, _ = send_all([b"G90"] * 200)
     assert [number for number in range(201) if outbox.holds(number)] == list(range(201 - HISTORY_LINES, 201))
-    first, _ = send_all([b"G90"])
-    assert first.holds(0) and not first.holds(-1)
+    first_line, _ = send_all([b"G90"])
+    assert first_line.holds(0) and not first_line.holds(-1)
 
 
 def test_plain_ok_does_not_answer_a_poll_with_the_next_line_encoded():
-    """`take_encoded` returns what a link sends on a plain ok."""
+    """Check `take_encoded`, whose result the link sends on a plain ok."""
     outbox, _ = send_all([])
     outbox.queue((FAST,) * 9)
     assert outbox.take_next() is not None and outbox.take_encoded() is not None
@@ -87,8 +87,8 @@ def test_resend_is_accepted_after_two_unanswered_queries():
         link.receive(b"ok\n", now_s)
     assert b"N3 " in link.take()
     link.receive(b"Error:checksum mismatch, Last Line: 2\nResend: 3\nok\n", now_s)
-    while b"N3 " not in (out := link.take()):
-        questions += out.count(ULTIMAKER2.last_line_query)
+    while b"N3 " not in (sent := link.take()):
+        questions += sent.count(ULTIMAKER2.last_line_query)
         now_s = link.deadline_s
         link.tick(now_s)
     assert questions == 2
@@ -105,6 +105,6 @@ def test_refusal_without_a_number_leaves_queries_pending():
     assert (recovery.queries, recovery.resend_number) == (1, 6)
 
 
-@pytest.mark.parametrize(("nozzle_c", "bed_c", "off"), [(0, 0, True), (1, 0, False), (0, 1, False)])
-def test_heaters_are_off_if_both_targets_are_0(nozzle_c, bed_c, off):
-    assert Report(200.0, nozzle_c, 60.0, bed_c).targets_off is off
+@pytest.mark.parametrize(("nozzle_c", "bed_c", "is_off"), [(0, 0, True), (1, 0, False), (0, 1, False)])
+def test_heaters_are_off_if_both_targets_are_0(nozzle_c, bed_c, is_off):
+    assert Report(200.0, nozzle_c, 60.0, bed_c).targets_off is is_off

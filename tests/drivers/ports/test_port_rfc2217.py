@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import settled
+from agent_with_emulator import wait_for_emulator
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
@@ -33,7 +33,7 @@ CC = shutil.which("cc") or shutil.which("tcc")
 
 @pytest.fixture
 def url(tmp_path: Path) -> Iterator[str]:
-    """An emulated printer behind ser2net; its DTR is that of `modem_lines.c`."""
+    """Start an emulated printer behind ser2net, with the DTR of `modem_lines.c`."""
     if SER2NET is None or CC is None:
         pytest.skip("needs ser2net and a C compiler")
     emulator = tmp_path / "emulator"
@@ -68,7 +68,7 @@ def url(tmp_path: Path) -> Iterator[str]:
 
 
 def _until_it_listens(number: int) -> None:
-    """Check the kernel's list of sockets, as a connection would open the port."""
+    """Wait by the kernel's list of sockets, as a connection would open the port."""
     until_s = time.monotonic() + DEADLINE_S
     while f":{number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
         assert time.monotonic() < until_s
@@ -95,7 +95,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
             raise AssertionError("no report")
         assert read_status(tmp_path / "emulator").resets == resets + 1
         port.write_now(b"\nM104 S150\n")
-        assert settled(tmp_path / "emulator", lambda status: status.nozzle_target_c == 150.0)
+        assert wait_for_emulator(tmp_path / "emulator", lambda status: status.nozzle_target_c == 150.0)
     finally:
         port.close()
     assert stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2)).seen_off
@@ -108,17 +108,17 @@ def test_agent_opens_the_port_after_a_person_confirms_it_idle(tmp_path: Path, ur
 
     async def scenario() -> None:
         client = AgentClient(folder)
-        requested = False
+        is_requested = False
         await client.connect()
         try:
             async with asyncio.timeout(DEADLINE_S):
                 async for message in client.snapshots():
-                    if message.link is m.LinkState.FAULT and not requested:
-                        requested = True
+                    if message.link is m.LinkState.FAULT and not is_requested:
+                        is_requested = True
                         assert not read_status(tmp_path / "emulator").link_open
                         assert (await client.request(m.BedCleared(id=0))).error is None
                     if message.link is m.LinkState.READY and message.nozzle is not None:
-                        assert requested and message.reset_verified
+                        assert is_requested and message.reset_verified
                         break
         finally:
             await client.close()

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import everything
+from agent_with_emulator import read_all
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
 from drivers.ports import SerialPort
 from drivers.ports.serial_port import find_device
 
-TCGETS2 = 0x802C542A  # a rate that has no name among those of POSIX
+TCGETS2 = 0x802C542A  # a rate without a POSIX constant
 
 
 @pytest.fixture
@@ -80,15 +80,15 @@ def test_port_of_a_disconnected_printer_raises(ends: tuple[int, Path]):
 
 @pytest.mark.parametrize("url", ["socket://printer:5000", "telnet://printer:5000", "sim://mendel"])
 def test_unsupported_ports_are_refused_in_one_line(url: str, tmp_path: Path):
-    with pytest.raises(PortError) as refused:
+    with pytest.raises(PortError) as error:
         find_device(url, tmp_path, Clock())
-    assert "\n" not in str(refused.value)
+    assert "\n" not in str(error.value)
 
 
 def test_path_that_is_not_a_port_is_refused(tmp_path: Path):
-    plain = tmp_path / "file"
-    plain.write_text("")
-    for path in (tmp_path / "none", plain):
+    plain_file = tmp_path / "file"
+    plain_file.write_text("")
+    for path in (tmp_path / "none", plain_file):
         with pytest.raises(PortError):
             SerialPort(find_device(str(path), tmp_path, Clock()), ULTIMAKER2.baud_rate)
 
@@ -105,7 +105,7 @@ def test_reset_of_a_disconnected_printer_is_a_port_error(ends: tuple[int, Path])
 
 
 def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
-    """A board that has stopped reading: the kernel's buffer is full, and ours waits behind it."""
+    """Use a board that does not read: the kernel's buffer is full, and the port's own one waits."""
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
@@ -113,17 +113,17 @@ def test_urgent_bytes_replace_unsent_ones(ends: tuple[int, Path]):
             port.write(b"G1 X1 Y1\n" * 100)
         port.write_now(b"\nM104 S0\n")
         assert not port.write_pending
-        assert everything(master).endswith(b"\nM104 S0\n")
+        assert read_all(master).endswith(b"\nM104 S0\n")
     finally:
         port.close()
 
 
 def test_urgent_bytes_do_not_discard_bytes_that_were_sent(ends: tuple[int, Path]):
-    """A flush of a pseudo-terminal would discard bytes that are in transit."""
+    """Send without a flush, which would discard bytes in transit on a pseudo-terminal."""
     master, path = ends
     port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
-        for _ in range(50):  # before the mend about 4 in 5 lost the first line
+        for _ in range(50):  # before the fix about 4 in 5 lost the first line
             port.write_now(b"\nM104 S0\n")
             port.write_now(b"\nM112\n")
             assert read_bytes(master, 15) == b"\nM104 S0\n\nM112\n"

@@ -51,7 +51,7 @@ def test_lines_of_both_directions_are_in_order_with_their_times():
     port.reset()
     port.read()
     port.write_now(b"M112\n")
-    assert [(recorded.at_s, recorded.sent, recorded.text) for recorded in record.list_lines()] == [
+    assert [(line.at_s, line.sent, line.text) for line in record.list_lines()] == [
         (0.0, True, "N1 M105*38"),
         (1.0, False, "ok"),
         (3.0, False, "start"),
@@ -65,19 +65,16 @@ def test_record_is_bounded_in_number_and_length():
         port.write(b"x" * 5000 + b"\n")
         port.read()
     assert len(record.list_lines()) <= 400
-    assert max(len(recorded.text) for recorded in record.list_lines()) == 200
+    assert max(len(line.text) for line in record.list_lines()) == 200
 
 
 @pytest.mark.parametrize("noise", [b"\n", b"ok\n", b"\x00", b"\x00" * 300 + b"\n"])
 def test_noise_fits_into_a_message(noise):
-    """A longer line ends the connection of the daemon, and to make it stops the serial loop."""
+    """Limit the length: a longer line would end the daemon's connection and delay the serial loop."""
     record = WireRecord(lambda: 0.0)
     for _ in range(1000):
         record.add(False, (noise * 1000)[:4096])
-    lines = tuple(
-        WireLine(at_s=recorded.at_s, sent=recorded.sent, text=recorded.text)
-        for recorded in record.list_lines()
-    )
+    lines = tuple(WireLine(at_s=line.at_s, sent=line.sent, text=line.text) for line in record.list_lines())
     assert 0 < len(lines) <= 400
     assert len(Reply(id=1, lines=lines).model_dump_json()) < 2**19
 
@@ -85,23 +82,26 @@ def test_noise_fits_into_a_message(noise):
 def test_long_reads_keep_all_lines():
     record = WireRecord(lambda: 0.0)
     record.add(False, b"echo:" + b"x" * 600 + b"\nok\n")
-    assert [recorded.text for recorded in record.list_lines()][1:] == ["ok"]
+    assert [line.text for line in record.list_lines()][1:] == ["ok"]
 
 
 def test_bytes_that_are_no_text_are_shown_as_numbers():
     port, record = record_port()
     port.write(b"\x00\x1b[31m\xff<b>\n")
-    assert [recorded.text for recorded in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
+    assert [line.text for line in record.list_lines()] == ["\\x00\\x1b[31m\\xff<b>"]
 
 
 @given(st.lists(st.tuples(st.booleans(), st.text("ab \n", max_size=12).map(str.encode)), max_size=30))
 def test_no_byte_of_a_line_is_lost(pieces):
     lines = list(split_lines((float(n), *piece) for n, piece in enumerate(pieces)))
     groups = [
-        (sent, b"".join(data for _, data in group)) for sent, group in groupby(pieces, key=lambda p: p[0])
+        (is_sent, b"".join(data for _, data in group))
+        for is_sent, group in groupby(pieces, key=lambda p: p[0])
     ]
-    expected = [(sent, line.decode()) for sent, data in groups for line in data.split(b"\n")]
-    assert [(recorded.sent, recorded.text) for recorded in lines if recorded.text] == [
-        recorded for recorded in expected if recorded[1]
+    expected_lines = [(is_sent, line.decode()) for is_sent, data in groups for line in data.split(b"\n")]
+    assert [(recorded_line.sent, recorded_line.text) for recorded_line in lines if recorded_line.text] == [
+        recorded_line for recorded_line in expected_lines if recorded_line[1]
     ]
-    assert [recorded.at_s for recorded in lines] == sorted(recorded.at_s for recorded in lines)
+    assert [recorded_line.at_s for recorded_line in lines] == sorted(
+        recorded_line.at_s for recorded_line in lines
+    )

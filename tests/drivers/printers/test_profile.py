@@ -25,16 +25,18 @@ def test_room_with_a_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: f
 @given(models, st.tuples(sizes, sizes, sizes))
 def test_placed_part_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
     room = compute_part_room(BEDS[model], 8.0)
-    placed = place(extents_mm, room)
+    placed_mm = place(extents_mm, room)
     dx, dy, dz = extents_mm
-    if placed is None:
+    if placed_mm is None:
         assert not any(
             box.rect.width_mm >= dx and box.rect.depth_mm >= dy and box.height_mm >= dz for box in room
         )
         return
-    if placed.is_turned:
+    if placed_mm.is_turned:
         dx, dy = dy, dx
-    part = Rect(placed.x_mm - dx / 2, placed.y_mm - dy / 2, placed.x_mm + dx / 2, placed.y_mm + dy / 2)
+    part = Rect(
+        placed_mm.x_mm - dx / 2, placed_mm.y_mm - dy / 2, placed_mm.x_mm + dx / 2, placed_mm.y_mm + dy / 2
+    )
     slack = FIT_TOLERANCE_MM
     assert any(box.rect.expand(slack).contains(part) and box.height_mm + slack >= dz for box in room)
 

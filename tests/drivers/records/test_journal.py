@@ -1,4 +1,4 @@
-"""The agent's journal, also as older agents wrote it."""
+"""Journal of the agent, including those of older agents."""
 
 import errno
 import json
@@ -16,17 +16,17 @@ from drivers.records import Alarm, BoardState, Journal, JournalState
 
 def test_truncated_journal_is_read_to_its_last_complete_record(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
-    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
-    opened = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
+    ended_print = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    open_print = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
     journal = Journal(path)
-    journal.write(1.0, print=ended.model_dump(mode="json"), filament="parked")
-    journal.write(2.0, print=opened.model_dump(mode="json"), look="smoke")
+    journal.write(1.0, print=ended_print.model_dump(mode="json"), filament="parked")
+    journal.write(2.0, print=open_print.model_dump(mode="json"), look="smoke")
     with path.open("ab") as end:
         end.write(b'{"at_s": 3.0, "print": nu')
     memory = Journal(path).state
-    assert memory.print == opened
+    assert memory.print == open_print
     assert (list(memory.recent), memory.filament, memory.board.attention_reason) == (
-        [ended],
+        [ended_print],
         m.Filament.PARKED,
         "smoke",
     )
@@ -39,8 +39,8 @@ def test_full_disk_fails_the_write_and_keeps_the_records(tmp_path: Path, monkeyp
     journal = Journal(path)
     journal.write(1.0, filament="parked")
     write = os.write
-    with monkeypatch.context() as full:
-        full.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as the last free bytes take it
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as written to the last free bytes
         with pytest.raises(JournalError, match="check its disk"):
             journal.write(2.0, filament="at_nozzle")
     assert journal.state.filament is m.Filament.PARKED
@@ -51,21 +51,21 @@ def test_full_disk_fails_the_write_and_keeps_the_records(tmp_path: Path, monkeyp
 
 def test_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
-    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    ended_print = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
     Journal(path).write(1.0, filament="parked")
     with path.open("ab") as end:
         end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
     assert Journal(path).state.may_be_hot  # one of them may have begun a print
-    Journal(path).write(4.0, print=ended.model_dump(mode="json"))
+    Journal(path).write(4.0, print=ended_print.model_dump(mode="json"))
     memory = Journal(path).state
     assert memory.ended == {"p-1"} and not memory.may_be_hot
     assert memory.board.attention_reason is not None and "journal" in memory.board.attention_reason
     with path.open("ab") as end:
         end.write(b"?\n")
     assert Journal(path).state.may_be_hot
-    Journal(path).write(4.5, hot=False)  # it was seen off
+    Journal(path).write(4.5, hot=False)  # the heaters were seen to be off
     assert not Journal(path).state.may_be_hot
-    Journal(path).write(5.0, look=None)  # a person did
+    Journal(path).write(5.0, look=None)  # a person confirmed it
     assert Journal(path).state.board.attention_reason is None
 
 
@@ -108,10 +108,10 @@ def test_alarm_is_written_and_read_under_its_first_names(tmp_path):
     path.write_text('{"at_s": 1.0, "alarm": {"text": "hot", "at_s": 1.0, "asked": true, "said": null}}\n')
     alarm = Journal(path).state.alarm
     assert alarm == Alarm(text="hot", at_s=1.0, power_off_requested=True) and alarm.pending
-    cut = alarm.model_copy(update={"outcome": "off"})
-    Journal(path).write(2.0, alarm=cut.record())
-    last = json.loads(path.read_text().splitlines()[-1])
-    assert last["alarm"] == {"text": "hot", "at_s": 1.0, "asked": True, "said": "off", "over": False}
+    cut_alarm = alarm.model_copy(update={"outcome": "off"})
+    Journal(path).write(2.0, alarm=cut_alarm.record())
+    last_record = json.loads(path.read_text().splitlines()[-1])
+    assert last_record["alarm"] == {"text": "hot", "at_s": 1.0, "asked": True, "said": "off", "over": False}
 
 
 _snapshots = st.builds(
@@ -135,21 +135,21 @@ _records = st.fixed_dictionaries(
 
 @given(records=st.lists(_records, max_size=40))
 def test_shortened_journal_restores_the_same_state(records: list[dict[str, object]]):
-    before = JournalState()
+    old_state = JournalState()
     for record in records:
-        before.apply(record)
-    after = JournalState()
-    for record in before.records():
-        after.apply(json.loads(json.dumps(record)))
-    assert after == before
+        old_state.apply(record)
+    new_state = JournalState()
+    for record in old_state.records():
+        new_state.apply(json.loads(json.dumps(record)))
+    assert new_state == old_state
 
 
 def test_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
     for number in range(1, 1300):
-        ended = m.PrintSnapshot(print_id=f"p-{number}", phase=m.PrintPhase.DONE, ended_s=float(number))
-        journal.state.apply({"print": ended.model_dump(mode="json")})
+        ended_print = m.PrintSnapshot(print_id=f"p-{number}", phase=m.PrintPhase.DONE, ended_s=float(number))
+        journal.state.apply({"print": ended_print.model_dump(mode="json")})
     journal.write(1300.0, print=None, filament="parked")
     assert not journal.shorten()  # the file itself is short
     assert journal.shorten(max_bytes=10)
@@ -162,9 +162,9 @@ def test_long_journal_is_shortened_and_the_old_one_is_kept_once(tmp_path: Path):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["journal.jsonl", "journal.jsonl.1"]
 
 
-@pytest.mark.parametrize("broken", ["write", "fsync", "link", "replace"])
+@pytest.mark.parametrize("broken_call", ["write", "fsync", "link", "replace"])
 def test_journal_that_cannot_be_shortened_continues(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken_call: str
 ):
     path = tmp_path / "journal.jsonl"
     journal = Journal(path)
@@ -173,8 +173,8 @@ def test_journal_that_cannot_be_shortened_continues(
     def fail(*_: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with monkeypatch.context() as full:
-        full.setattr(*((Path, "replace") if broken == "replace" else (os, broken)), fail)
+    with monkeypatch.context() as patch:
+        patch.setattr(*((Path, "replace") if broken_call == "replace" else (os, broken_call)), fail)
         assert not journal.shorten(max_bytes=10)
     journal.write(2.0, look="smoke")
     state = Journal(path).state

@@ -1,4 +1,4 @@
-"""The client of an agent's socket."""
+"""Client of an agent's socket."""
 
 import asyncio
 from pathlib import Path
@@ -41,7 +41,7 @@ def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
 
 
 def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
-    received: list[bool] = []
+    signs: list[bool] = []
 
     async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b'{"kind": "snapshot", "printer": "a", "agent_pid": 1, "link": "floating"}\n')
@@ -50,11 +50,11 @@ def test_unreadable_message_counts_as_a_sign_of_life(tmp_path: Path):
 
     async def scenario() -> None:
         server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
-        client = AgentClient(tmp_path, on_message=lambda: received.append(True))
+        client = AgentClient(tmp_path, on_message=lambda: signs.append(True))
         await client.connect()
         assert [message async for message in client.snapshots()] == []
         await client.close()
         server.close()
 
     run(scenario())
-    assert received  # the agent is alive: its print must not be ended for silence
+    assert signs  # the agent is alive, so its print must not be ended

@@ -34,15 +34,15 @@ def test_time_without_a_running_listener_does_not_count():
 
 def test_message_restarts_the_count():
     heartbeat = Heartbeat()
-    for second in range(200):
-        if second % 20 == 0:
+    for time_s in range(200):
+        if time_s % 20 == 0:
             heartbeat.reset()
-        assert not heartbeat.is_hung(float(second), lambda: ProcessSample("S", 0.0))
+        assert not heartbeat.is_hung(float(time_s), lambda: ProcessSample("S", 0.0))
 
 
 def test_ended_process_is_not_hung():
     heartbeat = Heartbeat()
-    assert not any(heartbeat.is_hung(float(second), lambda: None) for second in range(100))
+    assert not any(heartbeat.is_hung(float(time_s), lambda: None) for time_s in range(100))
 
 
 def test_process_is_sampled_from_proc():

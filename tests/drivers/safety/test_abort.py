@@ -1,4 +1,4 @@
-"""The abort sequence, sent to the emulated firmware."""
+"""Abort sequence, sent to the emulated firmware."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import everything
+from agent_with_emulator import read_all
 from drivers.agent.board import Board
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
@@ -19,24 +19,24 @@ from drivers.link import Connected, Event, Link
 from drivers.ports import Port, SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.safety import StopTarget, send_abort_until_accepted, stop_printer
-from firmware_host import Host, numbered
+from firmware_host import Host, add_number
 
 MOVE_S = 2.0
 MAX_LINE_BYTES = 95  # with its newline
-BLOCKED = 18  # moves that fill the planner, and one that waits for room
+BLOCKING_MOVES = 18  # moves that fill the planner, and one that waits for room
 
 
-def busy_host(moves: int = BLOCKED, model: str = "ultimaker2_plus") -> Host:
-    """Make a hot board, fan on, with a planner full of moves of 2 s."""
+def busy_host(moves: int = BLOCKING_MOVES, model: str = "ultimaker2_plus") -> Host:
+    """Make a hot board with its fan on and a planner full of moves of 2 s."""
     host = Host(model, Faults(no_reset=True))
-    host.say("G28")
-    host.say("M140 S60")
-    host.say("M106 S255")
-    host.warm()
-    host.say("G1 F12000 X50 Y50")
-    host.say("M400")
+    host.send("G28")
+    host.send("M140 S60")
+    host.send("M106 S255")
+    host.heat_nozzle()
+    host.send("G1 F12000 X50 Y50")
+    host.send("M400")
     for i in range(moves):
-        host.number(f"G1 F1200 X{90 if i % 2 == 0 else 50}")
+        host.send_numbered(f"G1 F1200 X{90 if i % 2 == 0 else 50}")
     return host
 
 
@@ -45,15 +45,15 @@ def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
     events: list[Event] = []
     end_s = host.now_s + seconds
     while True:
-        out = link.take()
-        if not out:
+        sent = link.take()
+        if not sent:
             host.now_s = min(max(host.now_s, host.firmware.deadline_s()), link.deadline_s, end_s)
-        back = host.firmware.feed(out, host.now_s)
+        back = host.firmware.feed(sent, host.now_s)
         events += link.receive(back, host.now_s) or ()
         events += link.tick(host.now_s)
         if host.now_s >= end_s:
             return events
-        if not (out or back):
+        if not (sent or back):
             host.now_s += 1e-4
 
 
@@ -86,8 +86,8 @@ def test_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: st
 def test_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert MAX_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
     host = busy_host()
-    line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
-    host.put(line.ljust(MAX_LINE_BYTES - 1))
+    line = add_number(host.n + 1, "G1 X90 " + " " * 80)[: MAX_LINE_BYTES - 1]
+    host.send_burst(line.ljust(MAX_LINE_BYTES - 1))
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
     link.on_opened(host.now_s, ULTIMAKER2.abort_unnumbered)
@@ -123,7 +123,7 @@ def test_restarting_board_loses_the_abort_and_is_seen_to_restart():
 
 @pytest.fixture
 def silent_board():
-    """Make a port, and return it with its other end, which sends nothing by itself."""
+    """Make a port, and return it with its silent other end."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     yield os.ttyname(slave), master
@@ -133,16 +133,16 @@ def silent_board():
 
 def test_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
-    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
-    assert everything(master) == ULTIMAKER2.abort_unnumbered
-    assert not (stopped.seen_off or stopped.is_still) and "not seen to stand still" in stopped.text
+    result = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), watch_s=0.0)
+    assert read_all(master) == ULTIMAKER2.abort_unnumbered
+    assert not (result.seen_off or result.is_still) and "not seen to stand still" in result.text
 
 
 def test_unresponsive_board_is_halted_by_its_firmware(tmp_path: Path, silent_board):
     url, master = silent_board
-    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), watch_s=0.0)
-    assert everything(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
-    assert not stopped.seen_off and "switch it off" in stopped.text
+    result = stop_printer(StopTarget("a", url, tmp_path / "a", MARLIN2), watch_s=0.0)
+    assert read_all(master) == b"\nM410\nM104 S0\nM140 S0\nM107\n" + b"\nM112\n"
+    assert not result.seen_off and "switch it off" in result.text
 
 
 def test_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_path: Path, silent_board):
@@ -151,7 +151,7 @@ def test_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_
     board.state.hot = True
     board.open()
     try:
-        assert everything(master) == ULTIMAKER2.abort_unnumbered
+        assert read_all(master) == ULTIMAKER2.abort_unnumbered
     finally:
         board.close()
 
@@ -162,6 +162,6 @@ def test_agent_that_ends_repeats_the_abort_after_a_refusal(silent_board):
     try:
         os.write(master, b"Error:No Checksum with line number, Last Line: 4\nResend: 5\nok\n")
         send_abort_until_accepted(port, ULTIMAKER2)
-        assert everything(master) == 2 * ULTIMAKER2.abort_unnumbered
+        assert read_all(master) == 2 * ULTIMAKER2.abort_unnumbered
     finally:
         port.close()

@@ -1,4 +1,4 @@
-"""The emergency stop, with real agents that hang."""
+"""Emergency stop with real agents that hang."""
 
 import asyncio
 import hashlib
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import Printer, settled
+from agent_with_emulator import Printer, wait_for_emulator
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
@@ -43,11 +43,11 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
     path.write_text(text)
     client = AgentClient(folder)
     await client.connect()
-    requested = False
+    is_requested = False
     async with asyncio.timeout(DEADLINE_S):
         async for message in client.snapshots():
-            if message.link is m.LinkState.READY and not requested:
-                requested = True
+            if message.link is m.LinkState.READY and not is_requested:
+                is_requested = True
                 sha256 = hashlib.sha256(text.encode()).hexdigest()
                 start = m.StartPrint(
                     id=0,
@@ -102,9 +102,9 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOPPED
         assert not is_alive(folder)
         process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
-        reported = asyncio.run(ended(folder))
-        assert (reported.phase, reported.fault) == (m.PrintPhase.FAILED, "estop")
-        assert reported.reason == "a person stopped it by `farm estop`"
+        snapshot = asyncio.run(ended(folder))
+        assert (snapshot.phase, snapshot.fault) == (m.PrintPhase.FAILED, "estop")
+        assert snapshot.reason == "a person stopped it by `farm estop`"
     finally:
         process.kill()
         process.wait(10.0)
@@ -115,10 +115,10 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
 @pytest.mark.system
 @pytest.mark.parametrize("dies", [False, True], ids=["estop", "its agent dies"])
 def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, dies: bool):
-    """The planner holds half a minute of moves."""
+    """Fill the planner with moves of half a minute."""
     emulator = tmp_path / "emulator"
     printer = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
-    # The first move is fast: ten seconds without a temperature, and the agent ends the print by itself.
+    # The first move is fast: after ten seconds without a temperature the agent ends the print by itself.
     slow = HEAD + "G1 F6000 X50 Y50 Z0.3\n"
     slow += "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
 
@@ -126,16 +126,18 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         await printer.connect()
         await printer.until(lambda s: s.link is m.LinkState.FAULT)
         assert (await printer.client.request(m.BedCleared(id=0))).error is None
-        await printer.ready()
+        await printer.wait_until_ready()
         assert (await printer.start(slow)).error is None
-        await printer.phase(m.PrintPhase.PRINTING)
-        assert await asyncio.to_thread(settled, emulator, lambda status: status.position_mm[2] < 1.0)
+        await printer.wait_for_phase(m.PrintPhase.PRINTING)
+        assert await asyncio.to_thread(
+            wait_for_emulator, emulator, lambda status: status.position_mm[2] < 1.0
+        )
         await printer.client.close()
 
     async def left() -> None:
         printer.spawn()
         await printer.connect()
-        assert (await printer.phase(m.PrintPhase.FAILED)).fault == "agent_died"
+        assert (await printer.wait_for_phase(m.PrintPhase.FAILED)).fault == "agent_died"
         await printer.client.close()
 
     try:
@@ -148,7 +150,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
             printer.process.wait(10.0)
             asyncio.run(left())
         else:
-            # In this process, and patiently: on a busy host the firmware's dead-man may precede `farm estop`.
+            # In this process, with time: on a busy host the firmware's dead-man may precede `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
             result = stop_printer(target, watch_s=100.0)
             assert (result.seen_off, result.is_still) == (True, True), result.text
@@ -156,7 +158,9 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         was = read_status(emulator)
         assert (was.nozzle_target_c, was.bed_target_c) == (0.0, 0.0)
         assert was.resets <= 1  # on a busy host the firmware's dead-man, 20 s at this scale, may be sooner
-        assert settled(emulator, lambda status: status.time_s > was.time_s + 500.0)  # two moves and a half
+        assert wait_for_emulator(
+            emulator, lambda status: status.time_s > was.time_s + 500.0
+        )  # two and a half moves
         assert read_status(emulator).position_mm == was.position_mm
     finally:
         if printer.process is not None:
@@ -176,9 +180,9 @@ def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Pa
     script.chmod(0o700)
     try:
         target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
-        stopped = stop_printer(target, watch_s=0.05)
-        assert not stopped.seen_off and stopped.reset_s is not None
-        assert "shows no temperatures" in stopped.text and message in stopped.text
+        result = stop_printer(target, watch_s=0.05)
+        assert not result.seen_off and result.reset_s is not None
+        assert "shows no temperatures" in result.text and message in result.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"
     finally:
         os.close(master)
@@ -200,18 +204,18 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
                 for line in data.split(b"\n")[:-1]:
                     os.write(master, b"ok T:200.0 /0.0 B:60.0 /0.0\n" if b"M105" in line else b"ok\n")
 
-    received: list[str] = []
+    lines: list[str] = []
 
     def tell(text: str) -> None:
-        received.append(text)
+        lines.append(text)
         if not listens:
             raise BrokenPipeError
 
     threading.Timer(0.2, board).start()
     try:
-        stopped = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=tell)
-        assert not stopped.seen_off and "not seen to cool" in stopped.text
-        assert len(received) == 1 and "both targets 0" in received[0]
+        result = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=tell)
+        assert not result.seen_off and "not seen to cool" in result.text
+        assert len(lines) == 1 and "both targets 0" in lines[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
     finally:
         os.close(slave)
@@ -224,14 +228,14 @@ def test_agent_of_another_user_leaves_the_stop_unconfirmed(tmp_path: Path, monke
 
     monkeypatch.setattr(estop, "kill_holder", denied)
     target = StopTarget("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01", ULTIMAKER2)
-    stopped = stop_printer(target)
-    assert not stopped.seen_off
-    assert "cannot be stopped" in stopped.text
+    result = stop_printer(target)
+    assert not result.seen_off
+    assert "cannot be stopped" in result.text
 
 
 def test_simulated_printer_without_power_is_off(tmp_path: Path):
-    stopped = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01", ULTIMAKER2))
-    assert stopped.seen_off
+    result = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01", ULTIMAKER2))
+    assert result.seen_off
 
 
 def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
@@ -264,7 +268,7 @@ def test_lock_names_its_holder(tmp_path: Path):
     path.write_text("1" * size)
     lock = hold(path)
     assert lock is not None
-    assert find_holder(path) is None  # nobody signed yet
+    assert find_holder(path) is None  # no signature yet
     write_pid(lock)
     assert find_holder(path) == os.getpid()
     assert path.stat().st_size == size  # a full disk has no room for more
@@ -281,18 +285,18 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
         '{"printer": "e", "model": "' + MODEL + '", "port": "/dev/null"}'
     )  # as an older farm wrote it: the printer must be found for an emergency stop
     StartFile("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
-    left = StopTarget("d", "/dev/null", tmp_path / "d", ULTIMAKER2, "relay d")
+    target = StopTarget("d", "/dev/null", tmp_path / "d", ULTIMAKER2, "relay d")
     older = StopTarget("e", "/dev/null", tmp_path / "e", ULTIMAKER2)
-    assert list_targets(tmp_path) == {"d": left, "e": older}
+    assert list_targets(tmp_path) == {"d": target, "e": older}
 
 
 def test_unchanged_start_file_is_not_written_again(tmp_path: Path):
-    started = StartFile("d", MODEL, "/dev/null")
-    started.write(tmp_path)
+    start_file = StartFile("d", MODEL, "/dev/null")
+    start_file.write(tmp_path)
     (tmp_path / ".start.json.new").mkdir()  # nothing can be written there
-    started.write(tmp_path)
+    start_file.write(tmp_path)
     with pytest.raises(OSError):
-        replace(started, port="/dev/zero").write(tmp_path)
+        replace(start_file, port="/dev/zero").write(tmp_path)
 
 
 def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
@@ -308,6 +312,6 @@ def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
 
 def test_result_has_the_same_names_in_json_in_all_versions():
     result = StopResult("um2-01", 12.5, True, "stopped", is_still=True)
-    expected = {"printer": "um2-01", "cut_s": 12.5, "seen_off": True, "text": "stopped", "still": True}
-    assert json.loads(result.dump()) == expected
+    record = {"printer": "um2-01", "cut_s": 12.5, "seen_off": True, "text": "stopped", "still": True}
+    assert json.loads(result.dump()) == record
     assert StopResult.parse(result.dump()) == result

@@ -23,8 +23,8 @@ class Curve:
         self.now_c = start_c
         self.gain_c, self.tau_s = (380.0, 180.0) if name is NOZZLE else (105.0, 520.0)
 
-    def step(self, on: bool, seconds: float) -> float:
-        top_c = 21.0 + self.gain_c * on
+    def step(self, is_on: bool, seconds: float) -> float:
+        top_c = 21.0 + self.gain_c * is_on
         self.now_c = top_c + (self.now_c - top_c) * math.exp(-seconds / self.tau_s)
         return self.now_c
 
@@ -43,9 +43,9 @@ def test_healthy_heater_causes_no_finding(name: HeaterName, set_c: float, every_
         until_s = now_s + seconds
         while now_s < until_s:
             now_s += every_s
-            on = curve.now_c < target_c
-            curve.step(on, every_s)
-            if (curve.now_c < target_c) != on and target_c:
+            is_on = curve.now_c < target_c
+            curve.step(is_on, every_s)
+            if (curve.now_c < target_c) != is_on and target_c:
                 curve.now_c = target_c
             seen_c = curve.now_c + rng.gauss(0.0, 0.15)
             assert observe(watch, name, seen_c, target_c, now_s) is None
@@ -72,54 +72,54 @@ def test_heater_that_stops_warming_is_found(name: HeaterName, fails_at_c: float,
     raise AssertionError("never found")
 
 
-@pytest.mark.parametrize("on", [False, True])
+@pytest.mark.parametrize("is_on", [False, True])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
-def test_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
+def test_heater_that_leaves_its_target_is_found(name: HeaterName, is_on: bool):
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, curve, now_s = HeaterWatch(4.0), Curve(name, set_c), 0.0
     for _ in range(100):
         now_s += 3.0
         assert observe(watch, name, set_c, set_c, now_s) is None
     left_s = now_s
-    while (result := observe(watch, name, curve.step(on, 3.0), set_c, now_s)) is None:
+    while (result := observe(watch, name, curve.step(is_on, 3.0), set_c, now_s)) is None:
         now_s += 3.0
         assert now_s < left_s + 400.0
-    assert result.fault is (Fault.HEATER_STUCK_ON if on else Fault.THERMAL_RUNAWAY)
+    assert result.fault is (Fault.HEATER_STUCK_ON if is_on else Fault.THERMAL_RUNAWAY)
     assert abs(curve.now_c - set_c) > RULES[name].hold_c
 
 
 @pytest.mark.parametrize("name", [NOZZLE, BED])
 def test_only_falling_temperatures_confirm_a_heater_off(name: HeaterName):
     warm_c = 200.0 if name is NOZZLE else 60.0
-    falls, stays, late = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
-    curve, repeated = Curve(name, warm_c), Curve(name, warm_c)
+    falling_watch, constant_watch, late_watch = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
+    curve, second_curve = Curve(name, warm_c), Curve(name, warm_c)
     result = None
-    for second in range(1, 200):
-        now_s = float(second)
-        assert observe(falls, name, curve.step(False, 1.0), 0.0, now_s) is None
-        result = result or observe(stays, name, warm_c, 0.0, now_s)
-        observe(late, name, repeated.step(second > 60, 1.0), 0.0, now_s)
-        if second == 40:
-            assert falls.is_cooling and not stays.is_cooling and late.is_cooling
-    assert falls.is_cooling and not stays.is_cooling and not late.is_cooling
+    for time_s in range(1, 200):
+        now_s = float(time_s)
+        assert observe(falling_watch, name, curve.step(False, 1.0), 0.0, now_s) is None
+        result = result or observe(constant_watch, name, warm_c, 0.0, now_s)
+        observe(late_watch, name, second_curve.step(time_s > 60, 1.0), 0.0, now_s)
+        if time_s == 40:
+            assert falling_watch.is_cooling and not constant_watch.is_cooling and late_watch.is_cooling
+    assert falling_watch.is_cooling and not constant_watch.is_cooling and not late_watch.is_cooling
     assert result is not None and result.fault is Fault.HEATER_STUCK_ON
 
 
 @pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
 @pytest.mark.parametrize("name", [NOZZLE, BED])
 def test_gap_without_reports_is_not_a_heater_fault(name: HeaterName, seconds: float):
-    """The host slept, its clock was set, or a move took long."""
+    """Skip reports, as if the host slept, its clock was set, or a move took long."""
     set_c = 210.0 if name is NOZZLE else 60.0
     for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
         watch, curve, now_s = HeaterWatch(4.0), Curve(name, start_c), 0.0
-        for second in range(60):
-            now_s += seconds if second in (5, 6, 30) else 1.0
+        for time_s in range(60):
+            now_s += seconds if time_s in (5, 6, 30) else 1.0
             assert observe(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
 
 
 def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     watch = HeaterWatch(4.0)
-    results = [observe(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
+    results = [observe(watch, BED, -14.0, 0.0, float(time_s)) for time_s in range(5)]
     assert results[-1] is not None and results[-1].fault is Fault.MINTEMP
     assert not watch.is_cooling
 
@@ -127,11 +127,13 @@ def test_sensor_that_reads_below_freezing_is_broken_and_not_cold():
 @given(
     st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 999.0)), max_size=30), st.sampled_from([NOZZLE, BED])
 )
-def test_garbled_report_among_good_ones_is_ignored(garbled: list[tuple[int, float]], name: HeaterName):
-    """Reports have no checksum; at most every third one is garbled."""
+def test_garbled_report_among_good_ones_is_ignored(
+    garbled_reports: list[tuple[int, float]], name: HeaterName
+):
+    """Garble at most every third report, as reports have no checksum."""
     set_c = 210.0 if name is NOZZLE else 60.0
     watch, now_s = HeaterWatch(4.0), 0.0
-    for good, bad_c in garbled:
-        for seen_c in (*[set_c] * (good + 2), bad_c):
+    for good_count, bad_c in garbled_reports:
+        for seen_c in (*[set_c] * (good_count + 2), bad_c):
             now_s += 3.0
             assert observe(watch, name, seen_c, set_c, now_s) is None

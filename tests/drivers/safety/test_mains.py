@@ -9,13 +9,13 @@ from drivers.safety import cut_mains
 
 
 def test_command_gets_the_printer_without_a_shell(tmp_path: Path):
-    observed = tmp_path / "seen"
+    record_path = tmp_path / "seen"
     relay = tmp_path / "relay"
-    relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {observed}\n')
+    relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {record_path}\n')
     relay.chmod(0o700)
     message = cut_mains(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
     assert message == "power_off_cmd cut its mains"
-    assert observed.read_text() == "um2-01|a b|$(touch${IFS}x)|;|&|"
+    assert record_path.read_text() == "um2-01|a b|$(touch${IFS}x)|;|&|"
 
 
 @pytest.mark.parametrize(

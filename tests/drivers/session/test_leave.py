@@ -1,4 +1,4 @@
-"""End of prints: the next one finds the filament at the nozzle, or a person is asked."""
+"""End of prints: the next print has the filament at the nozzle, or a person is asked."""
 
 import math
 import random
@@ -14,11 +14,11 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
-from print_rig import PLUS, Rig, gcode, hopping
+from print_rig import PLUS, Rig, make_gcode, make_retracting_gcode
 
 NEAR_MM = 0.5
-AFTER = [field.name for field in fields(Faults) if field.name.endswith("_after")]
-MADE_MM = Rig(text=gcode(150)).run().firmware.board.filament_mm
+DELAYED_FAULTS = [field.name for field in fields(Faults) if field.name.endswith("_after")]
+MADE_MM = Rig(text=make_gcode(150)).run().firmware.board.filament_mm
 
 Leave = Callable[[Rig], None]
 
@@ -39,14 +39,14 @@ def pause(rig: Rig, seconds: float) -> None:
 
 
 def kill_agent(rig: Rig) -> None:
-    """The next session knows the filament of the last journal record, and finds the print open."""
-    written = rig.session.context.filament
+    """Kill the agent; the next session has the filament of the last journal record and the open print."""
+    filament = rig.session.context.filament
     rig.link.on_closed()
-    rig.session = Session(SessionContext(rig.link, None, PLUS, written, Pace(), rig.now_s))
+    rig.session = Session(SessionContext(rig.link, None, PLUS, filament, Pace(), rig.now_s))
 
 
 def lose_port_temporarily(rig: Rig) -> None:
-    rig.plugged = False
+    rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.back_s = rig.now_s + 10.0
@@ -116,7 +116,7 @@ LEAVES: list[Leave] = [
     lose_port_temporarily,
     turn_knob,
     mute_board_and_cancel,
-    *(cause_fault(name) for name in AFTER),
+    *(cause_fault(name) for name in DELAYED_FAULTS),
 ]
 
 
@@ -136,18 +136,18 @@ def end_print(leave: Leave, lines: int, seconds: float, text: str) -> Rig:
 def print_again(rig: Rig) -> float:
     """Return the retraction at the first extruding line of the next print."""
     board = rig.firmware.board
-    fresh = Faults()
-    after = Rig(text=gcode(20), filament=rig.session.context.filament)
-    after.firmware = EmulatedFirmware(PLUS, fresh, random.Random(0), after.now_s)
-    after.firmware.board.filament_end_mm = board.filament_end_mm
-    after.run(until=lambda: after.session.context.phase is PrintPhase.PRINTING)
-    return after.firmware.board.filament_end_mm
+    no_faults = Faults()
+    next_rig = Rig(text=make_gcode(20), filament=rig.session.context.filament)
+    next_rig.firmware = EmulatedFirmware(PLUS, no_faults, random.Random(0), next_rig.now_s)
+    next_rig.firmware.board.filament_end_mm = board.filament_end_mm
+    next_rig.run(until=lambda: next_rig.session.context.phase is PrintPhase.PRINTING)
+    return next_rig.firmware.board.filament_end_mm
 
 
 @pytest.mark.parametrize("lines", [0, 12, 60, 137])
 @pytest.mark.parametrize("leave", LEAVES, ids=lambda leave: leave.__name__)
 def test_next_print_knows_the_filament_or_asks_for_a_person(leave: Leave, lines: int):
-    rig = end_print(leave, lines, 0.7, hopping(50))
+    rig = end_print(leave, lines, 0.7, make_retracting_gcode(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
         end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.context.filament]
@@ -157,16 +157,19 @@ def test_next_print_knows_the_filament_or_asks_for_a_person(leave: Leave, lines:
 @given(leave=st.sampled_from(LEAVES), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
 @settings(max_examples=40, deadline=None)
 def test_fault_at_any_line_ends_the_print_safely(leave: Leave, lines: int, seconds: float):
-    rig = end_print(leave, lines, seconds, hopping(50))
+    rig = end_print(leave, lines, seconds, make_retracting_gcode(50))
     if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
 
 
 @pytest.mark.parametrize("lines", [60, 137, 210])
 def test_responsive_firmware_parks_the_filament(lines: int):
-    """Usual ends of a print need no person."""
+    """Check that usual ends of a print need no person."""
     for leave in EVERYDAY:
-        assert end_print(leave, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
+        assert (
+            end_print(leave, lines, 0.7, make_retracting_gcode(50)).session.context.filament
+            is Filament.PARKED
+        )
 
 
 @given(
@@ -184,7 +187,7 @@ def test_responsive_firmware_parks_the_filament(lines: int):
         dead_bed=st.sampled_from([False, False, True]),
         weak_nozzle=st.sampled_from([False, False, True]),
         no_endstop=st.sampled_from([0, 0, 0, 1, 3]),
-        **{name: st.sampled_from([0, 0, 0, 0, 30, 450, 600]) for name in AFTER},
+        **{name: st.sampled_from([0, 0, 0, 0, 30, 450, 600]) for name in DELAYED_FAULTS},
     ),
     cancel_s=st.sampled_from([math.inf, 5.0, 300.0, 600.0]),
     pause_s=st.just(math.inf) | st.floats(200.0, 700.0),
@@ -197,19 +200,19 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
     faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, back_s: float, seed: int
 ):
     """Heaters are off or the mains are requested, and a print that counts as done was executed."""
-    rig = Rig(faults, text=gcode(150), seed=seed)
-    board, session, paused = rig.firmware.board, rig.session, False
+    rig = Rig(faults, text=make_gcode(150), seed=seed)
+    board, session, is_paused = rig.firmware.board, rig.session, False
     while not session.context.ended:
         rig.step()
         passed_s = rig.now_s - 1000.0
         if passed_s > unplug_s:
-            unplug_s, rig.plugged, rig.back_s = math.inf, False, rig.now_s + back_s
+            unplug_s, rig.is_plugged, rig.back_s = math.inf, False, rig.now_s + back_s
             rig.link.on_closed()
             session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
         if passed_s > cancel_s:
             session.cancel("no more", rig.now_s)
-        if passed_s > pause_s and not paused:
-            paused = True
+        if passed_s > pause_s and not is_paused:
+            is_paused = True
             session.pause(rig.now_s)
         if session.context.phase is PrintPhase.PAUSED and passed_s > pause_s + 400.0:
             session.resume(rig.now_s)
@@ -219,6 +222,6 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
     if session.context.heaters_off:
         assert rig.targets() == (0.0, 0.0)
         for heater in (board.nozzle, board.bed):
-            assert not heater.burns or heater.temperature_c(rig.now_s) < 90.0  # it has hardly begun
+            assert not heater.burns or heater.temperature_c(rig.now_s) < 90.0  # the print has just begun
     if session.context.phase is PrintPhase.DONE and not (rig.firmware.noise and rig.firmware.noise.altered):
         assert board.filament_mm == pytest.approx(MADE_MM, abs=0.05)

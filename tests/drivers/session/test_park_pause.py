@@ -6,14 +6,14 @@ from drivers.errors import Fault
 from drivers.gcode import MotionState
 from drivers.messages import Filament, PrintPhase
 from drivers.session.park import PAUSE_LIMIT_S
-from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
+from print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
 
 
 @pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
 def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
-    text = hopping(60)
+    text = make_retracting_gcode(60)
     straight = Rig(text=text).run()
-    rig = Rig(text=text).printing(lines)
+    rig = Rig(text=text).run_until_printing(lines)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     board = rig.firmware.board
@@ -27,21 +27,21 @@ def test_pause_parks_keeps_the_bed_warm_and_resumes_exactly(lines: int):
     assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
     rig.session.resume(rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert board.filament_mm == pytest.approx(straight.firmware.board.filament_mm, abs=0.01)
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.moves() == straight.moves()
+    assert rig.list_moves() == straight.list_moves()
 
 
 def test_after_a_pause_the_head_is_back_before_the_filament():
-    rig = Rig(text=gcode(200)).printing(100)
+    rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     x, y, z, _ = MotionState(rig.program, rig.session.context.acknowledged_lines).position
     rig.session.resume(rig.now_s)
-    at = len(rig.sent)
+    index = len(rig.sent)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
-    back = rig.sent[at:]
+    back = rig.sent[index:]
     order = [
         b"E13.500",
         b"G1 F9000 X%.3f Y%.3f" % (x, y),
@@ -54,19 +54,21 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
 
 
 def one_by_one() -> str:
-    """A part of 60 mm is finished, and a second one is begun beside it."""
-    low = "\n".join(
+    """Make G-code that finishes a part of 60 mm and begins a second one beside it."""
+    low_moves = "\n".join(
         f"G1 F3000 X{150 + 20 * (i % 2)} Y{50 + i * 0.2:.2f} E{4 + 0.1 * i:.2f}" for i in range(60)
     )
-    high = "G1 F3000 X90 Y50 E1\n;LAYER:1\nG0 Z60\nG1 F3000 X50 Y60 E3\nG0 Z65 X150\n;LAYER:0\nG0 Z0.27\n"
-    return GCODE.format(moves=high + low, end=3.5)
+    high_moves = (
+        "G1 F3000 X90 Y50 E1\n;LAYER:1\nG0 Z60\nG1 F3000 X50 Y60 E3\nG0 Z65 X150\n;LAYER:0\nG0 Z0.27\n"
+    )
+    return GCODE.format(moves=high_moves + low_moves, end=3.5)
 
 
 @pytest.mark.parametrize("cancel", [False, True])
 def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
     rig = Rig(text=one_by_one())
-    rig.printing(rig.program.count - 40)
-    at = len(rig.sent)
+    rig.run_until_printing(rig.program.count - 40)
+    index = len(rig.sent)
     planner = rig.firmware.machine.planner
     if cancel:
         rig.session.cancel("no more", rig.now_s)
@@ -74,7 +76,7 @@ def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
         rig.session.pause(rig.now_s)
     while not rig.session.context.ended and rig.targets()[1 if cancel else 0] > 0:
         rig.step()
-    rig.run(until=lambda: b"G28 X0" in rig.sent[at:] if cancel else planner.target[:2] == (10.0, 200.0))
+    rig.run(until=lambda: b"G28 X0" in rig.sent[index:] if cancel else planner.target[:2] == (10.0, 200.0))
     assert planner.target[2] >= 69.9
     rig.session.resume(rig.now_s)
     rig.run()
@@ -91,18 +93,18 @@ def test_cancel_with_the_bed_at_its_lowest_does_not_lower_it_further():
 
 
 def test_pause_beyond_its_limit_ends_the_print_safely():
-    rig = Rig(text=gcode(200)).printing(100)
+    rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
 
 @pytest.mark.parametrize("lines", [0, 5])
 def test_pause_before_the_first_extrusion_is_ignored(lines: int):
-    rig = Rig().printing(lines)
+    rig = Rig().run_until_printing(lines)
     rig.session.pause(rig.now_s)
-    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.DONE, None)
     assert PrintPhase.PAUSED not in rig.phases
 
 
@@ -111,7 +113,7 @@ def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
     moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
     moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
     text = GCODE.format(moves="\n".join(moves), end=25.5)
-    rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).printing(60)
+    rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).run_until_printing(60)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
@@ -120,7 +122,7 @@ def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
 @pytest.mark.parametrize("steps", range(12))
 def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
     ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
-    rig = Rig().printing(ends - 2)
+    rig = Rig().run_until_printing(ends - 2)
     for _ in range(steps):
         rig.step()
     rig.session.pause(rig.now_s)
@@ -136,4 +138,4 @@ def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
     rig.run(until=lambda: rig.now_s > cold_s)
     rig.session.resume(rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)

@@ -1,4 +1,4 @@
-"""Whole prints against the emulator's firmware, in one process and on a clock of its own."""
+"""Complete prints on the emulator's firmware, in one process and on a simulated clock."""
 
 import errno
 import os
@@ -11,12 +11,12 @@ from drivers.errors import Fault
 from drivers.gcode.program import MemoryStore
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace
-from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
+from print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
 
 
 def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked():
     rig = Rig().run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.phases == [
         PrintPhase.CONNECTING, PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.ENDING, PrintPhase.DONE,
     ]  # fmt: skip
@@ -41,15 +41,15 @@ def test_parked_filament_is_unparked_once(filament: Filament, pushes: int):
 
 @pytest.mark.parametrize("lines", [0, 3, 9, 10, 12, 60, 150])
 def test_cancel_at_any_time_ends_with_heaters_off(lines: int):
-    rig = Rig().printing(lines)
+    rig = Rig().run_until_printing(lines)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
     assert rig.session.context.reason == "no more"
 
 
 def test_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
-    rig = Rig().printing(100)
+    rig = Rig().run_until_printing(100)
     end_s = rig.now_s
     rig.session.cancel("no more", rig.now_s)
     rig.run()
@@ -64,7 +64,7 @@ def test_cancel_before_homing_moves_nothing():
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
     assert b"Z10" not in rig.sent and b"G28" not in rig.sent
 
 
@@ -91,7 +91,7 @@ def test_cancel_before_homing_moves_nothing():
     ],
 )
 def test_faults_of_the_board_fail_the_print_by_name_and_end_with_heaters_off(faults: Faults, fault: Fault):
-    assert_ended_off(Rig(faults, text=gcode(1000)).run(), PrintPhase.FAILED, fault)
+    assert_end_with_heaters_off(Rig(faults, text=make_gcode(1000)).run(), PrintPhase.FAILED, fault)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_faults_of_the_board_fail_the_print_by_name_and_end_with_heaters_off(fau
     ],
 )
 def test_uncooled_heater_is_not_reported_off_and_its_mains_are_cut(faults: Faults, fault: Fault):
-    rig = Rig(faults, text=gcode(1000)).run()
+    rig = Rig(faults, text=make_gcode(1000)).run()
     assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, fault), (
         rig.session.context.reason
     )
@@ -113,8 +113,8 @@ def test_uncooled_heater_is_not_reported_off_and_its_mains_are_cut(faults: Fault
 
 
 def test_heater_stuck_on_at_the_end_fails_the_print():
-    rig = Rig(text=gcode(50))
-    rig.printing(rig.program.count - 12)
+    rig = Rig(text=make_gcode(50))
+    rig.run_until_printing(rig.program.count - 12)
     rig.firmware.board.bed.burns = True
     rig.run()
     assert (rig.session.context.phase, rig.session.context.fault) == (
@@ -137,57 +137,61 @@ def test_heater_stuck_on_at_the_end_fails_the_print():
     ],
 )
 def test_recoverable_faults_print_the_same_part(faults: Faults):
-    good, bad = Rig(text=gcode(1000)).run(), Rig(faults, text=gcode(1000), seed=3).run()
-    assert_ended_off(bad, PrintPhase.DONE, None)
-    assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
+    clean_rig, faulty_rig = Rig(text=make_gcode(1000)).run(), Rig(faults, text=make_gcode(1000), seed=3).run()
+    assert_end_with_heaters_off(faulty_rig, PrintPhase.DONE, None)
+    assert faulty_rig.firmware.board.filament_mm == pytest.approx(
+        clean_rig.firmware.board.filament_mm, abs=0.01
+    )
 
 
 def test_stopped_firmware_is_detected_by_its_targets():
-    """The board's messages are lost; it acknowledges every move and executes none."""
-    rig = Rig(Faults(stop_after=700), text=gcode(1000))
+    """Lose the board's messages: it acknowledges every move and executes none."""
+    rig = Rig(Faults(stop_after=700), text=make_gcode(1000))
     listen = rig.link.receive
 
     def deaf(data: bytes, now_s: float) -> object:
-        received = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
-        return listen(received, now_s)
+        altered_data = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
+        return listen(altered_data, now_s)
 
     rig.link.receive = deaf  # type: ignore[method-assign, assignment]
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 
 def test_dead_nozzle_fails_by_the_firmware_or_the_heater_watch():
     rig = Rig(Faults(dead_nozzle=True)).run()
     assert rig.session.context.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
-    assert_ended_off(rig, PrintPhase.FAILED, rig.session.context.fault)
+    assert_end_with_heaters_off(rig, PrintPhase.FAILED, rig.session.context.fault)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_slightly_damaged_wire_prints_the_same_part(seed: int):
-    good = Rig().run()
-    bad = Rig(Faults(checksum=0.004, drop_ok=0.004), seed=seed).run()
-    assert_ended_off(bad, PrintPhase.DONE, None)
-    assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
+    clean_rig = Rig().run()
+    faulty_rig = Rig(Faults(checksum=0.004, drop_ok=0.004), seed=seed).run()
+    assert_end_with_heaters_off(faulty_rig, PrintPhase.DONE, None)
+    assert faulty_rig.firmware.board.filament_mm == pytest.approx(
+        clean_rig.firmware.board.filament_mm, abs=0.01
+    )
 
 
 def test_cold_extrusion_ends_the_print():
-    text = gcode().replace("M109 S210", "M109 S100")
-    assert_ended_off(Rig(text=text).run(), PrintPhase.FAILED, Fault.COLD_EXTRUSION)
+    text = make_gcode().replace("M109 S210", "M109 S100")
+    assert_end_with_heaters_off(Rig(text=text).run(), PrintPhase.FAILED, Fault.COLD_EXTRUSION)
 
 
 def test_target_changed_by_a_person_ends_the_print():
-    rig = Rig(text=gcode(2000)).printing(100)
+    rig = Rig(text=make_gcode(2000)).run_until_printing(100)
     rig.firmware.board.set_nozzle(150.0, rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.FAILED, Fault.TARGET_CHANGED)
+    assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 
 def test_repeated_and_late_cancels_change_nothing():
-    rig = Rig().printing(100)
+    rig = Rig().run_until_printing(100)
     rig.session.cancel("first", rig.now_s)
     rig.session.cancel("second", rig.now_s)
     rig.run()
     rig.session.cancel("third", rig.now_s)
-    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
     assert rig.session.context.reason == "first"
 
 
@@ -198,17 +202,17 @@ def test_accelerated_pace_is_bounded_in_wall_time():
 
 
 def test_report_is_requested_by_a_numbered_line():
-    """A bare M105 with one flipped bit may be an M1, which never comes back."""
+    """Number the request: a bare M105 with one flipped bit may be an M1, which never ends."""
     rig = Rig().run()
     assert b"\nM105\n" not in rig.sent
     assert rig.sent.count(b" M105*") > 10
 
 
 def test_moves_longer_than_a_time_out_cause_no_fault():
-    """A brim at 10 mm/s along the longest side: each ok comes when a move is done."""
+    """Print a brim at 10 mm/s along the longest side: each ok comes at the end of a move."""
     path = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
     rig = Rig(text=GCODE.format(moves=path, end=60 - 6.5)).run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.firmware.errors <= 6
 
 
@@ -220,35 +224,35 @@ def test_unreadable_reports_end_the_heat_up():
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
     assert rig.targets() == (0.0, 0.0)
-    assert not rig.session.context.heaters_off  # nobody could read that they are
+    assert not rig.session.context.heaters_off  # their state is unreadable
 
 
 def test_unreadable_reports_end_the_print():
-    rig = Rig(text=gcode(3000)).printing(100)
+    rig = Rig(text=make_gcode(3000)).run_until_printing(100)
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
     assert rig.targets() == (0.0, 0.0)
-    assert rig.session.context.wants_power_off  # nobody could read that it cools
+    assert rig.session.context.wants_power_off  # its cooling is unreadable
 
 
 def test_cold_first_stage_leaves_the_filament_parked():
-    text = gcode().replace("M109 S210", "M109 S150\nM109 S210")
+    text = make_gcode().replace("M109 S210", "M109 S150\nM109 S210")
     rig = Rig(text=text).run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.sent.count(b"G1 F300 E20") == 1
 
 
 @pytest.mark.parametrize("after_s", [0.1 * i for i in range(30)])
 def test_cancel_parks_the_filament_from_any_state(after_s: float):
-    rig = Rig(text=hopping(120)).printing(60 + int(130 * after_s))
+    rig = Rig(text=make_retracting_gcode(120)).run_until_printing(60 + int(130 * after_s))
     until_s = rig.now_s + after_s
     rig.run(until=lambda: rig.now_s >= until_s)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
@@ -258,9 +262,9 @@ def test_cancel_parks_the_filament_from_any_state(after_s: float):
     [("", Filament.UNKNOWN), ("G1 E200\n", Filament.AT_NOZZLE), ("G1 E180\n", Filament.PARKED)],
 )
 def test_filament_position_after_a_print_follows_the_file(end: str, filament: Filament):
-    text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
+    text = make_gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
     rig = Rig(text=text).run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.session.context.filament is filament
     end_mm = {Filament.UNKNOWN: -6.5, Filament.AT_NOZZLE: 0.0, Filament.PARKED: -20.0}[filament]
     assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
@@ -272,9 +276,9 @@ def test_filament_position_after_a_print_follows_the_file(end: str, filament: Fi
 class DyingDisk(MemoryStore):
     """Store that returns its first blocks, and later none or others."""
 
-    def __init__(self, bad: bytes | None) -> None:
+    def __init__(self, bad_data: bytes | None) -> None:
         super().__init__()
-        self._bad = bad
+        self._bad = bad_data
         self.mended = False
 
     def read(self, start: int, end: int) -> bytes:
@@ -285,16 +289,20 @@ class DyingDisk(MemoryStore):
         return self._bad
 
 
-@pytest.mark.parametrize(("bad", "message"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "has changed")])
-def test_disk_failure_ends_the_print_safely_without_skipped_lines(bad: bytes | None, message: str):
-    text = gcode(1500)
-    disk = DyingDisk(bad)
+@pytest.mark.parametrize(
+    ("bad_data", "message"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "has changed")]
+)
+def test_disk_failure_ends_the_print_safely_without_skipped_lines(bad_data: bytes | None, message: str):
+    text = make_gcode(1500)
+    disk = DyingDisk(bad_data)
     rig = Rig(text=text, store=disk).run()
-    assert_ended_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
+    assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
     assert rig.session.context.reason is not None and message in rig.session.context.reason
     disk.mended = True
-    sent = rig.moves()
-    assert 0 < len(sent) < 1500
-    moves = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
-    assert sent == moves[: len(sent)]
+    sent_moves = rig.list_moves()
+    assert 0 < len(sent_moves) < 1500
+    moves = [
+        line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent_moves)
+    ]
+    assert sent_moves == moves[: len(sent_moves)]
     assert rig.session.context.filament is not Filament.AT_NOZZLE

@@ -5,16 +5,16 @@ import pytest
 from drivers.emulator.faults import Faults
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
-from print_rig import Rig, assert_ended_off, gcode
+from print_rig import Rig, assert_end_with_heaters_off, make_gcode
 
 
 @pytest.mark.parametrize("no_reset", [False, True])
 def test_print_over_its_time_limit_is_ended_safely(no_reset: bool):
-    rig = Rig(Faults(no_reset=no_reset), text=gcode(3000)).printing(100)
+    rig = Rig(Faults(no_reset=no_reset), text=make_gcode(3000)).run_until_printing(100)
     rig.session.context.ends_by_s = rig.now_s + 60.0
     by_s = rig.session.context.ends_by_s
     rig.run()
-    assert_ended_off(rig, PrintPhase.FAILED, Fault.HOURS_ENDED)
+    assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.HOURS_ENDED)
     assert rig.session.context.ended_s is not None and by_s <= rig.session.context.ended_s <= by_s + 120.0
     assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.5)
@@ -22,23 +22,23 @@ def test_print_over_its_time_limit_is_ended_safely(no_reset: bool):
 
 
 def test_time_limit_applies_in_pauses_and_heat_up():
-    paused = Rig(text=gcode(300)).printing(100)
-    paused.session.pause(paused.now_s)
-    paused.run(until=lambda: paused.session.context.pause_ends_s is not None)
-    paused.session.context.ends_by_s = paused.now_s + 60.0
-    assert_ended_off(paused.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
-    heating = Rig()
-    heating.run(until=lambda: heating.session.context.phase is PrintPhase.HEATING)
-    heating.session.context.ends_by_s = heating.now_s + 5.0
-    assert_ended_off(heating.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
-    assert not heating.session.context.extruded
+    paused_rig = Rig(text=make_gcode(300)).run_until_printing(100)
+    paused_rig.session.pause(paused_rig.now_s)
+    paused_rig.run(until=lambda: paused_rig.session.context.pause_ends_s is not None)
+    paused_rig.session.context.ends_by_s = paused_rig.now_s + 60.0
+    assert_end_with_heaters_off(paused_rig.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
+    heating_rig = Rig()
+    heating_rig.run(until=lambda: heating_rig.session.context.phase is PrintPhase.HEATING)
+    heating_rig.session.context.ends_by_s = heating_rig.now_s + 5.0
+    assert_end_with_heaters_off(heating_rig.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
+    assert not heating_rig.session.context.extruded
 
 
 def test_postponed_time_limit_ends_nothing():
-    rig = Rig(text=gcode(200)).printing(100)
+    rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.context.ends_by_s = rig.now_s + 5.0
     rig.session.advance((), rig.now_s)
     rig.session.context.ends_by_s = None
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     rig.session.context.ends_by_s = rig.now_s
-    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.DONE, None)

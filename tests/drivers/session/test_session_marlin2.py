@@ -1,4 +1,4 @@
-"""Whole prints on an emulated Ender-3, whose board has plain Marlin 2."""
+"""Complete prints on an emulated Ender-3, whose board has plain Marlin 2."""
 
 import io
 from dataclasses import replace
@@ -11,7 +11,7 @@ from drivers.errors import BadGcode, Fault
 from drivers.gcode import read_program
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES
-from print_rig import Rig, assert_ended_off
+from print_rig import Rig, assert_end_with_heaters_off
 
 ENDER3 = PROFILES["creality_ender3"]
 
@@ -33,10 +33,10 @@ def rig(moves: int = 200, **faults: float) -> Rig:
 @pytest.mark.parametrize("advanced_ok", [False, True])
 def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     printer = rig(advanced_ok=advanced_ok).run()
-    assert_ended_off(printer, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
     assert printer.firmware.errors == 0 and printer.link.repeated == 0
-    assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)  # 8 forth at the start, 8 back
+    assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)  # 8 mm forward at the start, 8 mm back
     assert board.filament_end_mm == pytest.approx(-ENDER3.parked_mm, abs=0.01)
     assert printer.session.context.filament is Filament.PARKED
     assert printer.firmware.machine.homed and not board.bed_clear
@@ -47,7 +47,7 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
 def test_part_is_exact_over_a_noisy_wire(seed: int):
     faults = Faults(noise=2e-4, lost=1e-4, doubled=1e-4)
     printer = Rig(faults, gcode(600), "creality_ender3", seed=seed, profile=ENDER3).run()
-    assert_ended_off(printer, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     noise = printer.firmware.noise
     assert noise is not None and noise.damaged > 0 and noise.altered == 0
     assert printer.link.repeated > 0
@@ -69,24 +69,24 @@ def test_part_is_exact_over_a_noisy_wire(seed: int):
 @pytest.mark.parametrize("advanced_ok", [False, True])
 def test_part_is_exact_where_lines_or_answers_are_lost(faults: dict[str, float], advanced_ok: bool):
     printer = rig(400, advanced_ok=advanced_ok, **faults).run()
-    assert_ended_off(printer, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.firmware.board.filament_mm == pytest.approx(400.0 + 12.5, abs=0.01)
 
 
 def test_slow_move_has_no_time_out_while_the_board_is_busy():
     slow = gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
     printer = Rig(Faults(), slow, "creality_ender3", profile=ENDER3).run()
-    assert_ended_off(printer, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.link.repeated == 0
     questions = printer.sent.count(ENDER3.firmware.last_line_query)
-    assert questions < 150  # one a line at most, and not one each 0.3 s
+    assert questions < 150  # at most one for each line, not one every 0.3 s
 
 
 def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
-    printer = rig().printing()
+    printer = rig().run_until_printing()
     printer.session.cancel("enough", printer.now_s)
     printer.run()
-    assert_ended_off(printer, PrintPhase.CANCELLED, None)
+    assert_end_with_heaters_off(printer, PrintPhase.CANCELLED, None)
     x, y, z, _ = printer.firmware.machine.planner.position(printer.now_s)
     assert (x, y) == (0.0, 0.0) and z == pytest.approx(26.0)  # 10 over the prime's, to the next mm
     assert printer.firmware.board.filament_end_mm == pytest.approx(-ENDER3.parked_mm, abs=0.3)
@@ -94,22 +94,22 @@ def test_cancel_lifts_the_head_off_the_part_and_parks_the_filament():
 
 
 def test_print_resumes_at_its_position():
-    printer = rig().printing()
+    printer = rig().run_until_printing()
     printer.session.pause(printer.now_s)
     printer.run(
         until=lambda: printer.session.context.phase is PrintPhase.PAUSED and printer.targets()[0] == 0.0
     )
     until_s = printer.now_s + 900.0
     printer.run(until=lambda: printer.now_s > until_s)
-    assert printer.firmware.phase is Phase.RUNNING  # the dead-man is fed
+    assert printer.firmware.phase is Phase.RUNNING  # the dead-man is restarted
     printer.session.resume(printer.now_s)
     printer.run()
-    assert_ended_off(printer, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert printer.firmware.board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.05)
 
 
 def test_dead_man_ends_the_heat_of_a_host_that_died():
-    printer = rig().printing()
+    printer = rig().run_until_printing()
     firmware, since_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
         assert printer.now_s < since_s + 700.0, "it goes on heating"
@@ -120,13 +120,13 @@ def test_dead_man_ends_the_heat_of_a_host_that_died():
 
 def test_halted_board_is_reset_and_confirmed_off():
     printer = rig(kill_after=150).run()
-    assert_ended_off(printer, PrintPhase.FAILED, Fault.KILL)
+    assert_end_with_heaters_off(printer, PrintPhase.FAILED, Fault.KILL)
     assert printer.firmware.phase is Phase.RUNNING
     assert b"G28 Z0" not in printer.sent  # its switch is down at the bed, below the part
 
 
 def test_head_does_not_move_after_a_reset_in_a_cancel():
-    printer = rig(silent_after=150).printing(60)
+    printer = rig(silent_after=150).run_until_printing(60)
     printer.session.cancel("enough", printer.now_s)
     printer.run()
     assert printer.targets() == (0.0, 0.0) and printer.session.context.heaters_off
@@ -141,8 +141,8 @@ def test_heater_that_gives_no_heat_ends_the_print():
 
 
 def test_another_machine_with_marlin_2_is_not_heated():
-    other = replace(ENDER3, machine_word=b"MACHINE_TYPE:CR-10 EXTRUDER", title="CR-10")
-    printer = Rig(Faults(), gcode(), "creality_ender3", profile=other).run()
+    other_profile = replace(ENDER3, machine_word=b"MACHINE_TYPE:CR-10 EXTRUDER", title="CR-10")
+    printer = Rig(Faults(), gcode(), "creality_ender3", profile=other_profile).run()
     assert (printer.session.context.phase, printer.session.context.fault) == (
         PrintPhase.FAILED,
         Fault.WRONG_PRINTER,
@@ -166,7 +166,7 @@ def test_relative_extrusion_is_refused():
 
 @pytest.mark.parametrize("fault", ["drop_ok", "swallow", "checksum"])
 def test_hot_head_stops_only_for_the_interval_of_keep_alive(fault: str):
-    """Short moves, of which the planner holds a tenth of a second."""
+    """Use short moves, of which the planner contains 0.1 s."""
     path = "\n".join(f"G1 F3000 X{50 + 0.3 * (i % 100):.1f} Y{50 + i * 0.01:.2f}" for i in range(3000))
     text = gcode(1).replace("G1 F3000 X50 Y50.00 E1", f"G1 F3000 X50 Y50.00 E1\n{path}")
     printer = Rig(Faults(**{fault: 0.002}), text, "creality_ender3", seed=4, profile=ENDER3)
@@ -175,5 +175,5 @@ def test_hot_head_stops_only_for_the_interval_of_keep_alive(fault: str):
         printer.step()
         starved_s = printer.firmware.starved_s
         worst_s, was_s = max(worst_s, starved_s - was_s), starved_s
-    assert_ended_off(printer, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     assert 0.0 < worst_s < 2.0

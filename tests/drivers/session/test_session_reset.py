@@ -1,4 +1,4 @@
-"""Resets before and after a print, boards that nothing resets, and the firmware's dead-man."""
+"""Resets before and after a print, boards without reset, and the firmware's dead-man."""
 
 import math
 from typing import Any
@@ -12,12 +12,12 @@ from drivers.link import LinkFault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
-from print_rig import PLUS, Rig, assert_ended_off, gcode
+from print_rig import PLUS, Rig, assert_end_with_heaters_off, make_gcode
 
 
 def test_lost_port_fails_the_print_without_heaters_confirmed_off():
-    rig = Rig().printing(100)
-    rig.plugged = False
+    rig = Rig().run_until_printing(100)
+    rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.run()
@@ -27,19 +27,19 @@ def test_lost_port_fails_the_print_without_heaters_confirmed_off():
 
 
 def test_returned_port_is_reset_and_confirmed_off():
-    rig = Rig().printing(100)
-    rig.plugged = False
+    rig = Rig().run_until_printing(100)
+    rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.back_s = rig.now_s + 10.0
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)
 
 
 def test_session_without_a_program_resets_the_board_and_names_the_dead_agent():
     rig = Rig()
     rig.firmware.board.set_nozzle(210.0, rig.now_s)
     rig.session = Session(SessionContext(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s))
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
     assert rig.session.context.filament is Filament.UNKNOWN
 
 
@@ -47,12 +47,12 @@ def test_second_print_on_a_link_begins_with_new_counts():
     rig = Rig()
     rig.run()
     assert rig.session.context.acknowledged_lines == rig.program.count
-    repeated = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
-    assert repeated.context.acknowledged_lines == 0
+    second_session = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
+    assert second_session.context.acknowledged_lines == 0
 
 
 def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
-    rig = Rig(text=gcode(200)).printing(100)
+    rig = Rig(text=make_gcode(200)).run_until_printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     pause_s = rig.now_s
@@ -60,9 +60,9 @@ def test_dead_man_time_depends_on_heat_and_pause_and_is_off_when_cold():
     assert rig.firmware.machine.dead_man_s == 120.0
     rig.session.resume(rig.now_s)
     rig.run()
-    armed = [int(command.split(b"*")[0]) for command in rig.sent.split(b"M85 S")[1:]]
-    assert armed[0] == 1200 and armed[-1] == 0
-    assert {seconds: armed.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
+    armed_s = [int(command.split(b"*")[0]) for command in rig.sent.split(b"M85 S")[1:]]
+    assert armed_s[0] == 1200 and armed_s[-1] == 0
+    assert {seconds: armed_s.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
     assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
 
 
@@ -74,11 +74,11 @@ def test_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatc
     started_s = rig.now_s
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
     assert rig.now_s - started_s > 2 * 60.0
-    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.DONE, None)
 
 
 def test_board_ends_its_heat_after_its_host_died():
-    rig = Rig(text=gcode(200)).printing(100)
+    rig = Rig(text=make_gcode(200)).run_until_printing(100)
     dead_s = rig.now_s
     while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:
         rig.firmware.feed(b"", due_s)
@@ -86,23 +86,23 @@ def test_board_ends_its_heat_after_its_host_died():
 
 
 def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
-    rig = Rig().printing(100)
+    rig = Rig().run_until_printing(100)
     rig.firmware.phase = Phase.MUTE
     rig.session.cancel("no more", rig.now_s)
     rig.run()
-    assert_ended_off(rig, PrintPhase.CANCELLED, None)
-    cut = rig.sent.rindex(b"M110")
-    assert rig.sent.index(b"G28 Z0", cut) < rig.sent.index(b"G28 X0 Y0", cut)
+    assert_end_with_heaters_off(rig, PrintPhase.CANCELLED, None)
+    index = rig.sent.rindex(b"M110")
+    assert rig.sent.index(b"G28 Z0", index) < rig.sent.index(b"G28 X0 Y0", index)
 
 
 def test_board_without_reset_is_initialised_before_each_print():
     rig = Rig(Faults(no_reset=True))
     board = rig.firmware.board
-    board.bed.target_c = 50.0  # somebody warmed it up before
+    board.bed.target_c = 50.0  # it was warmed up before
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
     rig.run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert_end_with_heaters_off(rig, PrintPhase.DONE, None)
     assert rig.firmware.resets == 0
     assert rig.session.context.identity == "X0.00 Y0.00 Z-10.00"
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
@@ -110,7 +110,7 @@ def test_board_without_reset_is_initialised_before_each_print():
 
 def test_another_board_without_reset_is_detected():
     rig = Rig(Faults(no_reset=True, levelled=3), identity="X0.00 Y0.00 Z-10.00").run()
-    assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert_end_with_heaters_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_another_board_without_reset_is_detected():
 def test_board_without_reset_is_stopped_by_command(faults: dict[str, Any], fault: Fault | None):
     rig = Rig(Faults(no_reset=True, **faults))
     if fault is None:
-        rig.printing(60).session.cancel("cancelled", rig.now_s)
+        rig.run_until_printing(60).session.cancel("cancelled", rig.now_s)
     rig.run()
     assert rig.session.context.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
     assert rig.session.context.heaters_off and rig.targets() == (0.0, 0.0)
@@ -137,22 +137,29 @@ def test_dead_man_of_a_board_without_reset_stays_armed_until_heaters_are_off():
     rig = Rig(Faults(no_reset=True, nozzle_burns_after=150)).run()
     assert rig.session.context.wants_power_off
     assert rig.firmware.machine.dead_man_s < math.inf
-    left = Rig(Faults(no_reset=True))
-    left.firmware.machine.dead_man_s = 600.0
-    left.firmware.board.set_nozzle(210.0, left.now_s)
-    left.session = Session(SessionContext(left.link, None, PLUS, Filament.AT_NOZZLE, Pace(), left.now_s))
-    left.session.context.board_resets = False
-    left.run(
-        until=lambda: left.session.context.report is not None and left.session.context.report.targets_off
+    rig_without_reset = Rig(Faults(no_reset=True))
+    rig_without_reset.firmware.machine.dead_man_s = 600.0
+    rig_without_reset.firmware.board.set_nozzle(210.0, rig_without_reset.now_s)
+    rig_without_reset.session = Session(
+        SessionContext(
+            rig_without_reset.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig_without_reset.now_s
+        )
     )
-    assert left.firmware.machine.dead_man_s == 600.0
-    assert_ended_off(left.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
-    assert left.firmware.machine.dead_man_s == math.inf  # off
+    rig_without_reset.session.context.board_resets = False
+    rig_without_reset.run(
+        until=lambda: (
+            rig_without_reset.session.context.report is not None
+            and rig_without_reset.session.context.report.targets_off
+        )
+    )
+    assert rig_without_reset.firmware.machine.dead_man_s == 600.0
+    assert_end_with_heaters_off(rig_without_reset.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
+    assert rig_without_reset.firmware.machine.dead_man_s == math.inf  # off
 
 
 def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
-    """A dead link does not wait for an answer."""
-    rig = Rig().printing()
+    """Poll at once: a dead link does not wait for an answer."""
+    rig = Rig().run_until_printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
     rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
@@ -161,12 +168,12 @@ def test_board_that_restarts_during_the_confirmation_is_polled_at_once():
     again_s = rig.now_s
     rig.run(until=lambda: rig.session.context.wants_reset)
     assert rig.now_s - again_s < 10.0
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
 
 
 def test_board_with_a_fault_after_its_reset_is_still_polled():
-    """The board has stopped again, and still reports temperatures, which is enough."""
-    rig = Rig().printing()
+    """Poll a board that has stopped again and still reports temperatures, which is enough."""
+    rig = Rig().run_until_printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
     rig.run(until=lambda: rig.session.context.wants_reset)
     rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
@@ -174,5 +181,5 @@ def test_board_with_a_fault_after_its_reset_is_still_polled():
     events = rig.link.receive(b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", rig.now_s)
     assert [event.fault for event in events or () if isinstance(event, LinkFault)] == [Fault.MINTEMP]
     rig.session.advance(events or (), rig.now_s)
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
     assert rig.firmware.resets == resets

@@ -12,15 +12,15 @@ from drivers.messages import Filament, PrintPhase
 from drivers.records import Suspicion
 from drivers.safety import Finding, HeaterWatch
 from drivers.session import Pace, Session, SessionContext
-from print_rig import PLUS, Rig, gcode
+from print_rig import PLUS, Rig, make_gcode
 
 LIMIT_S = 30.0  # from a finding to the request
 NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
 
 def burning(heater: HeaterName) -> Rig:
-    """A print whose heater gets full power from now on."""
-    rig = Rig(text=gcode(4000)).printing(300)
+    """Start a print whose heater gets full power from now on."""
+    rig = Rig(text=make_gcode(4000)).run_until_printing(300)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     return rig
 
@@ -44,7 +44,7 @@ def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
     found_s = finding_time_s(rig)
     assert request_time_s(rig) - found_s <= LIMIT_S
     rig.run()
-    assert rig.now_s - found_s <= 150.0  # and it is not 'ending' for long
+    assert rig.now_s - found_s <= 150.0  # and its state is not 'ending' for long
     assert not rig.session.context.heaters_off
 
 
@@ -66,14 +66,14 @@ def test_activity_of_the_board_does_not_delay_the_power_off(
 def test_lost_port_does_not_delay_the_power_off():
     rig = burning(NOZZLE)
     found_s = finding_time_s(rig)
-    rig.plugged = False
+    rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
     assert request_time_s(rig) - found_s <= LIMIT_S
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
-    """The target is 0, so only the temperature shows the fault."""
+    """Find the fault by the temperature alone, as the target is 0."""
     for stop in (
         lambda rig: rig.session.cancel("no more", rig.now_s),
         lambda rig: rig.session.pause(rig.now_s),
@@ -81,7 +81,7 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
         rig = burning(NOZZLE)
         started_s = rig.now_s
         stop(rig)
-        assert request_time_s(rig) - started_s <= 45.0  # a pause first draws the filament back, hot
+        assert request_time_s(rig) - started_s <= 45.0  # a pause first retracts the hot filament
         rig.run()
         assert (
             rig.session.context.suspicion is not None
@@ -91,8 +91,8 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
 
 @pytest.mark.parametrize("lines_before_the_end", [40, 12, 3])
 def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_end: int):
-    rig = Rig(text=gcode(50))
-    rig.printing(rig.program.count - lines_before_the_end)
+    rig = Rig(text=make_gcode(50))
+    rig.run_until_printing(rig.program.count - lines_before_the_end)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     started_s = rig.now_s
@@ -111,7 +111,7 @@ def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
 
 
 def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
-    rig = Rig(Faults(stop_after=700), text=gcode(1000))
+    rig = Rig(Faults(stop_after=700), text=make_gcode(1000))
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.suspicion is not None
     rig.run()
@@ -144,9 +144,9 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     rig = Rig()
     rig.firmware.board.nozzle.burns = burns
     started_s = rig.now_s
-    old = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
+    old_suspicion = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
     rig.session = Session(
-        SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old)
+        SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old_suspicion)
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
@@ -159,9 +159,9 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
     quick, slow = HeaterWatch(4.0), HeaterWatch(480.0)
     for now_s in range(400):
         report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
-        late = slow.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        late_finding = slow.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         at_once = quick.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
-        assert late is None and (at_once is None) == (now_s < 13)
+        assert late_finding is None and (at_once is None) == (now_s < 13)
     pace = Pace(floor_s=240.0)
     rig = Rig()
     rig.session = Session(
@@ -176,7 +176,7 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
 
 
 def overshoot(now_s: float, peak_c: float) -> float:
-    """Temperature after the heater is switched off: 200 C, `peak_c` more after 12 s, then falling."""
+    """Compute the temperature after switching off: 200 C, `peak_c` more after 12 s, then falling."""
     return 200.0 + (
         peak_c * math.sin(now_s / 12.0 * math.pi / 2) if now_s < 12.0 else peak_c - (now_s - 12.0)
     )
@@ -193,7 +193,7 @@ def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
 
 
 def test_heat_before_the_off_command_is_not_a_fault():
-    """A command waits behind homing, so the report shows the former target."""
+    """Report the former target while a command waits for homing."""
     watch = HeaterWatch(4.0)
     assert all(observe(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
     assert all(observe(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))

@@ -57,7 +57,7 @@ prints = st.fixed_dictionaries(
 )
 similar_prints = prints.map(
     lambda item: {"started_s": NOW_S + 9.0, **item, "sha256": "0" * 64}
-)  # of a file that waits
+)  # of a file that is waiting
 snapshots = st.fixed_dictionaries(
     {
         "printer": st.just("a"),
@@ -76,30 +76,30 @@ snapshots = st.fixed_dictionaries(
 )
 
 
-def lines(snapshot_values):
-    """Snapshots of an agent that can be read at all."""
+def read_snapshots(snapshot_values):
+    """Yield the snapshots of an agent that can be parsed."""
     for item in snapshot_values:
         try:
-            received = read_line(json.dumps({"kind": "snapshot", **item}).encode())
+            message = read_line(json.dumps({"kind": "snapshot", **item}).encode())
         except MessageError:
             continue
-        assert isinstance(received, Snapshot)
-        yield received
+        assert isinstance(message, Snapshot)
+        yield message
 
 
 def read_views(controller, folder):
     """Render everything that is shown or sent to people."""
     view_context = controller.build_view_context(StateFolder(folder))
-    shown = [describe_job(view_context, job) for job in controller.books.jobs.values()]
-    shown += [describe_printer(view_context, section, None) for section in controller.fleet.printers]
-    shown += [*list_tasks(view_context), *list_history(view_context)]
+    views = [describe_job(view_context, job) for job in controller.books.jobs.values()]
+    views += [describe_printer(view_context, section, None) for section in controller.fleet.printers]
+    views += [*list_tasks(view_context), *list_history(view_context)]
     night = describe_night(view_context)
-    for view in [*shown, *([night] if night else [])]:
+    for view in [*views, *([night] if night else [])]:
         assert "\\u001b" not in view.model_dump_json()
 
 
-def busy(folder):
-    """A job on two printers, of which `a` sends false reports."""
+def make_busy_farm(folder):
+    """Make a job on two printers, of which `a` sends false reports."""
     farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -118,31 +118,33 @@ def busy(folder):
 @given(snapshot_values=st.lists(snapshots, max_size=4))
 def test_any_snapshot_can_be_recorded_shown_and_read(snapshot_values, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
-    farm = busy(folder)
-    other = farm.controller.books.prints["theirs"]
-    for received in lines(snapshot_values):
-        farm.controller.on_snapshot(to_farm_snapshot(received, Clock()))
+    farm = make_busy_farm(folder)
+    other_print = farm.controller.books.prints["theirs"]
+    for message in read_snapshots(snapshot_values):
+        farm.controller.on_snapshot(to_farm_snapshot(message, Clock()))
         read_views(farm.controller, folder)
-    assert farm.controller.books.prints["theirs"] == other
+    assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
         assert store.load() == farm.controller.books
     farm.store.close()
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(last=snapshots, reported_prints=st.lists(similar_prints, max_size=4))
-def test_any_journal_since_the_backup_can_be_recorded(last, reported_prints, tmp_path_factory):
+@given(last_record=snapshots, reported_prints=st.lists(similar_prints, max_size=4))
+def test_any_journal_since_the_backup_can_be_recorded(last_record, reported_prints, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
-    farm = busy(folder)
+    farm = make_busy_farm(folder)
     farm.controller.start(farm.effects, restored_s=NOW_S + 1.0)
-    other = farm.controller.books.prints["theirs"]
-    for received in lines([last]):
-        shown = [item.print for item in lines({**last, "print": shot} for shot in reported_prints)]
-        shot = [to_farm_print(item, compute_clock_offset_s(received, Clock())) for item in shown]
-        farm.controller.on_journal(to_farm_snapshot(received, Clock()), shot)
+    other_print = farm.controller.books.prints["theirs"]
+    for message in read_snapshots([last_record]):
+        print_views = [
+            item.print for item in read_snapshots({**last_record, "print": shot} for shot in reported_prints)
+        ]
+        shot = [to_farm_print(item, compute_clock_offset_s(message, Clock())) for item in print_views]
+        farm.controller.on_journal(to_farm_snapshot(message, Clock()), shot)
         assert farm.controller.unreported_since_s("a") is None
         read_views(farm.controller, folder)
-    assert farm.controller.books.prints["theirs"] == other
+    assert farm.controller.books.prints["theirs"] == other_print
     with Store(folder / "farm.db") as store:
         assert store.load() == farm.controller.books
     farm.store.close()

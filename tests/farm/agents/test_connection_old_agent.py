@@ -23,7 +23,7 @@ from farm.paths import StateFolder
 MODEL = "ultimaker2_plus"
 PORT = f"sim://{MODEL}"
 DEADLINE_S = 20.0
-KNOWN = {  # the requests of the first protocol, and their fields
+KNOWN_REQUESTS = {  # the requests of the first protocol, and their fields
     "hello": {"do", "id"},
     "start": {"do", "id", "print_id", "gcode", "sha256", "print_time_s", "filament"},
     "upload": {"do", "id", "print_id", "at", "data"},
@@ -62,8 +62,8 @@ class OldAgent:
         writer.write(json.dumps(self.hello).encode() + b"\n")
         while line := await reader.readline():
             request = json.loads(line)
-            expected = KNOWN.get(request["do"])
-            if expected is None or not request.keys() <= expected:
+            fields = KNOWN_REQUESTS.get(request["do"])
+            if fields is None or not request.keys() <= fields:
                 self.dropped += 1
                 break
             self.requests.append(request)
@@ -80,8 +80,8 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
-        self.was_refused.append((print_id, late))
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
+        self.was_refused.append((print_id, is_late))
 
     def unreported_since_s(self, printer: str) -> float | None:
         return None
@@ -90,12 +90,12 @@ class RecordingListener:
         raise AssertionError(prints)
 
 
-def start(**more: object) -> m.StartPrint:
+def start(**fields: object) -> m.StartPrint:
     facts = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
-    return m.StartPrint.model_validate({"id": 0, **facts, **more})
+    return m.StartPrint.model_validate({"id": 0, **facts, **fields})
 
 
-def with_agent(
+def run_with_agent(
     folder: Path,
     prints: bool,
     scenario: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]],
@@ -121,7 +121,7 @@ def with_agent(
             await links.close()
             server.close()
 
-    descriptor = hold(home / AGENT_LOCK)  # it lives
+    descriptor = hold(home / AGENT_LOCK)  # the agent is alive
     assert descriptor is not None
     try:
         asyncio.run(run())
@@ -140,12 +140,14 @@ def test_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(t
             link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
             while link._pending:
                 await asyncio.sleep(0.01)
-        assert listener.was_refused == [("p", True)] * 3  # nothing of it was begun: it goes elsewhere
+        assert (
+            listener.was_refused == [("p", True)] * 3
+        )  # the print was not started, so its plate is reassigned
         await links.replace("a")
         with pytest.raises(NoSuchThing):
             await links.replace("b")
 
-    agent = with_agent(tmp_path, False, scenario)
+    agent = run_with_agent(tmp_path, False, scenario)
     assert [request["do"] for request in agent.requests] == ["shutdown"]
     assert (agent.dropped, agent.connections) == (0, 1)
 
@@ -159,7 +161,7 @@ def test_print_of_an_older_agent_continues_and_can_be_cancelled(tmp_path: Path):
         while link._pending:
             await asyncio.sleep(0.01)
 
-    agent = with_agent(tmp_path, True, scenario)
+    agent = run_with_agent(tmp_path, True, scenario)
     assert [request["do"] for request in agent.requests] == ["cancel"]
     assert (agent.dropped, agent.connections) == (0, 1)
 
@@ -173,7 +175,7 @@ def test_refused_replacement_is_reported(tmp_path: Path, monkeypatch: pytest.Mon
         with pytest.raises(Refused, match="it prints"):
             await links.replace("a")
 
-    with_agent(tmp_path, False, scenario)
+    run_with_agent(tmp_path, False, scenario)
 
 
 def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
@@ -184,7 +186,7 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
         client = AgentClient(tmp_path)
         await client.connect()
         await anext(aiter(client.snapshots()))
-        assert (await client.request(start())).error is None  # new fields have their defaults: left out
+        assert (await client.request(start())).error is None  # new fields have their defaults and are omitted
         with pytest.raises(AgentTooOld):
             await client.request(start(not_after_s=1.0))
         with pytest.raises(AgentTooOld):

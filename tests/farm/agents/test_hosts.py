@@ -40,7 +40,7 @@ TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG9
 
 
 class RecordingListener:
-    """Listener that keeps the last snapshot of each printer, and the events of hosts."""
+    """Listener that stores the last snapshot of each printer, and the events of hosts."""
 
     def __init__(self) -> None:
         self.last: dict[str, AgentSnapshot] = {}
@@ -50,7 +50,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last[snapshot.printer] = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
@@ -66,7 +66,7 @@ class RecordingListener:
         self.warnings[topic] = text
 
     def knows_as_connected(self, host: str) -> bool:
-        """Tell whether the last event of a host, if any, is that it is connected."""
+        """Check whether the last event of a host, if any, is that it is connected."""
         kinds = [type(event) for event in self.events if getattr(event, "host", None) == host]
         return kinds[-1:] in ([], [ev.HostConnected])
 
@@ -107,7 +107,7 @@ def make_fleet(pipe: HostPipe) -> Fleet:
 async def connected_agents(
     pipe: HostPipe, state: StateFolder, clock: Clock, listener: RecordingListener
 ) -> AsyncIterator[AgentManager]:
-    """Manager of the two agents, watching as the daemon does."""
+    """Connect a manager to the two agents, and watch them like the daemon."""
     manager = AgentManager(make_fleet(pipe), state, clock, listener)
 
     async def watch() -> None:
@@ -116,11 +116,11 @@ async def connected_agents(
             await asyncio.sleep(0.05)
 
     manager.start(())
-    watching = asyncio.create_task(watch())
+    watch_task = asyncio.create_task(watch())
     try:
         yield manager
     finally:
-        watching.cancel()
+        watch_task.cancel()
         await manager.close()
 
 
@@ -152,26 +152,26 @@ def test_print_survives_the_death_of_the_host_service_and_of_the_network(
             )
             manager._connections["a"].send(start)
             await wait_for(lambda: is_in(listener, PrintState.PRINTING))
-            before = {name: find_agent_pid(pipe.places.agent(name)) for name in NAMES}
+            old_pids = {name: find_agent_pid(pipe.places.agent(name)) for name in NAMES}
             service = find_holder(pipe.places.lock)
             assert service is not None
             os.kill(service, signal.SIGKILL)
             await wait_for(lambda: listener.last["a"].host_lost)
             await wait_for(lambda: not listener.last["a"].host_lost and listener.last["a"].print)
             assert find_holder(pipe.places.lock) != service
-            assert {name: find_agent_pid(pipe.places.agent(name)) for name in NAMES} == before
+            assert {name: find_agent_pid(pipe.places.agent(name)) for name in NAMES} == old_pids
             await wait_for(lambda: listener.knows_as_connected("pc-b"))
             listener.events.clear()
             pipe.cut()
             await wait_for(lambda: listener.events)
-            (lost,) = listener.events
-            assert isinstance(lost, ev.HostLost) and lost.printers == NAMES
+            (loss,) = listener.events
+            assert isinstance(loss, ev.HostLost) and loss.printers == NAMES
             assert all(listener.last[name].host_lost for name in NAMES)
             assert is_alive(pipe.places.agent("a")) and is_held(pipe.places.lock)
             pipe.mend()
             await wait_for(lambda: listener.last["a"].print and listener.last["a"].print.state.ended)
             assert is_in(listener, PrintState.DONE), listener.last["a"]
-            assert find_agent_pid(pipe.places.agent("a")) == before["a"]
+            assert find_agent_pid(pipe.places.agent("a")) == old_pids["a"]
             await wait_for(lambda: listener.knows_as_connected("pc-b"))
             assert [type(event) for event in listener.events] == [ev.HostLost, ev.HostConnected]
 
@@ -195,10 +195,10 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     async def until_killed() -> None:
         async with connected_agents(pipe, state, clock, listener):
             await wait_for(lambda: listener.links() == {Link.READY})
-        killed = find_agent_pid(folders["a"])
-        assert killed is not None
-        os.kill(killed, signal.SIGKILL)
-        await wait_for(lambda: find_agent_pid(folders["a"]) not in (None, killed))
+        killed_pid = find_agent_pid(folders["a"])
+        assert killed_pid is not None
+        os.kill(killed_pid, signal.SIGKILL)
+        await wait_for(lambda: find_agent_pid(folders["a"]) not in (None, killed_pid))
 
     asyncio.run(until_killed())
     fleet = tmp_path / "fleet.yaml"
@@ -208,8 +208,8 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     )
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", state.root, "--fleet", fleet]
     connections = len(pipe.pids)
-    stopped = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
-    assert stopped.returncode == 0 and stopped.stdout.count("seen off") == 2, stopped
+    stop_result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert stop_result.returncode == 0 and stop_result.stdout.count("seen off") == 2, stop_result
     assert len(pipe.pids) == connections + 1
     assert all(read_status(folder / "emulator").resets for folder in folders.values())
 

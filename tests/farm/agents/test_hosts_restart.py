@@ -1,4 +1,4 @@
-"""Hosts that are lost while the daemon is started again: their loss is not reported twice."""
+"""Hosts that are lost while the daemon restarts: their loss is not reported twice."""
 
 import asyncio
 from pathlib import Path
@@ -22,7 +22,7 @@ class StandingClock:
 
 
 class EventRecorder:
-    """Listener that keeps events."""
+    """Listener that stores events."""
 
     def __init__(self) -> None:
         self.events: list[ev.AnyEvent] = []

@@ -1,4 +1,4 @@
-"""The daemon's side of real agents."""
+"""The daemon's connections to real agents."""
 
 import asyncio
 import os
@@ -37,7 +37,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
@@ -47,7 +47,7 @@ class RecordingListener:
         raise AssertionError(prints)
 
 
-def simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingListener]:
+def make_simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingListener]:
     """Make a state folder, and a fleet of one simulated printer."""
     state = StateFolder(folder)
     state.make()
@@ -55,13 +55,15 @@ def simulated_farm(folder: Path) -> tuple[StateFolder, Fleet, RecordingListener]
     return state, fleet, RecordingListener()
 
 
-async def wait_until_ready(links: AgentManager, listener: RecordingListener, old: int | None = None) -> int:
-    """Wait for an agent other than `old` that is ready, and return its pid."""
+async def wait_until_ready(
+    links: AgentManager, listener: RecordingListener, old_pid: int | None = None
+) -> int:
+    """Wait for an agent other than `old_pid` that is ready, and return its pid."""
     async with asyncio.timeout(DEADLINE_S):
         while True:
             links.watch()
             report = listener.last
-            if report is not None and report.link is Link.READY and report.agent_pid not in (None, old):
+            if report is not None and report.link is Link.READY and report.agent_pid not in (None, old_pid):
                 assert report.agent_pid is not None and not report.outdated
                 return report.agent_pid
             await asyncio.sleep(0.1)
@@ -71,16 +73,16 @@ async def wait_until_ready(links: AgentManager, listener: RecordingListener, old
 def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
     monkeypatch.setattr(heartbeat, "HUNG_S", 8.0)
-    state, fleet, listener = simulated_farm(tmp_path)
+    state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
         try:
-            first = await wait_until_ready(links, listener)
-            os.kill(first, signal.SIGSTOP)
-            second = await wait_until_ready(links, listener, first)
-            assert find_agent_pid(state.agent("a")) == second
+            first_pid = await wait_until_ready(links, listener)
+            os.kill(first_pid, signal.SIGSTOP)
+            second_pid = await wait_until_ready(links, listener, first_pid)
+            assert find_agent_pid(state.agent("a")) == second_pid
             await links.shut_down_agents()
             assert not is_alive(state.agent("a"))
         finally:
@@ -98,7 +100,7 @@ def test_hung_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.system
 def test_agent_that_has_just_started_is_ended_too(tmp_path: Path):
-    state, fleet, listener = simulated_farm(tmp_path)
+    state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
@@ -128,31 +130,37 @@ def test_times_of_an_agent_with_another_clock_are_corrected(apart_s: float, shif
     message = m.Snapshot(
         protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
     )
-    received = to_farm_snapshot(message, clock).print
-    assert received is not None
-    assert received.started_s == pytest.approx(began_s + shift_s, abs=30.0)
+    received_print = to_farm_snapshot(message, clock).print
+    assert received_print is not None
+    assert received_print.started_s == pytest.approx(began_s + shift_s, abs=30.0)
     assert compute_clock_offset_s(message, clock) == pytest.approx(shift_s, abs=30.0)
 
 
 @pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
 @pytest.mark.parametrize("later", [False, True])
 def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, later: bool):
-    """The agent's clock is as it was when it began: before the host's was set, or after."""
+    """Start the agent before or after the host's clock is set."""
     daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if later else 0.0)
     began_s = agent.now()
     shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
     message = m.Snapshot(
         protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
     )
-    received = to_farm_snapshot(message, daemon).print
-    assert received is not None and received.started_s is not None
-    off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
-    assert daemon.now() - received.started_s == pytest.approx(0.0, abs=off_s + 5.0)
+    received_print = to_farm_snapshot(message, daemon).print
+    assert received_print is not None and received_print.started_s is not None
+    off_s = (
+        30.0 if later and abs(step_s) < 60.0 else 5.0
+    )  # less than a minute may be caused by the transfer alone
+    assert daemon.now() - received_print.started_s == pytest.approx(0.0, abs=off_s + 5.0)
     deadline_s = daemon.now() + 600.0
-    sent = to_agent_clock(start(None, deadline_s), compute_clock_offset_s(message, daemon), deadline_s)
-    assert isinstance(sent, m.StartPrint)
-    assert sent.not_after_s is not None and sent.not_after_s - agent.now() == pytest.approx(600.0, abs=35.0)
-    assert sent.ends_by_s == sent.not_after_s
+    sent_request = to_agent_clock(
+        start(None, deadline_s), compute_clock_offset_s(message, daemon), deadline_s
+    )
+    assert isinstance(sent_request, m.StartPrint)
+    assert sent_request.not_after_s is not None and sent_request.not_after_s - agent.now() == pytest.approx(
+        600.0, abs=35.0
+    )
+    assert sent_request.ends_by_s == sent_request.not_after_s
 
 
 class RecordingConnection:
@@ -188,14 +196,14 @@ def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
 
 
 def test_requests_have_times_on_the_clock_of_the_agent():
-    sent = to_agent_clock(start(None, None), -3600.0, 1000.0)
-    assert sent == start(4600.0, None)
+    sent_request = to_agent_clock(start(None, None), -3600.0, 1000.0)
+    assert sent_request == start(4600.0, None)
     assert to_agent_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
     assert to_agent_clock(start(5000.0, 2000.0), 0.0, 1000.0) == start(1000.0, 2000.0)
     end = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
     assert to_agent_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
-    free = end.model_copy(update={"ends_by_s": None})
-    for request in (free, m.Hello(id=0)):
+    free_request = end.model_copy(update={"ends_by_s": None})
+    for request in (free_request, m.Hello(id=0)):
         assert to_agent_clock(request, 500.0, 1000.0) == request
 
 
@@ -219,25 +227,25 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
                 await asyncio.sleep(0.05)
 
     async def scenario() -> None:
-        old = AgentManager(fleet("old"), state, clock, listener)
-        old.start(())
-        await until(old, Link.FAULT)  # nobody has said that it may be opened
-        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
-        await until(old, Link.READY)
-        await old.close()
+        old_manager = AgentManager(fleet("old"), state, clock, listener)
+        old_manager.start(())
+        await until(old_manager, Link.FAULT)  # no person has allowed to open the port
+        old_manager.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
+        await until(old_manager, Link.READY)
+        await old_manager.close()
         listener.last = None
-        new = AgentManager(fleet("new"), state, clock, listener)
-        new.start(())
+        new_manager = AgentManager(fleet("new"), state, clock, listener)
+        new_manager.start(())
         try:
-            await until(new, Link.FAULT)
-            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
-            await until(new, Link.READY)
+            await until(new_manager, Link.FAULT)
+            new_manager.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
+            await until(new_manager, Link.READY)
             assert not is_alive(state.agent("old"))
-            ended = old._connections["old"]._process
-            assert ended is not None and ended.wait(10.0) == 0
+            old_process = old_manager._connections["old"]._process
+            assert old_process is not None and old_process.wait(10.0) == 0
         finally:
-            await new.shut_down_agents()
-            await new.close()
+            await new_manager.shut_down_agents()
+            await new_manager.close()
 
     try:
         asyncio.run(scenario())
@@ -320,13 +328,13 @@ def test_internal_error_does_not_stop_listening_to_an_agent(tmp_path: Path, monk
     async def main(listener: FaultyConnection) -> None:
         link = AgentConnection("a", None, StateFolder(tmp_path), Clock(), listener)
         link._client = TalkingClient()  # type: ignore[assignment]
-        listening = asyncio.ensure_future(link._listen())
+        listen_task = asyncio.ensure_future(link._listen())
         async with asyncio.timeout(DEADLINE_S):
             while listener.last is None:
-                assert not listening.done()
+                assert not listen_task.done()
                 await asyncio.sleep(0.001)
         link._stopping = True
-        await listening
+        await listen_task
 
     asyncio.run(main(FaultyConnection()))
 
@@ -372,15 +380,15 @@ def test_print_cancelled_during_its_upload_does_not_start(tmp_path: Path):
 
 @pytest.mark.system
 def test_idle_agent_is_replaced_without_a_change_to_its_printer(tmp_path: Path):
-    state, fleet, listener = simulated_farm(tmp_path)
+    state, fleet, listener = make_simulated_farm(tmp_path)
 
     async def scenario() -> None:
         links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
         try:
-            first = await wait_until_ready(links, listener)
+            first_pid = await wait_until_ready(links, listener)
             await links.replace("a")
-            assert await wait_until_ready(links, listener, first) == find_agent_pid(state.agent("a"))
+            assert await wait_until_ready(links, listener, first_pid) == find_agent_pid(state.agent("a"))
             assert emulator_is_running(state.agent("a") / "emulator")
         finally:
             await links.shut_down_agents()

@@ -25,55 +25,55 @@ def snapshot(**fields):
     )
 
 
-def trust(message, simulated=False, bed_cleared=False):
-    return to_trusted_snapshot(message, CLOCK, "a", simulated, bed_cleared)
+def convert_snapshot(message, is_simulated=False, bed_cleared=False):
+    return to_trusted_snapshot(message, CLOCK, "a", is_simulated, bed_cleared)
 
 
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
 def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
-    """Such a snapshot left its agent before the command arrived: the alarm in it is out of date."""
+    """Ignore the alarm of a snapshot that left its agent before the command arrived."""
     message = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
-    assert getattr(trust(message), field) is not None
-    assert getattr(trust(message, bed_cleared=True), field) is None
+    assert getattr(convert_snapshot(message), field) is not None
+    assert getattr(convert_snapshot(message, bed_cleared=True), field) is None
 
 
 def test_readings_of_a_printer_are_copied_to_its_view():
     readings = {"heaters_off": True, "board_resets": 3}
     assert set(readings) == set(m.PrinterReadings.model_fields)
-    seen = trust(snapshot(**readings))
-    assert seen.readings() == readings
+    snapshot_view = convert_snapshot(snapshot(**readings))
+    assert snapshot_view.readings() == readings
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": "m", "port": "/dev/a"}]})
     books, _ = apply(ev.PrinterAdded(at_s=0.0, printer="a", bed="clear"), Books())
-    context = ViewContext(fleet, books, {"a": seen}, StateFolder(Path("/state")), 0.0)
+    context = ViewContext(fleet, books, {"a": snapshot_view}, StateFolder(Path("/state")), 0.0)
     assert describe_printer(context, fleet.printer("a"), None).readings() == readings
 
 
 def test_bed_is_reported_by_emulators_only():
     message = snapshot(bed_clear=True)
-    assert trust(message, simulated=True).bed_clear is True
-    assert trust(message).bed_clear is None
+    assert convert_snapshot(message, is_simulated=True).bed_clear is True
+    assert convert_snapshot(message).bed_clear is None
 
 
 def test_agent_reports_its_own_printer_only():
-    assert trust(snapshot(printer="b")).printer == "a"
+    assert convert_snapshot(snapshot(printer="b")).printer == "a"
 
 
 def test_filament_of_an_older_agent_is_unknown_to_the_farm():
     facts = {"filament": "parked", "doubt": "the board was reset"}
-    assert trust(snapshot(**facts)).filament is FilamentState.PARKED
-    assert trust(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
-    assert trust(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
+    assert convert_snapshot(snapshot(**facts)).filament is FilamentState.PARKED
+    assert convert_snapshot(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
+    assert convert_snapshot(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
 
 
 def test_idle_agent_of_an_older_version_gets_no_prints():
-    old = trust(snapshot(protocol=m.StartPrint.min_protocol - 1))
-    assert (old.link, old.outdated) == (Link.FAULT, True)
-    assert "farm up --replace a" in old.reason
+    old_snapshot = convert_snapshot(snapshot(protocol=m.StartPrint.min_protocol - 1))
+    assert (old_snapshot.link, old_snapshot.outdated) == (Link.FAULT, True)
+    assert "farm up --replace a" in old_snapshot.reason
 
 
 @pytest.mark.parametrize("at_s", [-1e300, -5.0, 1e12, 1e300, float("inf"), float("nan")])
 def test_lines_have_times_that_can_be_shown(at_s):
-    """A page with such a line could not be rendered."""
+    """Limit times of lines, which could otherwise not be rendered."""
     (line,) = to_farm_lines([m.WireLine.model_construct(at_s=at_s, sent=True, text="M105")], 1e9)
     assert datetime.fromtimestamp(line.at_s, UTC).year in (1970, 2001, 9000)
     (usual,) = to_farm_lines([m.WireLine(at_s=7.5, sent=False, text="ok")], 1e9)

@@ -44,7 +44,7 @@ TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG9
 
 
 class RecordingListener:
-    """Listener that keeps the last snapshot."""
+    """Listener that stores the last snapshot."""
 
     def __init__(self) -> None:
         self.last = AgentSnapshot(printer="a", link=Link.STARTING)
@@ -52,7 +52,7 @@ class RecordingListener:
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, is_late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
@@ -63,7 +63,7 @@ class RecordingListener:
 
 
 class Pipe:
-    """A stand-in for ssh: the command in a shell of its own."""
+    """Stand-in for ssh that runs the command in a shell of its own."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -90,7 +90,7 @@ class Pipe:
 
 
 class Sshd:
-    """A real sshd on this host, with keys and a configuration of its own."""
+    """Real sshd on this host, with keys and a configuration of its own."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -125,11 +125,11 @@ class Sshd:
         self._server = subprocess.Popen(arguments, stderr=subprocess.DEVNULL, start_new_session=True)
 
     def cut(self) -> None:
-        """Network failure: server and connections end, and neither program is notified."""
+        """Cut the network: server and connections end, and neither program is notified."""
         assert self._server is not None
         if self._server.poll() is not None:
             return
-        for child in _children(self._server.pid):
+        for child in list_children(self._server.pid):
             with suppress(ProcessLookupError):
                 os.kill(child, signal.SIGKILL)
         self._server.kill()
@@ -146,15 +146,15 @@ def _has_sshd_user() -> bool:
     return False
 
 
-def _children(number: int) -> list[int]:
-    """The processes of the server for its connections; what they have started is not among them."""
+def list_children(number: int) -> list[int]:
+    """List the server's processes for its connections, without the processes that those started."""
     results = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
-            before, _, after = path.read_text().rpartition(")")
-            if after.split()[1] == str(number) and before.endswith("(sshd"):
+            head, _, stat = path.read_text().rpartition(")")
+            if stat.split()[1] == str(number) and head.endswith("(sshd"):
                 child = int(path.parent.name)
-                results += [child, *_children(child)]
+                results += [child, *list_children(child)]
     return results
 
 
@@ -177,12 +177,12 @@ def remote_host(
         pytest.skip("needs openssh-server, and as root its user sshd")
     folder = tmp_path / "way"
     folder.mkdir()
-    created = request.param(folder)
-    monkeypatch.setenv("FARM_SSH", created.ssh)
+    host = request.param(folder)
+    monkeypatch.setenv("FARM_SSH", host.ssh)
     try:
-        yield created
+        yield host
     finally:
-        created.close()
+        host.close()
         agent = tmp_path / "there" / "farm-agents" / "test" / "a"
         number = find_agent_pid(agent)
         if number is not None:
@@ -196,7 +196,7 @@ def remote_host(
 def test_print_survives_a_network_failure_of_ten_minutes(
     tmp_path: Path, remote_host: Any, monkeypatch: pytest.MonkeyPatch
 ):
-    if isinstance(remote_host, SilentNetwork):  # its ten minutes are five seconds of the wall
+    if isinstance(remote_host, SilentNetwork):  # its ten minutes are five wall seconds
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_MAX_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
@@ -217,9 +217,9 @@ def test_print_survives_a_network_failure_of_ten_minutes(
     gcode = tmp_path / "only-here.gcode"
     gcode.write_bytes(text)
 
-    async def until(observed: Any) -> AgentSnapshot:
+    async def until(condition: Any) -> AgentSnapshot:
         async with asyncio.timeout(DEADLINE_S):
-            while not observed(listener.last):
+            while not condition(listener.last):
                 await asyncio.sleep(0.05)
             return listener.last
 
@@ -240,7 +240,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 )
             )
             await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
-            first = find_agent_pid(remote_folder)
+            first_pid = find_agent_pid(remote_folder)
             started_s = clock.now()
             remote_host.cut()
             await until(lambda s: s.link is Link.STARTING)
@@ -249,9 +249,9 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                     assert is_alive(remote_folder)
                     await asyncio.sleep(0.05)
             remote_host.mend()
-            ended = await until(lambda s: s.print is not None and s.print.state.ended)
-            assert ended.print is not None and ended.print.state is PrintState.DONE, ended
-            assert find_agent_pid(remote_folder) == first
+            snapshot = await until(lambda s: s.print is not None and s.print.state.ended)
+            assert snapshot.print is not None and snapshot.print.state is PrintState.DONE, snapshot
+            assert find_agent_pid(remote_folder) == first_pid
             if isinstance(remote_host, SilentNetwork):
                 async with asyncio.timeout(DEADLINE_S):
                     while remote_host.ended() < len(remote_host.bridges) - 1:
@@ -259,7 +259,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                 assert len(remote_host.bridges) >= 2
             await link.close()
             listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
-            link = AgentConnection("a", None, state, clock, listener)  # taken out of the fleet meanwhile
+            link = AgentConnection("a", None, state, clock, listener)  # removed from the fleet meanwhile
             link.start()
             await until(lambda s: s.print is not None and s.print.state.ended)
             assert read_status(remote_folder / "emulator").starved_s < 60.0
@@ -286,12 +286,12 @@ def test_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_na
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     launch(f"sim://{MODEL}", remote_folder / "emulator", Clock(SCALE, time.time()))
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path / "here", "--fleet", fleet]
-    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
-    assert done.returncode == 0 and "seen off" in done.stdout, done
+    result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert result.returncode == 0 and "seen off" in result.stdout, result
     assert read_status(remote_folder / "emulator").resets == 1
     remote_host.cut()
-    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
-    assert done.returncode == 1 and "a: cannot be stopped: pc-b:" in done.stdout, done
+    result = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert result.returncode == 1 and "a: cannot be stopped: pc-b:" in result.stdout, result
 
 
 @pytest.mark.system
@@ -301,7 +301,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     remote_folder = tmp_path / "there" / "farm-agents" / "test" / "a"
     state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
     state.make()
-    kept = state.agent("a") / "way.json"
+    kept_file = state.agent("a") / "way.json"
 
     def farm(*names: str) -> AgentManager:
         facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
@@ -309,24 +309,24 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
         raw = {"fleet": {"name": "test"}, "printers": printers}
         return AgentManager(Fleet.model_validate(raw), state, clock, RecordingListener())
 
-    async def until(observed: Callable[[], bool]) -> None:
+    async def until(condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(DEADLINE_S):
-            while not observed():
+            while not condition():
                 await asyncio.sleep(0.05)
 
     async def scenario() -> None:
-        before = farm("a")
-        before.start(())
+        old_printer = farm("a")
+        old_printer.start(())
         await until(lambda: is_alive(remote_folder))
-        await before.close()
-        for _ in range(2):  # the second time nobody lives there any more
-            load_route = kept.read_text()
-            after = farm()
-            after.start(())
-            await until(lambda: not kept.exists())
+        await old_printer.close()
+        for _ in range(2):  # the second time no agent runs there
+            load_route = kept_file.read_text()
+            new_printer = farm()
+            new_printer.start(())
+            await until(lambda: not kept_file.exists())
             await until(lambda: not is_alive(remote_folder))
-            await after.close()
-            kept.write_text(load_route)
+            await new_printer.close()
+            kept_file.write_text(load_route)
 
     asyncio.run(scenario())
 

@@ -17,8 +17,8 @@ UPDATES = st.dictionaries(
 def test_one_host_is_first_and_the_others_follow_when_it_is_done():
     assert plan_rollout({"a": CURRENT, "b": OUTDATED, "c": OUTDATED}, ()) == RolloutStep(begin=("b",))
     assert plan_rollout({"a": CURRENT, "b": RUNNING, "c": OUTDATED}, ("b",)) == RolloutStep()
-    after = plan_rollout({"a": OUTDATED, "b": CURRENT, "c": OUTDATED}, ("b",))
-    assert after == RolloutStep(begin=("a", "c"))
+    updates = plan_rollout({"a": OUTDATED, "b": CURRENT, "c": OUTDATED}, ("b",))
+    assert updates == RolloutStep(begin=("a", "c"))
     assert plan_rollout({"a": CURRENT, "b": CURRENT}, ("b",)).ended
 
 
@@ -43,13 +43,13 @@ def test_host_whose_service_was_restarted_begins_again():
 
 def test_state_from_before_the_update_is_no_result_of_it():
     record = HostRecord("pc-b", ("a",), 100.0)
-    failed = HostState(pid=1, update=FAILED)
-    record.on_state(101.0, failed)
+    failed_host = HostState(pid=1, update=FAILED)
+    record.on_state(101.0, failed_host)
     record.on_update_begun()
-    record.on_state(102.0, failed)  # on its way when the update began
+    record.on_state(102.0, failed_host)  # in transit when the update began
     assert record.update is not None and record.update.phase is UpdatePhase.RUNNING
     record.on_state(103.0, HostState(pid=1, update=RUNNING))
-    record.on_state(104.0, failed)
+    record.on_state(104.0, failed_host)
     assert record.update == FAILED
 
 
@@ -64,15 +64,15 @@ def test_update_that_a_broken_connection_has_lost_begins_again():
 
 @given(UPDATES, st.sets(st.sampled_from("abcde")))
 def test_nothing_begins_before_the_first_host_is_done_nor_after_a_fault(updates, names):
-    begun = tuple(sorted(names & updates.keys()))
-    step = plan_rollout(updates, begun)
+    begun_hosts = tuple(sorted(names & updates.keys()))
+    step = plan_rollout(updates, begun_hosts)
     assert all(updates[host] is not None for host in step.begin)
-    assert all(updates[host] is OUTDATED for host in set(step.begin) & set(begun))
-    if begun and updates[begun[0]] is not CURRENT:
-        assert set(step.begin) <= set(begun)
-    if any(updates[host] is FAILED for host in begun):
+    assert all(updates[host] is OUTDATED for host in set(step.begin) & set(begun_hosts))
+    if begun_hosts and updates[begun_hosts[0]] is not CURRENT:
+        assert set(step.begin) <= set(begun_hosts)
+    if any(updates[host] is FAILED for host in begun_hosts):
         assert step.ended and step.fault and not step.begin
-    if not begun:
+    if not begun_hosts:
         assert len(step.begin) <= 1
 
 

@@ -35,7 +35,7 @@ class StandingClock:
 
 
 class Rig:
-    """A farm of printers a (with a camera) and b, and a camera whose answers a test gives."""
+    """Farm of printers a (with a camera) and b, and a camera with the answers of a test."""
 
     def __init__(self, folder):
         rows = [{"name": name, "model": PLUS, "port": f"sim://{PLUS}"} for name in "ab"]
@@ -120,7 +120,7 @@ def test_dead_camera_is_logged_once_and_is_asked_less_often(rig, caplog, answer)
     rig.answer = answer
 
     async def look():
-        for _ in range(300):  # somebody looks for five minutes
+        for _ in range(300):  # a viewer for five minutes
             with pytest.raises(FarmError, match="the camera of a: it") as error:
                 await rig.cameras.fetch_still("a")
             assert error.value.code is ErrorCode.UNREACHABLE
@@ -159,7 +159,7 @@ def test_camera_that_answers_late_gives_a_still_within_a_minute(rig):
     asyncio.run(rig.tick())
     rig.answer = IMAGE
     for _ in range(3):
-        asyncio.run(rig.tick())  # not again at once
+        asyncio.run(rig.tick())  # not requested again immediately
     assert len(rig.requests) == 1
     rig.now_s += 4.0
     asyncio.run(rig.tick())
@@ -173,7 +173,7 @@ def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
     assert rig.controller.books.prints[print_id].stills == ()
     assert "a: a still cannot be kept" in caplog.text
     assert not list(rig.state.work.iterdir())
-    for _ in range(14):  # a full disk: not every two seconds for hours
+    for _ in range(14):  # a full disk must not cause requests every two seconds for hours
         rig.now_s += 4.0
         asyncio.run(rig.tick())
     assert len(rig.requests) == 1

@@ -33,8 +33,8 @@ def test_still_is_fetched():
 def test_host_name_is_looked_up_and_kept_in_the_request(monkeypatch):
     real = socket.getaddrinfo
 
-    def look_up(host, *rest, **more):
-        return real("127.0.0.1", *rest, **more)
+    def look_up(host, *args, **keywords):
+        return real("127.0.0.1", *args, **keywords)
 
     monkeypatch.setattr(socket, "getaddrinfo", look_up)
     with run_camera(send_image) as camera:
@@ -65,10 +65,10 @@ def test_digest_authentication_is_sent_when_asked_for():
     def digest(text):
         return hashlib.md5(text.encode()).hexdigest()
 
-    expected = digest(f"{digest(f'look:camera:{SECRET}')}:abc:{digest('GET:/shot')}")
+    expected_digest = digest(f"{digest(f'look:camera:{SECRET}')}:abc:{digest('GET:/shot')}")
 
     def answer(request):
-        if f'response="{expected}"' in (request.headers["authorization"] or ""):
+        if f'response="{expected_digest}"' in (request.headers["authorization"] or ""):
             send_image(request)
         else:
             request.send(b"who?", 401, www_authenticate='Digest realm="camera", nonce="abc"')
@@ -148,10 +148,10 @@ def test_redirect_on_the_same_host_is_followed():
 
 
 def test_host_that_does_not_answer_is_an_error():
-    with socket.socket() as closed:
-        closed.bind(("127.0.0.1", 0))
+    with socket.socket() as closed_socket:
+        closed_socket.bind(("127.0.0.1", 0))
         with pytest.raises(CameraError, match="connection was refused"):
-            take(f"http://127.0.0.1:{closed.getsockname()[1]}/")
+            take(f"http://127.0.0.1:{closed_socket.getsockname()[1]}/")
 
 
 def test_unknown_name_is_an_error(monkeypatch):

@@ -23,15 +23,17 @@ CAMERAS = frozenset("ab")
 
 @given(st.lists(st.tuples(st.floats(0.0, 100.0), st.booleans()), max_size=30))
 def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(steps):
-    state, now_s, begun = CameraState(), 0.0, []
+    state, now_s, begin_times_s = CameraState(), 0.0, []
     for wait_s, succeeds in steps:
         now_s += wait_s
         assert state.next_s <= (state.begun_s or 0.0) + LARGEST_INTERVAL_S
         if now_s >= state.next_s:
-            begun.append(now_s)
+            begin_times_s.append(now_s)
             state = state.begin(now_s)
             state = state.succeed() if succeeds else state.fail("dead")
-    assert all(later - earlier >= MIN_INTERVAL_S for earlier, later in itertools.pairwise(begun))
+    assert all(
+        next_s - previous_s >= MIN_INTERVAL_S for previous_s, next_s in itertools.pairwise(begin_times_s)
+    )
 
 
 def test_dead_camera_is_polled_with_growing_intervals():
@@ -71,15 +73,15 @@ def find(books, snapshots, now_s=1000.0, scale=1.0, cameras=CAMERAS):
         (report(1), False),
         (report(2), True),
         (report(10), True),
-        (report(11), False),  # the first layer can be seen no longer
+        (report(11), False),  # the first layer is no longer visible
         (report(3, layers=5), True),
-        (report(2, state=PrintState.PAUSED), False),  # its head stands aside, but so does its warm bed
+        (report(2, state=PrintState.PAUSED), False),  # its head is parked, but the bed is still warm
         (report(2, print_id="another"), False),
     ],
 )
 def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
-    expected = [DueStill("x", "a", Moment.FIRST_LAYER)] if due else []
-    assert find(open_print(), snapshots) == expected
+    due_stills = [DueStill("x", "a", Moment.FIRST_LAYER)] if due else []
+    assert find(open_print(), snapshots) == due_stills
 
 
 @pytest.mark.parametrize(
@@ -103,9 +105,9 @@ def test_still_is_taken_once():
     assert find(books, report(2)) == []
     books, _ = apply_events(books, make_end_event("x"))
     assert find(books, {}, 200.0) == [DueStill("x", "a", Moment.END)]
-    later = still.model_copy(update={"file": "t.jpg"})
-    books, _ = apply_events(books, ev.StillKept(at_s=5.0, print_id="x", still=later))
-    assert books.prints["x"].stills == (later,)  # one for each moment at most
+    later_still = still.model_copy(update={"file": "t.jpg"})
+    books, _ = apply_events(books, ev.StillKept(at_s=5.0, print_id="x", still=later_still))
+    assert books.prints["x"].stills == (later_still,)  # at most one for each moment
 
 
 def test_printer_without_a_camera_is_not_polled():

@@ -1,4 +1,4 @@
-"""Commands are imported when they are used: tests count what is loaded, as seconds depend on the host."""
+"""Imports of commands when they are used: tests count loaded modules, as seconds depend on the host."""
 
 import inspect
 import json
@@ -21,46 +21,46 @@ main()
 """
 
 
-def modules_after(*arguments, **environment):
-    done = subprocess.run(
+def list_modules_after(*arguments, **environment):
+    result = subprocess.run(
         [sys.executable, "-c", SCRIPT.format(words=list(arguments))],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
         check=False,
     )
-    return set(json.loads(done.stderr.splitlines()[-1]))
+    return set(json.loads(result.stderr.splitlines()[-1]))
 
 
-def commands_in(modules):
+def list_commands(modules):
     return {name.rpartition(".")[2] for name in modules if name.startswith("farm.cli.commands.")}
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("sumbit",)])
 def test_help_and_unknown_command_load_no_command(arguments):
-    modules = modules_after(*arguments)
-    assert commands_in(modules) == set()
+    modules = list_modules_after(*arguments)
+    assert list_commands(modules) == set()
     assert not modules & {"yaml", "serial", "farm.api", "farm.model"}
 
 
 def test_no_command_is_loaded_to_complete_its_name():
     complete = {"_FARM_COMPLETE": "complete_bash", "COMP_WORDS": "farm st", "COMP_CWORD": "1"}
-    modules = modules_after(**complete)
-    assert commands_in(modules) == set() and "farm.api" not in modules
+    modules = list_modules_after(**complete)
+    assert list_commands(modules) == set() and "farm.api" not in modules
 
 
 @pytest.mark.parametrize(
-    ("command", "module", "unused"),
+    ("command", "module", "unused_modules"),
     [
         ("status", "status", {"yaml", "serial", "drivers.records", "drivers.safety", "farm.fleet_file"}),
         ("submit", "submit", {"yaml", "serial", "drivers.records", "drivers.safety", "farm.fleet_file"}),
         ("estop", "estop", {"serial", "drivers.records", "drivers.safety", "farm.api", "farm.cli.display"}),
     ],
 )
-def test_command_loads_only_its_own_module(command, module, unused):
-    modules = modules_after(command, "--help")
-    assert commands_in(modules) == {module}
-    assert not modules & unused
+def test_command_loads_only_its_own_module(command, module, unused_modules):
+    modules = list_modules_after(command, "--help")
+    assert list_commands(modules) == {module}
+    assert not modules & unused_modules
 
 
 @pytest.mark.parametrize("name", ENTRIES)

@@ -38,7 +38,7 @@ class Daemon(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def daemon(tmp_path):
-    """The socket of a daemon that knows these names."""
+    """Serve the socket of a daemon with these names."""
     with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
@@ -71,10 +71,10 @@ def test_names_with_the_prefix_are_offered(daemon, kind, incomplete, names):
 
 def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
     assert complete(completion.targets, "", socket=tmp_path / "farm.sock") == []
-    with socket.socket(socket.AF_UNIX) as other:  # that talks no HTTP
-        other.bind(str(tmp_path / "farm.sock"))
-        other.listen()
-        thread = threading.Thread(target=lambda: other.accept()[0].close())
+    with socket.socket(socket.AF_UNIX) as listener:  # that does not speak HTTP
+        listener.bind(str(tmp_path / "farm.sock"))
+        listener.listen()
+        thread = threading.Thread(target=lambda: listener.accept()[0].close())
         thread.start()
         assert complete(completion.targets, "", socket=tmp_path / "farm.sock") == []
         thread.join()
@@ -91,14 +91,14 @@ def test_completion_is_empty_and_silent_without_a_daemon(tmp_path, capfd):
     ],
 )
 def test_bash_completion_calls_the_command(daemon, line, names):
-    requested = {
+    arguments = {
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(line.split(" ")) - 1),
         "_FARM_COMPLETE": "complete_bash",
     }
-    done = subprocess.run(
+    result = subprocess.run(
         [FARM],
-        env={**os.environ, **requested, "FARM_SOCKET": str(daemon)},
+        env={**os.environ, **arguments, "FARM_SOCKET": str(daemon)},
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
-    assert (done.stdout.split(), done.stderr) == (names, "")
+    assert (result.stdout.split(), result.stderr) == (names, "")

@@ -13,7 +13,7 @@ REQUEST = b'{"printers":[]}\n'
 
 
 class Work:
-    """Stop that ends on request."""
+    """Emergency stop that ends on request."""
 
     def __init__(self):
         self.code = None

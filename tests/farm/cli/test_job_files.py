@@ -1,4 +1,4 @@
-"""Files of a job that are fetched: whole, under their own names, and never over others."""
+"""Fetching of a job's files: complete, under their own names, and without overwriting others."""
 
 import hashlib
 import os
@@ -13,7 +13,7 @@ PARTS = {"p01.stl": b"solid", "plate-01.gcode": b"G28" * 1000, "assembly.png": b
 
 
 class FakeClient:
-    """A daemon that sends these contents, and announces the names and hashes of `files`."""
+    """Client of a daemon that sends these contents, and announces the names and hashes of `files`."""
 
     def __init__(self, files=None, contents=None):
         self.contents = PARTS if contents is None else contents
@@ -39,22 +39,22 @@ def read(folder):
 
 
 def test_files_are_written_with_their_content_and_found_by_name_and_by_hash(tmp_path):
-    fetched = fetch_files(FakeClient(), 3, tmp_path / "new" / "folder")
+    paths = fetch_files(FakeClient(), 3, tmp_path / "new" / "folder")
     assert read(tmp_path / "new" / "folder") == PARTS
-    stored = hashlib.sha256(PARTS["p01.stl"]).hexdigest()
-    assert fetched.find(f"/var/lib/farm/files/{stored}.stl").read_bytes() == PARTS["p01.stl"]
-    assert fetched.find("/var/lib/farm/jobs/3/assembly.png").name == "assembly.png"
-    assert fetched.find("/etc/passwd") is None
+    stored_name = hashlib.sha256(PARTS["p01.stl"]).hexdigest()
+    assert paths.find(f"/var/lib/farm/files/{stored_name}.stl").read_bytes() == PARTS["p01.stl"]
+    assert paths.find("/var/lib/farm/jobs/3/assembly.png").name == "assembly.png"
+    assert paths.find("/etc/passwd") is None
 
 
 @pytest.mark.parametrize(("mask", "mode"), [(0o077, 0o600), (0o022, 0o644), (0o002, 0o664)])
 def test_files_are_readable_as_the_user_wants_it(tmp_path, mask, mode):
-    before = os.umask(mask)
+    old_mask = os.umask(mask)
     try:
         fetch_files(FakeClient(), 3, tmp_path)
         assert os.umask(mask) == mask
     finally:
-        os.umask(before)
+        os.umask(old_mask)
     assert {path.stat().st_mode & 0o777 for path in tmp_path.iterdir()} == {mode}
 
 
@@ -78,15 +78,15 @@ def test_own_file_is_overwritten_with_force_only(tmp_path):
 
 
 def test_link_in_the_folder_is_replaced_and_not_followed(tmp_path):
-    outside = tmp_path / "outside"
-    outside.write_bytes(b"mine")
+    outside_folder = tmp_path / "outside"
+    outside_folder.write_bytes(b"mine")
     folder = tmp_path / "folder"
     folder.mkdir()
-    (folder / "p01.stl").symlink_to(outside)
+    (folder / "p01.stl").symlink_to(outside_folder)
     with pytest.raises(Refused):
         fetch_files(FakeClient(), 3, folder)
     fetch_files(FakeClient(), 3, folder, force=True)
-    assert outside.read_bytes() == b"mine"
+    assert outside_folder.read_bytes() == b"mine"
     assert not (folder / "p01.stl").is_symlink()
 
 
@@ -104,10 +104,10 @@ def test_unsafe_file_name_is_refused_and_nothing_is_written(tmp_path, name):
     assert not folder.exists()
 
 
-@pytest.mark.parametrize("sent", [b"", b"soli", b"SOLID", b"solid and more"])
-def test_damaged_content_leaves_no_file(tmp_path, sent):
+@pytest.mark.parametrize("sent_content", [b"", b"soli", b"SOLID", b"solid and more"])
+def test_damaged_content_leaves_no_file(tmp_path, sent_content):
     with pytest.raises(FarmError, match=r"p01\.stl"):
-        fetch_files(FakeClient({"p01.stl": b"solid"}, {"p01.stl": sent}), 3, tmp_path)
+        fetch_files(FakeClient({"p01.stl": b"solid"}, {"p01.stl": sent_content}), 3, tmp_path)
     assert read(tmp_path) == {}
 
 

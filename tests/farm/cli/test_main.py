@@ -18,10 +18,10 @@ from farm.cli.main import main
 )
 def test_wrong_usage_gets_one_line(arguments, message, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["farm", *arguments])
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_error:
         main()
-    out, err = capsys.readouterr()
-    assert (ended.value.code, out, err.count("\n")) == (2, "", 1)
+    output, err = capsys.readouterr()
+    assert (exit_error.value.code, output, err.count("\n")) == (2, "", 1)
     assert err.startswith("farm: ") and message in err
 
 
@@ -29,5 +29,5 @@ def test_commands_are_listed_without_arguments(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["farm"])
     with pytest.raises(SystemExit):
         main()
-    out, err = capsys.readouterr()
-    assert "submit" in out + err and "farm: " not in err
+    output, err = capsys.readouterr()
+    assert "submit" in output + err and "farm: " not in err

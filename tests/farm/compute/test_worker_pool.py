@@ -23,7 +23,7 @@ class Pool:
         self.scratch = scratch
 
     def run(self, use, **options):
-        """Run `use(workers)`, and return its result; assert that nothing of the pool is left."""
+        """Run `use(workers)`, and return its result; assert that no process of the pool is left."""
 
         async def main():
             workers = Workers(self.scratch, **{"count": 1, **options})
@@ -42,7 +42,7 @@ def pool(tmp_path):
     return Pool(tmp_path / "workers")
 
 
-def gone(pid):
+def has_ended(pid):
     return not Path(f"/proc/{pid}").exists()
 
 
@@ -54,9 +54,9 @@ def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_pa
     async def use(workers):
         with pytest.raises(FarmError, match=r"decomposing ended its worker process 2 times \(SIGSEGV\)"):
             await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
-        return await workers.run(work.whoami)
+        return await workers.run(work.get_pid)
 
-    assert gone(pool.run(use))
+    assert has_ended(pool.run(use))
 
 
 async def until(condition):
@@ -72,7 +72,7 @@ def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
         await until(lambda: workers.starting == "compiling")
         await asyncio.to_thread((tmp_path / "fifo").write_text, "go on")
         await until(lambda: workers.starting is None)
-        return await workers.run(work.whoami)
+        return await workers.run(work.get_pid)
 
     assert pool.run(use, warm=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
 
@@ -82,10 +82,10 @@ def test_work_is_given_to_a_started_worker(pool, tmp_path):
 
     async def use(workers):
         await until(lambda: workers.starting is None)
-        return [await workers.run(work.whoami) for _ in range(3)]
+        return [await workers.run(work.get_pid) for _ in range(3)]
 
-    warm = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")
-    assert len(set(pool.run(use, count=2, warm=warm))) == 1
+    warm_up = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")
+    assert len(set(pool.run(use, count=2, warm=warm_up))) == 1
 
 
 @pytest.mark.parametrize("ending", ["dies", "is cancelled"])
@@ -93,29 +93,29 @@ def test_worker_that_ends_does_not_affect_other_work(pool, tmp_path, ending):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
-        other = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        other_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "fifo", "hello"))
         if ending == "dies":
             with pytest.raises(FarmError, match="2 times"):
                 await workers.run(work.die)
         else:
-            before = workers.pids
+            old_pids = workers.pids
             task = asyncio.ensure_future(workers.run(work.pause))
-            await asyncio.sleep(0)  # it has its worker now
+            await asyncio.sleep(0)  # the task now has its worker
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
-            assert len(workers.pids - before) == 1
-        assert not other.done()  # it cannot end before somebody listens
+            assert len(workers.pids - old_pids) == 1
+        assert not other_task.done()  # it cannot end before the FIFO is read
         assert await asyncio.to_thread((tmp_path / "fifo").read_text) == "hello"
-        return await other
+        return await other_task
 
-    # Were it done again after an end, nobody would listen any more.
+    # If it was repeated, the FIFO would have no reader.
     assert pool.run(use, count=2) == "hello"
 
 
 def test_error_is_transferred_between_processes_unchanged(pool):
     async def use(workers):
-        with pytest.raises(FarmError, match="no such thing") as error:
+        with pytest.raises(FarmError, match="no such file") as error:
             await workers.run(work.raise_error)
         assert error.value.code is ErrorCode.FAILED
         assert "in raise_error" in error.value.__notes__[0]
@@ -127,13 +127,13 @@ def test_error_is_transferred_between_processes_unchanged(pool):
 
 @pytest.mark.parametrize("ending", ["cancelled", "too long", "closed"])
 def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, ending):
-    """The engine holds a FIFO open: its end is read when nobody runs it any more."""
+    """Detect the end of the engine by a FIFO, whose end of file comes when no process holds it open."""
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
         limit = Limit("hanging", 0.0 if ending == "too long" else 1000.0)
-        before = workers.pids
-        task = asyncio.ensure_future(workers.run(work.hang, tmp_path, limit=limit))
+        old_pids = workers.pids
+        task = asyncio.ensure_future(workers.run(work.run_hanging_engine, tmp_path, limit=limit))
         if ending == "too long":
             with pytest.raises(FarmError, match="hanging did not end within 0 min") as error:
                 await task
@@ -141,17 +141,17 @@ def test_cancelled_work_leaves_no_process_and_no_file(pool, tmp_path, ending):
         else:
             with await asyncio.to_thread((tmp_path / "fifo").open) as fifo:
                 engine = int(await asyncio.to_thread(fifo.readline))
-                assert not gone(engine)
+                assert not has_ended(engine)
                 assert list(pool.scratch.glob("worker-*/farm-engine-*"))
                 workers.close() if ending == "closed" else task.cancel()
                 with pytest.raises(FarmError if ending == "closed" else asyncio.CancelledError):
                     await task
                 assert await asyncio.to_thread(fifo.read) == ""
-        assert all(gone(pid) for pid in before)
+        assert all(has_ended(pid) for pid in old_pids)
         if ending != "closed":
-            # A fresh worker takes its place, and only its folder is there.
-            assert await workers.run(work.whoami) not in before
-            assert list(pool.scratch.iterdir()) == [await workers.run(work.temporary_folder)]
+            # A new worker replaces it, and only the folder of that exists.
+            assert await workers.run(work.get_pid) not in old_pids
+            assert list(pool.scratch.iterdir()) == [await workers.run(work.find_temporary_folder)]
 
     pool.run(use)
 
@@ -162,13 +162,13 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
     order = []
 
     async def run_one(workers, name, urgent):
-        await workers.run(work.whoami, limit=Limit(name, 60.0, urgent))
+        await workers.run(work.get_pid, limit=Limit(name, 60.0, urgent))
         order.append(name)
 
     async def use(workers):
-        busy = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        busy_task = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "fifo", "hello"))
         await asyncio.sleep(0)
-        also_busy = asyncio.ensure_future(workers.run(work.speak, tmp_path / "urgent", "hello"))
+        also_busy = asyncio.ensure_future(workers.run(work.write_line, tmp_path / "urgent", "hello"))
         await asyncio.sleep(0)
         tasks = []
         for name, urgent in (("plate 1", False), ("plate 2", False), ("given up", True), ("model", True)):
@@ -176,7 +176,7 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
         await asyncio.sleep(0)  # all of them wait now
         tasks.pop(2).cancel()
         await asyncio.to_thread((tmp_path / "fifo").read_text)
-        await asyncio.gather(busy, *tasks)
+        await asyncio.gather(busy_task, *tasks)
         await asyncio.to_thread((tmp_path / "urgent").read_text)
         await also_busy
 
@@ -185,34 +185,34 @@ def test_urgent_work_runs_first_and_a_cancelled_task_frees_its_worker(pool, tmp_
 
 
 def test_quick_task_does_not_wait_while_all_workers_are_busy(pool):
-    """A model is decomposed for minutes; the dry run of another file takes a second."""
+    """Run a dry run of a second while a model is decomposed for minutes."""
 
     async def use(workers):
-        long = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
+        long_tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
         await asyncio.sleep(0)
         assert len(workers.pids) == 1  # the second waits
-        first = await PoolShare(workers, "dry run", urgent=True).run(work.whoami, limit=DECOMPOSING)
-        assert await workers.run(work.whoami) == first in workers.pids
+        first_pid = await PoolShare(workers, "dry run", urgent=True).run(work.get_pid, limit=DECOMPOSING)
+        assert await workers.run(work.get_pid) == first_pid in workers.pids
         with pytest.raises(FarmError, match="2 times"):
             await workers.run(work.die)
-        assert await workers.run(work.whoami) != first
+        assert await workers.run(work.get_pid) != first_pid
         assert len(workers.pids) == 2
-        assert not any(task.done() for task in long)
-        for task in long:
+        assert not any(task.done() for task in long_tasks)
+        for task in long_tasks:
             task.cancel()
-        await asyncio.gather(*long, return_exceptions=True)
+        await asyncio.gather(*long_tasks, return_exceptions=True)
 
     pool.run(use)
 
 
 def test_all_work_is_refused_once_the_pool_is_closed(pool):
-    """A model that is being checked, and one that waits for a worker, while the daemon ends."""
+    """Close the pool while one model is checked and another one waits for a worker."""
 
     async def use(workers):
         tasks = [asyncio.ensure_future(workers.run(work.pause, limit=DECOMPOSING)) for _ in range(2)]
         await asyncio.sleep(0)
         workers.close()
-        for task in (*tasks, asyncio.ensure_future(workers.run(work.whoami))):
+        for task in (*tasks, asyncio.ensure_future(workers.run(work.get_pid))):
             with pytest.raises(FarmError, match="shutting down"):
                 await task
 
@@ -220,28 +220,28 @@ def test_all_work_is_refused_once_the_pool_is_closed(pool):
 
 
 def test_groups_share_the_workers_evenly(pool, tmp_path):
-    """A job with many parts to slice does not keep the next job waiting."""
+    """Check that a job with many parts does not delay the next job."""
     for name in ("one", "two"):
         os.mkfifo(tmp_path / name)
     order = []
 
     async def run_one(workers, group):
-        await PoolShare(workers, group).run(work.whoami, limit=DECOMPOSING)
+        await PoolShare(workers, group).run(work.get_pid, limit=DECOMPOSING)
         order.append(group)
 
     async def use(workers):
-        big, small = PoolShare(workers, "big"), PoolShare(workers, "small")
-        busy = [
-            asyncio.ensure_future(big.run(work.speak, tmp_path / name, "hello", limit=DECOMPOSING))
+        big_share, small_share = PoolShare(workers, "big"), PoolShare(workers, "small")
+        busy_task = [
+            asyncio.ensure_future(big_share.run(work.write_line, tmp_path / name, "hello", limit=DECOMPOSING))
             for name in ("one", "two")
         ]
         tasks = [asyncio.ensure_future(run_one(workers, group)) for group in ("big", "big", "small")]
         await asyncio.sleep(0)
         await asyncio.to_thread((tmp_path / "one").read_text)
         await asyncio.gather(*tasks)
-        assert await small.run(work.temporary_folder, limit=DECOMPOSING)
+        assert await small_share.run(work.find_temporary_folder, limit=DECOMPOSING)
         await asyncio.to_thread((tmp_path / "two").read_text)
-        await asyncio.gather(*busy)
+        await asyncio.gather(*busy_task)
 
     pool.run(use, count=2)
     assert order == ["small", "big", "big"]
@@ -274,14 +274,14 @@ def test_failed_worker_start_is_retried(pool, monkeypatch):
         monkeypatch.setattr("farm.compute.worker_pool._RETRY_S", 0.0)
         with pytest.raises(FarmError, match="2 times"):
             await workers.run(work.die)
-        return await workers.run(work.whoami)
+        return await workers.run(work.get_pid)
 
     assert pool.run(use) > 0
     assert FullDisk.left < 0
 
 
 def test_engine_is_not_bound_by_the_memory_limit_of_its_worker(pool, tmp_path):
-    """The engine reserves 9 MB for each of 300 layers, and uses almost none of it."""
+    """Run an engine that reserves 9 MB for each of 300 layers, and uses almost none of it."""
     trimesh.creation.box((8.0, 8.0, 60.0)).export(tmp_path / "rod.stl")
 
     async def use(workers):
@@ -299,11 +299,11 @@ def test_memory_of_a_worker_is_its_share_or_the_minimum():
 
 def test_a_pool_is_idle_while_a_worker_is_free_for_any_task(pool):
     async def use(workers):
-        seen = [workers.has_idle]
-        running = asyncio.ensure_future(workers.run(work.whoami, limit=DECOMPOSING))
+        idle_states = [workers.has_idle]
+        run_task = asyncio.ensure_future(workers.run(work.get_pid, limit=DECOMPOSING))
         await asyncio.sleep(0)
-        seen.append(workers.has_idle)
-        await running
-        return [*seen, workers.has_idle]
+        idle_states.append(workers.has_idle)
+        await run_task
+        return [*idle_states, workers.has_idle]
 
     assert pool.run(use) == [True, False, True]

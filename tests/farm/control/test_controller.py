@@ -33,7 +33,7 @@ START_S = 1_700_000_000.0
 
 
 class FakeClock:
-    """Clock that stands still until it is set."""
+    """Clock that does not advance until it is set."""
 
     scale, now_s = 1.0, START_S
 
@@ -68,12 +68,14 @@ def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
-    first = farm.controller.books.open_print_on("a")
-    stale = AgentSnapshot(printer="a", link=Link.ABSENT, agent_pid=9, reason="unplugged")
-    farm.controller.on_snapshot(stale)
-    assert farm.effects.instructions[-1] == ev.SendCancel(print_id=first.id, printer="a", reason="unplugged")
+    first_print = farm.controller.books.open_print_on("a")
+    stale_snapshot = AgentSnapshot(printer="a", link=Link.ABSENT, agent_pid=9, reason="unplugged")
+    farm.controller.on_snapshot(stale_snapshot)
+    assert farm.effects.instructions[-1] == ev.SendCancel(
+        print_id=first_print.id, printer="a", reason="unplugged"
+    )
     assert [p.printer for p in farm.controller.books.open_prints()] == ["a"]
-    farm.controller.on_snapshot(stale.model_copy(update={"acknowledged_cancel": first.id}))
+    farm.controller.on_snapshot(stale_snapshot.model_copy(update={"acknowledged_cancel": first_print.id}))
     assert [p.printer for p in farm.controller.books.open_prints()] == ["b"]
 
 
@@ -150,14 +152,14 @@ def test_instruction_is_sent_once_and_repeated_by_a_new_daemon(farm, plan, tmp_p
     starts = [i for i in farm.effects.instructions if isinstance(i, ev.SendStart)]
     assert [s.printer for s in starts] == ["a", "b"]
     farm.store.close()
-    repeated = Farm(tmp_path)
-    assert repeated.controller.books == farm.controller.books
-    repeated.ready("a")
-    assert [i for i in repeated.effects.instructions if isinstance(i, ev.SendStart)] == [starts[0]]
+    restarted_farm = Farm(tmp_path)
+    assert restarted_farm.controller.books == farm.controller.books
+    restarted_farm.ready("a")
+    assert [i for i in restarted_farm.effects.instructions if isinstance(i, ev.SendStart)] == [starts[0]]
 
 
 def test_unattended_start_is_not_repeated_at_night(farm, plan, tmp_path):
-    """An agent that was disconnected until then would heat while nobody is present."""
+    """Drop the start of an agent that was disconnected, which would heat while no person is present."""
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
@@ -174,9 +176,9 @@ def test_planning_is_repeated_after_the_daemon_died(farm, tmp_path):
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.store.close()
-    repeated = Farm(tmp_path)
-    repeated.ready("a", "b")
-    assert repeated.effects.plans == [(1, ["a", "b"], 1)]
+    restarted_farm = Farm(tmp_path)
+    restarted_farm.ready("a", "b")
+    assert restarted_farm.effects.plans == [(1, ["a", "b"], 1)]
 
 
 def test_job_is_planned_while_every_bed_is_full(farm, plan):
@@ -188,7 +190,7 @@ def test_job_is_planned_while_every_bed_is_full(farm, plan):
     view = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
     assert view.waits_for_person
     assert {plate.hold.code for plate in view.plates} == {HoldCode.BED_NOT_CLEAR}
-    assert view.grams and view.estimated_s and view.eta  # its owner can leave
+    assert view.grams and view.estimated_s and view.eta  # a person can leave
     assert list_tasks(farm.view_context(STATE))[0].printers == ["a", "b"]
     farm.clear_bed("a")
     assert [attempt.plate for attempt in farm.controller.books.open_prints()] == ["1/01"]
@@ -202,9 +204,11 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     farm.controller.on_plan(1, plan)
     event = planned(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
-    first, second = (describe_job(farm.view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2))
-    assert (first.eta or "") < (second.eta or "")
-    assert second.grams and len(second.parts) == 2
+    first_view, second_view = (
+        describe_job(farm.view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2)
+    )
+    assert (first_view.eta or "") < (second_view.eta or "")
+    assert second_view.grams and len(second_view.parts) == 2
     assert farm.controller.books.jobs[2].planned_for == ("a", "b")
 
 
@@ -226,14 +230,16 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
     attempt = farm.controller.books.open_print_on("a")
     with pytest.raises(Refused, match="a is not paused"):
         farm.printers.pause("a", False, "ann")
-    paused = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
+    pause_instruction = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
 
-    def told_last():
-        pauses = [reported for reported in farm.effects.instructions if isinstance(reported, ev.SendPause)]
+    def find_last_instruction():
+        pauses = [
+            instruction for instruction in farm.effects.instructions if isinstance(instruction, ev.SendPause)
+        ]
         return pauses[-1]
 
     farm.printers.pause("a", True, "ann")
-    assert told_last() == paused
+    assert find_last_instruction() == pause_instruction
 
     def snapshot(state, **changes):
         facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
@@ -244,24 +250,24 @@ def test_paused_print_is_a_task_with_its_time_limit(farm, plan):
         view = describe_printer(scene, farm.controller.fleet.printer("a"), None)
         return view, [item for item in list_tasks(scene) if item.code == "resume"]
 
-    snapshot(PrintState.PRINTING)  # it was heating when it was told
-    assert told_last() == paused
+    snapshot(PrintState.PRINTING)  # the pause arrived while it was heating
+    assert find_last_instruction() == pause_instruction
     assert snapshot(PrintState.PAUSED)[1] == []  # it parks
     view, (item,) = snapshot(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by 01 Jan 1970 02:00, or its print will be ended: `farm resume a`"
     assert [time.text for time in item.times] == ["01 Jan 1970 02:00"]
     farm.printers.pause("a", False, "ann")
-    assert told_last() == paused.model_copy(update={"wanted": False})
-    view, rest = snapshot(PrintState.PRINTING)
-    assert (view.state, view.print.pause_ends, rest) == ("printing", None, [])
+    assert find_last_instruction() == pause_instruction.model_copy(update={"wanted": False})
+    view, other_values = snapshot(PrintState.PRINTING)
+    assert (view.state, view.print.pause_ends, other_values) == ("printing", None, [])
     farm.jobs.cancel(1, "ann")
     with pytest.raises(Refused, match="ending"):
         farm.printers.pause("a", True, "ann")
 
 
 def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
-    """Telemetry is shown at once, at a cost independent of the number of waiting plates."""
+    """Show telemetry at once, at a cost independent of the number of waiting plates."""
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, plan)
@@ -283,7 +289,7 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
         farm.controller.on_snapshot(AgentSnapshot(printer="a", link=link, print=message, **heat))
 
     report(0)
-    assert len(runs) == 1  # it prints: that is in the books
+    assert len(runs) == 1  # the start of printing is in the books
     for step in range(1, 50):
         report(step)
         idle = AgentSnapshot(printer="b", link=Link.READY, nozzle_c=20.0 + step, agent_pid=9)
@@ -310,8 +316,8 @@ def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
         return hold
 
     farm.controller.handle()
-    first = shown()
-    assert "a and b are printing until" in first.text
+    first_text = shown()
+    assert "a and b are printing until" in first_text.text
     for name, progress_s in (("a", 1.0), ("b", 80.0)):
         attempt = farm.controller.books.open_print_on(name)
         message = AgentPrint(
@@ -321,7 +327,7 @@ def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
         farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=message))
     FakeClock.now_s += 3600.0
     latest, context = shown(), farm.view_context(STATE)
-    assert latest.text != first.text
+    assert latest.text != first_text.text
     views = [describe_printer(context, section, None) for section in context.fleet.printers]
     end_s = FakeClock.now_s + min(view.print.remaining_s for view in views)
     assert datetime.fromisoformat(latest.times[0].at).timestamp() == end_s == FakeClock.now_s + 10.0
@@ -332,9 +338,9 @@ def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
 def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
     sizes = {}
 
-    def weigh(event, before, after, commit=farm.store.commit):
-        commit(event, before, after)
-        texts = [entity.model_dump_json() for entity in (event, *list_changed_entities(before, after))]
+    def weigh(event, old_books, new_books, commit=farm.store.commit):
+        commit(event, old_books, new_books)
+        texts = [entity.model_dump_json() for entity in (event, *list_changed_entities(old_books, new_books))]
         sizes.setdefault(type(event).__name__, []).append(sum(map(len, texts)))
 
     farm.ready("a", "b")
@@ -353,7 +359,7 @@ def test_failed_report_is_handled_when_repeated(farm):
     for _ in range(2):
         with pytest.raises(StoreError):
             farm.controller.on_snapshot(result)
-    farm.ready("b")  # it has nothing to book
+    farm.ready("b")  # the snapshot changes nothing in the books
     context = farm.view_context(STATE)
     assert "nothing is recorded until there is space" in context.warnings[0]
     assert context.snapshots["a"].nozzle_c == 90.0

@@ -1,4 +1,4 @@
-"""Forecasts are exact on a simulated fleet whose prints take the expected times."""
+"""Forecasts of a simulated fleet whose prints take the expected times, so that they are exact."""
 
 import heapq
 import tempfile
@@ -33,7 +33,7 @@ class Clock:
 
 
 class Night:
-    """Farm whose printers and people act as forecast, each at its time."""
+    """Farm whose printers and people act as in the forecast."""
 
     def __init__(self, folder, printers, now_s, start_rules):
         self.clock = Clock(now_s)
@@ -58,18 +58,18 @@ class Night:
                     "sliced_s": item * HOUR,
                     "expected_s": item * HOUR + HEATING_S,
                     "grams": 100.0 * item,
-                    "printer": names[at % min(len(names), options.printers or len(names))],
+                    "printer": names[index % min(len(names), options.printers or len(names))],
                     "family": "ultimaker2_plus",
                 }
             )
-            for at, (plate, item) in enumerate(zip(event.plates, hours, strict=True))
+            for index, (plate, item) in enumerate(zip(event.plates, hours, strict=True))
         )
         self.planned = len(self.farm.effects.plans)
         self.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0))
         self.refuse_revisions()
 
     def refuse_revisions(self):
-        """Let every job keep its first plan."""
+        """Reject all revisions, so that every job keeps its first plan."""
         while len(self.farm.effects.plans) > self.planned:
             number, *_ = self.farm.effects.plans[self.planned]
             self.planned += 1
@@ -100,7 +100,7 @@ class Night:
                     heapq.heappush(self.due, (now_s + after_s, attempt.printer, attempt.id, state, now_s))
 
     def step(self):
-        """Advance to the next moment of a change; return whether there is one."""
+        """Advance to the time of the next change; return False if there is none."""
         self.begin_prints()
         edge_s = self.next_edge_s()
         next_s = min(self.due[0][0] if self.due else float("inf"), edge_s)
@@ -114,7 +114,7 @@ class Night:
         return True
 
     def next_edge_s(self):
-        """Return when hours or start times change next."""
+        """Return the time at which hours or start times change next."""
         rules, now_s = self.controller.rules, self.clock.now_s
         starts = (job.not_before_s for job in self.controller.books.jobs.values() if not job.state.ended)
         edges = (rules.attended.edge_s(now_s), rules.quiet.edge_s(now_s), *starts)
@@ -132,7 +132,7 @@ class Night:
             heapq.heappush(self.due, (clear_s, name, print_id, None, 0.0))
 
     def ends_s(self):
-        """Run to the end; return when each plate ended."""
+        """Run to the end; return the end of each plate."""
         while self.step():
             pass
         books = self.controller.books
@@ -160,7 +160,7 @@ houses = st.fixed_dictionaries(
 # Without shrinking, which takes minutes.
 @settings(max_examples=40, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @example([([8.0] * 8, JobOptions(printers=4))], {}, 8, 9, [])  # two rounds on four of eight printers
-# A job that is planned again, in vain, keeps its place before the next one.
+# A job that is planned again without a change keeps its place before the next one.
 @example(
     [([4.25], JobOptions()), ([4.25], JobOptions()), ([2.0], JobOptions(printers=1, spares=1))],
     {"max_heating": 1, "attended": ["mon-fri 08:00-12:00", "13:00-17:00"]},
@@ -181,16 +181,16 @@ def test_forecast_is_exact_without_failures(work, start_rules, printers, hour, r
         now_s = night.clock.now_s
         books = night.controller.books
         foreseen = dict(night.controller.build_view_context(StateFolder(Path(folder))).ends_s)
-        waiting = {plate.id for plate in books.waiting_plates()}
-        assert foreseen.keys() <= waiting
-        reached = night.ends_s()
-        left = {p.id for p in night.controller.books.waiting_plates()}
-        assert left == waiting - foreseen.keys()
+        waiting_ids = {plate.id for plate in books.waiting_plates()}
+        assert foreseen.keys() <= waiting_ids
+        end_times_s = night.ends_s()
+        remaining_ids = {p.id for p in night.controller.books.waiting_plates()}
+        assert remaining_ids == waiting_ids - foreseen.keys()
         for number in books.jobs:
             plates = [name for name in foreseen if night.controller.books.plates[name].job == number]
             if plates:
                 expected_s = max(foreseen[name] for name in plates) - now_s
-                elapsed_s = max(reached[name] for name in plates) - now_s
+                elapsed_s = max(end_times_s[name] for name in plates) - now_s
                 assert abs(elapsed_s - expected_s) <= 0.02 * elapsed_s, (number, expected_s, elapsed_s)
         assert all(p.bed is not Bed.UNKNOWN for p in night.controller.books.printers.values())
         assert not any(

@@ -22,7 +22,7 @@ def parse_time(text):
 
 
 class Clock:
-    """Clock that stands still until it is set."""
+    """Clock that does not advance until it is set."""
 
     scale = 1.0
 
@@ -38,7 +38,7 @@ FRIDAY, STOP = parse_time("2026-11-20 17:00"), parse_time("2026-11-20 17:45")
 
 @pytest.fixture
 def farm(tmp_path):
-    """A job of one part; nothing resets the board of `a`, and `b` is not there."""
+    """Make a farm with a job of one part; the board of `a` has no reset, and `b` is absent."""
     farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
     farm.controller.clock, farm.controller.started_s = Clock(FRIDAY), FRIDAY - 3600.0
     farm.ready("a", reset_verified=False)
@@ -74,29 +74,31 @@ def test_print_gets_its_latest_start_and_end(farm):
 
 def test_changed_hours_are_sent_to_the_agent(farm):
     attempt = report(farm)
-    reported = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
-    assert reported == []
+    instructions = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
+    assert instructions == []
     report(farm, ends_by_s=STOP - 3600.0)
     assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
     report(farm, ends_by_s=None)
     assert farm.effects.instructions[-1].ends_by_s == STOP
-    before = len(farm.effects.instructions)
-    [removed] = (p for p in farm.controller.fleet.printers if p.name == "b")
+    instruction_count = len(farm.effects.instructions)
+    [removed_section] = (p for p in farm.controller.fleet.printers if p.name == "b")
     fleet = farm.controller.fleet
-    farm.controller.fleet = fleet.model_copy(update={"printers": (removed,)})  # `a` was taken out of it
+    farm.controller.fleet = fleet.model_copy(
+        update={"printers": (removed_section,)}
+    )  # `a` was removed from it
     report(farm, ends_by_s=STOP - 3600.0)
     farm.controller.fleet = fleet
     report(farm, PrintState.ENDING)
-    assert len(farm.effects.instructions) == before
+    assert len(farm.effects.instructions) == instruction_count
 
 
 def test_late_start_is_refused_and_its_plate_waits(farm):
     attempt = farm.controller.books.open_print_on("a")
     farm.controller.clock.now_s = parse_time("2026-11-20 19:00")
     farm.controller.on_refusal(attempt.id, "it came too late", late=True)
-    late = farm.controller.books.prints[attempt.id]
-    assert (late.state, late.fault) == (PrintState.CANCELLED, None)
-    assert "too late" in late.reason
+    late_print = farm.controller.books.prints[attempt.id]
+    assert (late_print.state, late_print.fault) == (PrintState.CANCELLED, None)
+    assert "too late" in late_print.reason
     assert (
         farm.controller.books.printer("a").bed is Bed.CLEAR
         and farm.controller.books.printer("a").attention_reason is None
@@ -105,7 +107,7 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
     assert "from Mon 08:00" in hold.text
     farm.controller.clock.now_s = parse_time("2026-11-23 08:00")
     farm.controller.handle()
-    assert farm.controller.books.open_print_on("a").plate == late.plate
+    assert farm.controller.books.open_print_on("a").plate == late_print.plate
 
 
 def test_print_beyond_the_hours_is_a_task_before_its_end(farm):
@@ -144,14 +146,14 @@ def test_job_is_resumed_only_if_its_printers_may_continue(farm):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
     report(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
-    farm.jobs.pause(1, False, "ann")  # what waits of it finds its own hour
+    farm.jobs.pause(1, False, "ann")  # its waiting plates have their own start time
     assert not farm.controller.books.jobs[1].paused
 
 
 def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
     attempt = report(farm)
-    ended = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
-    report(farm, PrintState.FAILED, **ended)
+    end_fields = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
+    report(farm, PrintState.FAILED, **end_fields)
     books = farm.controller.books
     assert not books.prints[attempt.id].charged
     assert books.printer("a").attention_reason == "nobody was to be there any more"
@@ -161,23 +163,23 @@ def test_end_of_hours_is_not_charged_to_the_plate_and_needs_an_inspection(farm):
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_clock_step_moves_hours_and_no_print(farm, step_s):
-    """The agent gives the start by its present clock; the age of the print is unchanged."""
+    """Keep the age of a print, whose agent reports the start on its present clock."""
     attempt = report(farm)
     farm.controller.clock.now_s += 600.0
     age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s
     farm.controller.clock.now_s += step_s
     farm.controller.on_clock_set(step_s)
-    moved = farm.controller.books.prints[attempt.id]
-    assert farm.controller.clock.now() - moved.started_s == age_s
-    assert moved.assigned_s == pytest.approx(attempt.assigned_s + step_s)
+    moved_print = farm.controller.books.prints[attempt.id]
+    assert farm.controller.clock.now() - moved_print.started_s == age_s
+    assert moved_print.assigned_s == pytest.approx(attempt.assigned_s + step_s)
     assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
-    report(farm, started_s=moved.started_s, ends_by_s=STOP + step_s)  # by the clock as it was
+    report(farm, started_s=moved_print.started_s, ends_by_s=STOP + step_s)  # on the former clock
     if step_s < 0:
         assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
 
 
 def test_hours_and_start_times_follow_a_clock_step(tmp_path):
-    """A host that starts without a network believes the night before, until NTP tells it otherwise."""
+    """Set the clock of a host that started without a network to the night before, until NTP corrects it."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
     farm.controller.clock, farm.controller.started_s = (
         Clock(parse_time("2026-11-20 03:00")),
@@ -193,8 +195,10 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     farm.controller.on_clock_set(7 * 3600.0)
     assert farm.controller.books.open_print_on("a").plate == "1/01"
     assert farm.controller.books.jobs[2].not_before_s == parse_time("2026-11-20 12:00")
-    later = planned(2, 1)
-    farm.controller.on_plan(2, Plan(later.parts, later.plates, later.repairs, 1.0, 500.0, 100.0, None))
+    later_event = planned(2, 1)
+    farm.controller.on_plan(
+        2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0, 100.0, None)
+    )
     farm.ready("b")
     assert farm.controller.plate_holds()["2/01"].code is HoldCode.START_TIME
     farm.controller.clock.now_s += 2 * 3600.0

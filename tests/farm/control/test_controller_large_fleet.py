@@ -1,4 +1,4 @@
-"""A large fleet: reports are scheduled together, and starts are spread over several ticks."""
+"""Large fleet: one scheduling run for all reports of an interval, and starts spread over several ticks."""
 
 import pytest
 
@@ -12,7 +12,7 @@ from recording_controller import MODEL, Farm
 
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
-    """A planned job of two parts, on a fleet of two printers, which is large here."""
+    """Make a planned job of two parts on a fleet of two printers, which counts as large."""
     monkeypatch.setattr(module, "LARGE_FLEET", 1)
     monkeypatch.setattr(module, "MAX_STARTS", 1)
     farm = Farm(tmp_path)
@@ -43,9 +43,9 @@ def test_events_of_a_report_are_recorded_at_once(farm):
     farm.ready("a", "b")
     farm.controller.tick()
     farm.controller.tick()
-    ended = farm.controller.books.open_print_on("a")
+    ended_print = farm.controller.books.open_print_on("a")
     farm.ready("a", link=Link.ABSENT, agent_pid=None)
-    assert farm.controller.books.prints[ended.id].state is PrintState.CANCELLED
+    assert farm.controller.books.prints[ended_print.id].state is PrintState.CANCELLED
 
 
 def test_a_command_of_a_person_is_scheduled_at_once(farm):
@@ -57,12 +57,12 @@ def test_a_command_of_a_person_is_scheduled_at_once(farm):
 def test_a_start_that_was_left_for_later_is_dropped_once_it_is_impossible(farm):
     farm.ready("a", "b")
     farm.controller.tick()
-    (started,) = list_starts(farm)
-    (other,) = {"a", "b"} - {started}
-    farm.ready(other, link=Link.ABSENT, agent_pid=None)
+    (started_printer,) = list_starts(farm)
+    (other_printer,) = {"a", "b"} - {started_printer}
+    farm.ready(other_printer, link=Link.ABSENT, agent_pid=None)
     farm.controller.tick()
-    assert list_starts(farm) == [started]
-    farm.ready(other)
+    assert list_starts(farm) == [started_printer]
+    farm.ready(other_printer)
     farm.controller.tick()
     assert list_starts(farm) == ["a", "b"]
 
@@ -72,9 +72,9 @@ def test_starts_that_cannot_be_written_together_leave_the_books_as_they_were(far
     farm.ready("a", "b")
     books, commit = farm.controller.books, farm.store.commit
 
-    def fail_at_the_second(event, before, after):
-        commit(event, before, after)
-        if before is not books:
+    def fail_at_the_second(event, old_books, new_books):
+        commit(event, old_books, new_books)
+        if old_books is not books:
             raise StoreError("the disk is full")
 
     monkeypatch.setattr(farm.store, "commit", fail_at_the_second)

@@ -21,23 +21,27 @@ PLATES = 3
 
 
 def check(simulation):
-    """Compare the books with what happened, for the daemon and for the next one that reads them."""
-    good = [plate for plate, _, verdict in simulation.made if verdict is Verdict.GOOD]
-    assert sorted(good) == [f"1/0{i}" for i in range(1, PLATES + 1)]  # none lost, none twice
+    """Compare the books with the true prints, for the daemon and for the next one that reads them."""
+    good_plates = [plate for plate, _, verdict in simulation.judged_prints if verdict is Verdict.GOOD]
+    assert sorted(good_plates) == [
+        f"1/0{i}" for i in range(1, PLATES + 1)
+    ]  # no plate is lost, none is printed twice
     books = simulation.controller.books
     simulation.store.close()
     with Store(simulation.path) as store:
         assert store.load() == books
-    started = {name: p for name, p in books.prints.items() if p.started_s is not None}
-    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in started.items()} == simulation.prints
+    started_prints = {name: p for name, p in books.prints.items() if p.started_s is not None}
+    assert {
+        name: (p.printer, p.started_s, p.ended_s) for name, p in started_prints.items()
+    } == simulation.prints
     for printer in "ab":  # one print at a time
-        times = sorted((p.started_s, p.ended_s) for p in started.values() if p.printer == printer)
-        assert all(before[1] <= after[0] for before, after in itertools.pairwise(times))
+        times_s = sorted((p.started_s, p.ended_s) for p in started_prints.values() if p.printer == printer)
+        assert all(previous_s[1] <= next_s[0] for previous_s, next_s in itertools.pairwise(times_s))
     for plate in books.plates.values():
-        times = sorted((p.started_s, p.ended_s) for p in started.values() if p.plate == plate.id)
-        assert all(before[1] <= after[0] for before, after in itertools.pairwise(times))
-    failed = [p for p in books.prints.values() if p.state is PrintState.FAILED]
-    assert len(failed) == 1
+        times_s = sorted((p.started_s, p.ended_s) for p in started_prints.values() if p.plate == plate.id)
+        assert all(previous_s[1] <= next_s[0] for previous_s, next_s in itertools.pairwise(times_s))
+    failed_prints = [p for p in books.prints.values() if p.state is PrintState.FAILED]
+    assert len(failed_prints) == 1
     assert not list(books.open_prints())
 
 
@@ -50,55 +54,55 @@ def undisturbed(tmp_path_factory):
     return commits
 
 
-@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
-def test_no_state_is_lost_if_killed_at_any_commit(after, undisturbed, tmp_path):
+@pytest.mark.parametrize("is_killed_after", [False, True], ids=["before", "after"])
+def test_no_state_is_lost_if_killed_at_any_commit(is_killed_after, undisturbed, tmp_path):
     assert undisturbed > 20
     for number in range(1, undisturbed + 1):
         folder = tmp_path / str(number)
         folder.mkdir()
-        simulation = FarmSimulation(folder, PLATES, kills=[number], after=after)
+        simulation = FarmSimulation(folder, PLATES, kills=[number], after=is_killed_after)
         simulation.run()
         assert simulation.restarts == 1
         check(simulation)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), after=st.booleans())
-def test_no_state_is_lost_over_repeated_kills(kills, after, tmp_path_factory):
-    simulation = FarmSimulation(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
+@given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), is_killed_after=st.booleans())
+def test_no_state_is_lost_over_repeated_kills(kills, is_killed_after, tmp_path_factory):
+    simulation = FarmSimulation(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=is_killed_after)
     simulation.run()
     check(simulation)
 
 
 @pytest.mark.parametrize(
-    ("broken", "repaired", "message"),
+    ("failures", "repaired", "message"),
     [
         ("PRAGMA max_page_count = 1", "PRAGMA max_page_count = 100000", "full"),
         ("PRAGMA query_only = 1", "PRAGMA query_only = 0", "readonly"),
     ],
     ids=["disk full", "read-only"],
 )
-@pytest.mark.parametrize("first", range(0, 16, 5))
-def test_controller_continues_after_failed_commits(first, broken, repaired, message, tmp_path):
+@pytest.mark.parametrize("first_failure", range(0, 16, 5))
+def test_controller_continues_after_failed_commits(first_failure, failures, repaired, message, tmp_path):
     simulation = FarmSimulation(tmp_path, PLATES)
-    tell, minutes = simulation.tell, itertools.count()
+    tell, minutes = simulation.report_to_daemon, itertools.count()
 
     def tell_while_broken():
         minute = next(minutes)
-        if minute == first:
-            simulation.store._db.execute(broken)
-        elif minute == first + 4:
+        if minute == first_failure:
+            simulation.store._db.execute(failures)
+        elif minute == first_failure + 4:
             simulation.store._db.execute(repaired)
         tell()
 
-    simulation.tell = tell_while_broken
+    simulation.report_to_daemon = tell_while_broken
     simulation.run()
     check(simulation)
 
 
 def test_full_disk_is_reported_and_starts_nothing(tmp_path):
     simulation = FarmSimulation(tmp_path, PLATES)
-    simulation.tell()
+    simulation.report_to_daemon()
     simulation.store._db.execute("PRAGMA max_page_count = 1")
     with pytest.raises(FarmError, match="full; nothing was started"):
         for number in range(200):
@@ -107,7 +111,7 @@ def test_full_disk_is_reported_and_starts_nothing(tmp_path):
 
 
 def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
-    """A disk that has no room for a plate's file may still have some for the books."""
+    """Use a disk that is too full for a plate's file, but not for the books."""
     farm = Farm(tmp_path, (PLUS,) * 4)
     farm.ready(*"abcd")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -132,10 +136,10 @@ def test_unrecordable_snapshot_is_shown_and_logged(tmp_path):
     for _ in range(2):
         with pytest.raises(StoreError):
             farm.ready("a", nozzle_c=205.0, bed_unknown_reason="its board was reset, but not by the farm")
-    farm.ready("b")  # nothing new: nothing to be booked
-    (first, *_) = list_tasks(farm.view_context(state))
-    assert first.code == "farm"
-    assert "nothing is recorded until there is space" in first.text
+    farm.ready("b")  # an unchanged snapshot changes nothing in the books
+    (first_task, *_) = list_tasks(farm.view_context(state))
+    assert first_task.code == "farm"
+    assert "nothing is recorded until there is space" in first_task.text
     assert farm.controller.telemetry.snapshots["a"].nozzle_c == 205.0
     assert farm.controller.books.printers["a"].attention_reason is None
     farm.store._db.execute("PRAGMA query_only = 0")

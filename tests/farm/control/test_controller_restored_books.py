@@ -32,63 +32,67 @@ PLATES = 4
 PLANNED_S = 1_790_000_000.0
 
 
-def run(simulation, folder, copied, damaged, away=(), away_for=0):
-    """A job to its end, with books that were copied in one minute and damaged in a later one."""
-    planned, copy = None, folder / "copy.db"
+def run(simulation, folder, copy_minute, damage_minute, unreachable=(), away_for=0):
+    """Run a job to its end, with books that are copied in one minute and damaged in a later one."""
+    plan_event, copy = None, folder / "copy.db"
     for minute in itertools.count():
         assert minute < 300, simulation.controller.books
-        if planned is None and simulation.controller.books.plates:
-            planned = minute
-        if planned is not None and minute == planned + copied:
+        if plan_event is None and simulation.controller.books.plates:
+            plan_event = minute
+        if plan_event is not None and minute == plan_event + copy_minute:
             copy_books(simulation.path, copy, simulation.clock.now())
-        if planned is not None and minute == planned + copied + damaged:
+        if plan_event is not None and minute == plan_event + copy_minute + damage_minute:
             simulation.restore(copy)
-            simulation.away = frozenset(away)
-        if planned is not None and minute == planned + copied + damaged + away_for:
-            simulation.away = frozenset()
+            simulation.unreachable = frozenset(unreachable)
+        if plan_event is not None and minute == plan_event + copy_minute + damage_minute + away_for:
+            simulation.unreachable = frozenset()
         yield minute
         job = simulation.controller.books.jobs.get(1)
-        if job is not None and job.state is JobState.DONE and simulation.copied:
+        if job is not None and job.state is JobState.DONE and simulation.is_restored:
             return
-        if job is not None and job.state is JobState.HELD:  # a person who does not look
+        if job is not None and job.state is JobState.HELD:  # a person who does not inspect the bed
             simulation.controller.handle(ev.JobApproved(at_s=simulation.clock.now(), job=1, by="ann"))
         simulation.step()
 
 
 def check(simulation):
     books = simulation.controller.books
-    done = [p for p in books.prints.values() if p.state is PrintState.DONE]
-    assert len(done) == len(simulation.made) == PLATES
-    assert {verdict for *_, verdict in simulation.made} == {Verdict.GOOD}
-    started = {name: p for name, p in books.prints.items() if p.started_s is not None}
-    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in started.items()} == simulation.prints
+    done_prints = [p for p in books.prints.values() if p.state is PrintState.DONE]
+    assert len(done_prints) == len(simulation.judged_prints) == PLATES
+    assert {verdict for *_, verdict in simulation.judged_prints} == {Verdict.GOOD}
+    started_prints = {name: p for name, p in books.prints.items() if p.started_s is not None}
+    assert {
+        name: (p.printer, p.started_s, p.ended_s) for name, p in started_prints.items()
+    } == simulation.prints
     assert not list(books.open_prints())
-    assert len([p for p in started.values() if p.state is PrintState.FAILED]) == 1
+    assert len([p for p in started_prints.values() if p.state is PrintState.FAILED]) == 1
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    copied=st.integers(0, 12),
-    damaged=st.integers(0, 14),
-    away=st.sets(st.sampled_from("ab")),
+    copy_minute=st.integers(0, 12),
+    damage_minute=st.integers(0, 14),
+    unreachable=st.sets(st.sampled_from("ab")),
     away_for=st.integers(0, 8),
     files=st.sampled_from([1, 2, PLATES]),
 )
 def test_restored_backup_neither_loses_nor_repeats_a_plate(
-    copied, damaged, away, away_for, files, tmp_path_factory
+    copy_minute, damage_minute, unreachable, away_for, files, tmp_path_factory
 ):
-    """This holds even if a person approves at once and some agents connect later."""
+    """Include a person who approves at once, and agents that connect later."""
     folder = tmp_path_factory.mktemp("copied")
     simulation = FarmSimulation(folder, PLATES, bad=(), files=files)
-    for _ in run(simulation, folder, copied, damaged, away, away_for):
+    for _ in run(simulation, folder, copy_minute, damage_minute, unreachable, away_for):
         pass
     if files == PLATES:
-        assert sorted(plate for plate, *_ in simulation.made) == [f"1/0{i + 1}" for i in range(PLATES)]
+        assert sorted(plate for plate, *_ in simulation.judged_prints) == [
+            f"1/0{i + 1}" for i in range(PLATES)
+        ]
     check(simulation)
 
 
-def copied(folder, plates=1, printing=None):
-    """A farm whose books are a copy from just after a job was planned, or its first plate given to `a`."""
+def restore_farm(folder, plates=1, printing=None):
+    """Make a farm with books of the time after a job was planned, or its first plate assigned to `a`."""
     farm = Farm(folder)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, plates)
@@ -108,13 +112,13 @@ def reports(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **change
     return AgentPrint(print_id=print_id, started_s=started_s, sha256=sha256, **{**facts, **changes})
 
 
-def approved(farm):
+def approve_job(farm):
     farm.controller.handle(ev.JobApproved(at_s=farm.controller.clock.now(), job=1, by="ann"))
     return farm
 
 
 def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
-    farm = copied(tmp_path, 3)
+    farm = restore_farm(tmp_path, 3)
     items = {item.code: item.text for item in list_tasks(farm.view_context(StateFolder(tmp_path)))}
     assert items["restored"].startswith(
         "the database was restored from a backup: check which parts of job 1 were printed"
@@ -122,7 +126,7 @@ def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
     assert "`farm approve 1`" in items["approve"]
     farm.report("a", reports("x"), reports("y", PLANNED_S + 300.0))
     farm.report("b", reports("z", state=PrintState.PRINTING, ended_s=None))
-    approved(farm)
+    approve_job(farm)
     books = farm.controller.books
     assert {name: p.state for name, p in books.prints.items()} == {
         "x": PrintState.DONE,
@@ -137,16 +141,16 @@ def test_print_after_the_backup_is_imported_and_judged_at_the_bed(tmp_path):
 
 
 def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
-    farm = copied(tmp_path, printing="p")
+    farm = restore_farm(tmp_path, printing="p")
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
     )
     assert not farm.controller.books.prints["p"].state.ended
     farm.report("a", reports("p"))
     farm.report("b")
-    assert approved(farm).controller.books.jobs[1].state is JobState.PRINTED
-    # Nobody waits for it where a person wants no more of it.
-    farm = copied(tmp_path / "other", printing="p")
+    assert approve_job(farm).controller.books.jobs[1].state is JobState.PRINTED
+    # It is not awaited if a person has cancelled it.
+    farm = restore_farm(tmp_path / "other", printing="p")
     farm.jobs.cancel(1, "ann")
     farm.controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
@@ -158,17 +162,17 @@ def test_open_print_of_a_backup_waits_for_its_agent(tmp_path):
     "stranger",
     [
         reports(sha256="1" * 64),
-        reports(sha256=None),  # an older agent began it
+        reports(sha256=None),  # an older agent started it
         reports(started_s=PLANNED_S - 100.0),
         reports(state=PrintState.PRINTING, ended_s=None, sha256="1" * 64),
     ],
     ids=["another file", "no file", "before it was planned", "still printing"],
 )
 def test_print_without_a_plate_needs_a_person(stranger, tmp_path):
-    farm = copied(tmp_path)
+    farm = restore_farm(tmp_path)
     farm.report("b")
     farm.report("a", stranger)
-    approved(farm)
+    approve_job(farm)
     state = StateFolder(tmp_path)
     (look,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
     assert look.printers == ["a"]
@@ -181,7 +185,7 @@ def test_print_without_a_plate_needs_a_person(stranger, tmp_path):
 
 
 def test_restored_job_waits_for_every_printer_in_use(tmp_path):
-    farm = approved(copied(tmp_path))
+    farm = approve_job(restore_farm(tmp_path))
     farm.report("a")
     farm.clear_bed("a", FilamentState.PARKED)
     (hold,) = farm.controller.plate_holds().values()
@@ -192,18 +196,20 @@ def test_restored_job_waits_for_every_printer_in_use(tmp_path):
 
 
 def test_interrupted_import_of_a_journal_is_repeated(tmp_path):
-    farm, prints = copied(tmp_path / "whole", 2), [reports("x"), reports("y", PLANNED_S + 300.0)]
-    ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
-    events = list(import_agent_journal(farm.controller.books, ready, prints, PLANNED_S + 1e3))
+    farm, prints = restore_farm(tmp_path / "whole", 2), [reports("x"), reports("y", PLANNED_S + 300.0)]
+    ready_snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
+    events = list(import_agent_journal(farm.controller.books, ready_snapshot, prints, PLANNED_S + 1e3))
     farm.controller.handle(*events)
     for dies in range(len(events)):
-        other = copied(tmp_path / str(dies), 2)
-        other.controller.handle(*events[:dies])
-        since_s = other.controller.unreported_since_s("a")
+        other_farm = restore_farm(tmp_path / str(dies), 2)
+        other_farm.controller.handle(*events[:dies])
+        since_s = other_farm.controller.unreported_since_s("a")
         assert since_s == PLANNED_S + 1.0
-        other.controller.handle(*import_agent_journal(other.controller.books, ready, prints, PLANNED_S + 1e3))
-        assert other.controller.books.prints == farm.controller.books.prints
-        assert other.controller.unreported_since_s("a") is None
+        other_farm.controller.handle(
+            *import_agent_journal(other_farm.controller.books, ready_snapshot, prints, PLANNED_S + 1e3)
+        )
+        assert other_farm.controller.books.prints == farm.controller.books.prints
+        assert other_farm.controller.unreported_since_s("a") is None
 
 
 def test_inconsistent_restored_books_are_logged(tmp_path, caplog):

@@ -1,4 +1,4 @@
-"""Tick of the controller: it schedules when time has changed a decision, else repeats instructions."""
+"""Tick of the controller: it schedules if time has changed a decision, and repeats instructions."""
 
 from datetime import UTC, datetime
 
@@ -17,7 +17,7 @@ MORNING = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()
 
 
 class Clock:
-    """Clock that stands still until it is set."""
+    """Clock that does not advance until it is set."""
 
     scale = 1.0
 
@@ -44,7 +44,7 @@ def calls(monkeypatch):
 
 @pytest.fixture
 def farm(tmp_path, calls):
-    """A job of one part that waits for the end of quiet hours, on a farm that has been up for an hour."""
+    """Make a job of one part that waits for the end of quiet hours, on a farm that started an hour ago."""
     farm = Farm(tmp_path, clock=Clock(NIGHT), timezone="UTC", quiet=["22:00-06:00"])
     farm.controller.started_s = NIGHT - 3600.0
     farm.ready("a", "b")
@@ -94,8 +94,8 @@ def test_failed_commit_is_repeated_at_the_next_tick(farm, calls, monkeypatch):
     def full(*_):
         raise StoreError("the database cannot be written: disk full")
 
-    with monkeypatch.context() as broken:
-        broken.setattr(farm.store, "commit", full)
+    with monkeypatch.context() as patch:
+        patch.setattr(farm.store, "commit", full)
         with pytest.raises(StoreError):
             tick(farm, MORNING)
     tick(farm, MORNING + 1.0)
@@ -106,8 +106,8 @@ def test_failed_commit_is_repeated_at_the_next_tick(farm, calls, monkeypatch):
 
 def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
     tick(farm, MORNING)
-    lost = farm.controller.books.open_print_on("a")
-    ended = {
+    lost_print = farm.controller.books.open_print_on("a")
+    end_fields = {
         "state": "failed",
         "fault": "port_lost",
         "reason": "gone",
@@ -115,7 +115,7 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
         "extruded": False,
     }
     farm.controller.handle(
-        ev.PrintEnded(at_s=MORNING, print_id=lost.id, started_s=MORNING, ended_s=MORNING, **ended)
+        ev.PrintEnded(at_s=MORNING, print_id=lost_print.id, started_s=MORNING, ended_s=MORNING, **end_fields)
     )
     assert [hold.code for hold in farm.controller.plate_holds().values()] == [HoldCode.JUST_LOST]
     tick(farm, MORNING + 10.0)
@@ -125,7 +125,7 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
 
 
 def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
-    """The first plate was planned for the tall printer c: once it has started on a, c can be the spare."""
+    """Start the first plate, planned for the tall printer c, on a, so that c can be the spare."""
     models = ("ultimaker2_plus", "ultimaker2_plus", "ultimaker2_extended_plus")
     farm = Farm(tmp_path, models, Clock(NIGHT), timezone="UTC", attended=["08:00-10:00"])
     farm.controller.started_s = NIGHT - 3600.0

@@ -19,13 +19,13 @@ def test_unfit_snapshot_is_logged_and_the_rest_continues(tmp_path, monkeypatch, 
         yield from observe(printer, snapshot, now_s)
 
     monkeypatch.setattr(telemetry, "observe_idle_printer", report_unfit_snapshot)
-    before = farm.controller.books
+    old_books = farm.controller.books
     with caplog.at_level(logging.ERROR):
         farm.ready("a", nozzle_c=31.0)
-    assert farm.controller.books == before
+    assert farm.controller.books == old_books
     assert "PrinterAdded does not fit: printer a is not_clear; before that: " in caplog.text
     assert "PrinterAdded, " in caplog.text and "BedReported" in caplog.text
-    assert farm.controller.telemetry.snapshots["a"].nozzle_c == 31.0  # it is shown all the same
+    assert farm.controller.telemetry.snapshots["a"].nozzle_c == 31.0  # it is still shown
     farm.ready("b", nozzle_c=32.0, print=None)
     assert farm.controller.telemetry.snapshots["b"].nozzle_c == 32.0
     assert not any(p.state is PrintState.ASSIGNED for p in farm.controller.books.prints.values())

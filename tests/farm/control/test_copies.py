@@ -1,4 +1,4 @@
-"""Copies of a model from submission to the last bed, through the daemon's own rules."""
+"""Copies of a model from submission to the last cleared bed, by the daemon's rules."""
 
 import io
 from pathlib import Path
@@ -40,7 +40,7 @@ class StoppedClock(Clock):
 
 @pytest.fixture
 def farm(tmp_path):
-    """Two copies of a model of two parts, on four printers."""
+    """Make a farm with two copies of a model of two parts, on four printers."""
     farm = Farm(tmp_path, models=(PLUS,) * 4, clock=StoppedClock())
     farm.ready("a", "b", "c", "d")
     farm.jobs.submit("r" * 8, "vase.stl", MODEL, OPTIONS)
@@ -52,7 +52,7 @@ def farm(tmp_path):
 
 
 def end(farm, plate, state=PrintState.DONE):
-    """The print of a plate ends after 100 s."""
+    """End the print of a plate after 100 s."""
     books = farm.controller.books
     attempt = next(p for p in books.open_prints() if p.plate == plate)
     begun_s = farm.controller.clock.at_s
@@ -101,7 +101,7 @@ def test_failed_part_of_a_copy_is_printed_again_alone(farm):
     for plate in ("1/01.1", "1/02.1", "1/01.2"):
         farm.clear_bed(end(farm, plate))
     printer = end(farm, "1/02.2")
-    farm.clear_bed(printer, verdict=Verdict.BAD, why="fell over")
+    farm.clear_bed(printer, verdict=Verdict.BAD, reason="fell over")
     assert [p.plate for p in farm.controller.books.open_prints()] == ["1/02.2"]
     job_view = view(farm)
     assert (job_view.printed, job_view.good, job_view.printed_copies) == (3, 3, 1)

@@ -22,30 +22,30 @@ def submit(farm, name, **options):
 
 def test_abandoned_dry_run_is_cancelled(tmp_path):
     farm = Farm(tmp_path)
-    expected, removed = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
-    held = submit(farm, "c", hold=True)
+    expected_job, removed_job = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
+    held_job = submit(farm, "c", hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned(0.0)
-    dry_runs.keep(expected, PATIENCE_S)
+    dry_runs.keep(expected_job, PATIENCE_S)
     dry_runs.cancel_abandoned(PATIENCE_S)
     jobs = farm.controller.books.jobs
     assert not any(job.state.ended for job in jobs.values())
     dry_runs.cancel_abandoned(PATIENCE_S + 1.0)
     jobs = farm.controller.books.jobs
-    assert [jobs[n].state.ended for n in (expected, removed, held)] == [False, True, False]
-    assert jobs[removed].reason == "cancelled by the farm: nobody waits for its plan any more"
+    assert [jobs[n].state.ended for n in (expected_job, removed_job, held_job)] == [False, True, False]
+    assert jobs[removed_job].reason == "cancelled by the farm: nobody waits for its plan any more"
     dry_runs.cancel_abandoned(3 * PATIENCE_S)
-    assert farm.controller.books.jobs[expected].state is JobState.CANCELLED
+    assert farm.controller.books.jobs[expected_job].state is JobState.CANCELLED
 
 
 def test_dry_run_needs_no_approval():
     options = JobOptions(dry_run=True, hold=True)
-    held = make_job().model_copy(update={"options": options, "state": JobState.HELD})
-    assert list_requests(Books.from_entities([held]), {}) == []
+    held_job = make_job().model_copy(update={"options": options, "state": JobState.HELD})
+    assert list_requests(Books.from_entities([held_job]), {}) == []
     assert (
         len(
             list_requests(
-                Books.from_entities([held.model_copy(update={"options": JobOptions(hold=True)})]), {}
+                Books.from_entities([held_job.model_copy(update={"options": JobOptions(hold=True)})]), {}
             )
         )
         == 1
@@ -57,7 +57,7 @@ def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
     number = submit(farm, "a", dry_run=True, hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.keep(number, 0.0, PAGE_PATIENCE_S)
-    dry_runs.keep(number, 1.0)  # a command asks too
+    dry_runs.keep(number, 1.0)  # a command counts as a request too
     dry_runs.cancel_abandoned(PAGE_PATIENCE_S)
     assert not farm.controller.books.job(number).state.ended
     dry_runs.cancel_abandoned(PAGE_PATIENCE_S + 1.0)
@@ -102,10 +102,16 @@ def test_approved_dry_run_is_not_cancelled(tmp_path):
 def test_model_is_planned_again_without_another_upload(tmp_path):
     farm = Farm(tmp_path)
     number = submit(farm, "a", dry_run=True, hold=True)
-    again = farm.jobs.plan_again(number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann")
-    first, second = (farm.controller.books.job(n) for n in (number, again))
-    assert (second.model_file, second.name, second.repairs) == (first.model_file, first.name, first.repairs)
-    assert second.options.printers == 2
+    planned_job = farm.jobs.plan_again(
+        number, "b" * 8, JobOptions(printers=2, dry_run=True, hold=True), "ann"
+    )
+    first_job, second_job = (farm.controller.books.job(n) for n in (number, planned_job))
+    assert (second_job.model_file, second_job.name, second_job.repairs) == (
+        first_job.model_file,
+        first_job.name,
+        first_job.repairs,
+    )
+    assert second_job.options.printers == 2
     farm.jobs.cancel(number, "ann")
     farm.controller.handle(ev.JobPruned(at_s=1.0, job=number, by="ann"))
     with pytest.raises(Refused, match="were pruned"):

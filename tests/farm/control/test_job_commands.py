@@ -53,22 +53,26 @@ def submit(farm, name="r", model=MODEL, **options):
 
 
 def plan_for(number, state, plates=2):
-    """A plan of which the G-code lies in the file store."""
+    """Make a plan whose G-code is in the file store."""
     event = planned(number, plates)
     gcode = b"G28\n"
     (state.files / "g.gcode").write_bytes(gcode)
     facts = {"sha256": hashlib.sha256(gcode).hexdigest()}
-    created = tuple(plate.model_copy(update=facts) for plate in event.plates)
-    return Plan(event.parts, created, (), 1.0, 500.0, 100.0, None)
+    new_plates = tuple(plate.model_copy(update=facts) for plate in event.plates)
+    return Plan(event.parts, new_plates, (), 1.0, 500.0, 100.0, None)
 
 
-def night_of(farm, state, number):
+def describe_night_of(farm, state, number):
     controller = farm.controller
     return describe_timeline(controller.build_view_context(state), number, controller.expected_situation())
 
 
 def starts(farm):
-    return [reported.printer for reported in farm.effects.instructions if isinstance(reported, ev.SendStart)]
+    return [
+        instruction.printer
+        for instruction in farm.effects.instructions
+        if isinstance(instruction, ev.SendStart)
+    ]
 
 
 def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
@@ -85,11 +89,11 @@ def test_changes_during_an_approval_are_noticed(farm, state, monkeypatch):
         patch.setattr(job_commands, "asyncio", NoThreads)
         with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    other = submit(farm, "s", hold=True)
-    farm.controller.on_plan(other, plan_for(other, state))
+    other_job = submit(farm, "s", hold=True)
+    farm.controller.on_plan(other_job, plan_for(other_job, state))
 
     def start(section, fleet_options):
-        farm.controller.handle(ev.JobApproved(at_s=1.0, job=other, by="ann"))
+        farm.controller.handle(ev.JobApproved(at_s=1.0, job=other_job, by="ann"))
         return section
 
     monkeypatch.setattr(printer_commands, "complete_section", start)
@@ -124,15 +128,15 @@ def test_held_plan_prints_only_after_approval_of_its_hash(farm, state):
 
 
 def test_held_job_is_released_before_its_plan_or_after_it(farm, state):
-    early, late = submit(farm, hold=True), submit(farm, "s", hold=True)
-    farm.controller.on_plan(late, plan_for(late, state))
-    assert farm.controller.books.job(late).state is JobState.HELD
-    for number in (early, late):
+    early_job, late_job = submit(farm, hold=True), submit(farm, "s", hold=True)
+    farm.controller.on_plan(late_job, plan_for(late_job, state))
+    assert farm.controller.books.job(late_job).state is JobState.HELD
+    for number in (early_job, late_job):
         with pytest.raises(Refused, match="only an operator"):
             asyncio.run(farm.jobs.release(number, state, "bob", is_operator=False))
         asyncio.run(farm.jobs.release(number, state, "bob", is_operator=True))
-    farm.controller.on_plan(early, plan_for(early, state))
-    assert [farm.controller.books.job(n).state for n in (early, late)] == [JobState.PRINTING] * 2
+    farm.controller.on_plan(early_job, plan_for(early_job, state))
+    assert [farm.controller.books.job(n).state for n in (early_job, late_job)] == [JobState.PRINTING] * 2
 
 
 def test_plan_whose_files_changed_is_not_released(farm, state):
@@ -167,13 +171,13 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     assert hold.code is HoldCode.REEL_TOO_SHORT
     assert "a has 4 g, it needs 8 g" in hold.text
     farm.store.close()
-    repeated = Farm(tmp_path)
-    repeated.ready("a", "b")
-    assert repeated.controller.fleet.printer("b").material == "generic_abs"
-    asyncio.run(repeated.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
-    assert starts(repeated) == ["a"]
+    restarted_farm = Farm(tmp_path)
+    restarted_farm.ready("a", "b")
+    assert restarted_farm.controller.fleet.printer("b").material == "generic_abs"
+    asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
+    assert starts(restarted_farm) == ["a"]
     with pytest.raises(Refused, match="is printing"):
-        asyncio.run(repeated.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
+        asyncio.run(restarted_farm.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
 
 def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
@@ -186,32 +190,32 @@ def test_reel_of_an_unknown_material_is_refused(farm, state, monkeypatch):
 
 
 def test_own_gcode_is_planned_during_decompositions(farm):
-    first, second = submit(farm), submit(farm, "s")
-    third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
-    holds = {number: farm.controller.books.job(number).hold.code for number in (third, urgent)}
+    first_job, second_job = submit(farm), submit(farm, "s")
+    third_job, urgent_job = submit(farm, "t"), submit(farm, "u", priority=1)
+    holds = {number: farm.controller.books.job(number).hold.code for number in (third_job, urgent_job)}
     assert set(holds.values()) == {HoldCode.NOT_FIRST}
     gcode_job = submit(farm, "v", GCODE)
-    assert [plan[0] for plan in farm.effects.plans] == [first, second, gcode_job]
-    farm.jobs.cancel(first, "ann")
-    assert farm.effects.plans[-1][0] == urgent
+    assert [plan[0] for plan in farm.effects.plans] == [first_job, second_job, gcode_job]
+    farm.jobs.cancel(first_job, "ann")
+    assert farm.effects.plans[-1][0] == urgent_job
 
 
 def test_own_gcode_is_planned_beside_an_unprintable_job(farm):
-    """A dry run of G-code behind such a job once hung for ten minutes."""
-    blocked = submit(farm, material="generic_abs")
-    assert farm.controller.books.job(blocked).hold.code is HoldCode.NO_SUCH_PRINTER
+    """Plan G-code behind such a job at once, where a dry run once hung for ten minutes."""
+    blocked_job = submit(farm, material="generic_abs")
+    assert farm.controller.books.job(blocked_job).hold.code is HoldCode.NO_SUCH_PRINTER
     gcode_job = submit(farm, "s", GCODE, hold=True, dry_run=True)
     assert farm.effects.plans == [(gcode_job, ["a", "b"], 1)]
 
 
 def test_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
-    then = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
-    later = submit(farm, at=then)
-    assert farm.effects.plans == [(later, ["a", "b"], 1)]
-    farm.controller.on_plan(later, plan_for(later, state))
+    start_at = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
+    later_job = submit(farm, at=start_at)
+    assert farm.effects.plans == [(later_job, ["a", "b"], 1)]
+    farm.controller.on_plan(later_job, plan_for(later_job, state))
     assert {hold.code for hold in farm.controller.plate_holds().values()} == {HoldCode.START_TIME}
     farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
-    farm.clock_s = farm.controller.books.job(later).not_before_s
+    farm.clock_s = farm.controller.books.job(later_job).not_before_s
     farm.controller.tick()
     assert starts(farm) == ["a", "b"]
 
@@ -234,7 +238,7 @@ def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
     (notice,) = miss_deadline(50)
     assert notice.startswith("It was to be printed by") and "the earliest possible is" in notice
     assert miss_deadline(600) == ()
-    for name in "ab":  # somebody has to clear them first
+    for name in "ab":  # a person has to clear them first
         farm.controller.handle(
             ev.BedBecameUnknown(at_s=farm.controller.clock.now(), printer=name, reason="so")
         )
@@ -242,11 +246,11 @@ def test_missed_deadline_is_reported_with_the_earliest_end(farm, state):
 
 
 def test_plan_of_several_materials_is_reported(farm, state):
-    for name, other, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
+    for name, other_material, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
         number = submit(farm, name=name, hold=True)
         plan = plan_for(number, state)
-        first, second = plan.plates
-        plates = (first, second.model_copy(update={"material": other}))
+        first_plate, second_plate = plan.plates
+        plates = (first_plate, second_plate.model_copy(update={"material": other_material}))
         farm.controller.on_plan(number, replace(plan, plates=plates))
         result = farm.controller.books.job(number).repairs
         assert len(result) == notices
@@ -293,18 +297,18 @@ def test_spare_printers_are_excluded_from_the_plan(farm):
 
 
 def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
-    kept = {}
+    kept_spares = {}
     for period, hours in {"day": ["00:00-24:00"], "night": []}.items():
         farm = Farm(tmp_path / period, attended=hours)
         farm.ready("a", "b")
-        first = submit(farm, spares=1)
-        farm.controller.on_plan(first, plan_for(first, state, plates=1))
+        first_job = submit(farm, spares=1)
+        farm.controller.on_plan(first_job, plan_for(first_job, state, plates=1))
         submit(farm, "s")
-        kept[period] = [names for number, names, _ in farm.effects.plans if number != first]
+        kept_spares[period] = [names for number, names, _ in farm.effects.plans if number != first_job]
         assert farm.controller.list_reservations().get("b") == (
             "job 2" if period == "day" else "a failed part (--spares)"
         )
-    assert kept == {"day": [["b"]], "night": [["a", "b"]]}
+    assert kept_spares == {"day": [["b"]], "night": [["a", "b"]]}
 
 
 def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
@@ -315,20 +319,20 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
     for number in reversed(numbers):
         plan = farm.controller.books.job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
-    printing = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
-    assert printing == {"a": numbers[1], "b": numbers[1]}  # it was approved first
-    waiting = [
+    printing_plates = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
+    assert printing_plates == {"a": numbers[1], "b": numbers[1]}  # it was approved first
+    waiting_plates = [
         farm.controller.plate_holds().get(name).code for name in farm.controller.books.job(numbers[0]).plates
     ]
-    assert waiting == [HoldCode.PRINTER_BUSY] * 2
+    assert waiting_plates == [HoldCode.PRINTER_BUSY] * 2
 
 
 def test_night_of_a_held_job_is_forecast(farm, state):
     number = submit(farm, hold=True)
     with pytest.raises(Refused, match="no plan yet"):
-        night_of(farm, state, number)
+        describe_night_of(farm, state, number)
     farm.controller.on_plan(number, plan_for(number, state, plates=3))
-    night = night_of(farm, state, number)
+    night = describe_night_of(farm, state, number)
     assert {slot.plate for slot in night.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
     assert night.grams == pytest.approx(9.0)
     assert night.lower_bound_s <= night.makespan_s
@@ -336,30 +340,32 @@ def test_night_of_a_held_job_is_forecast(farm, state):
 
 
 def test_timeline_of_a_job_waits_for_the_plates_of_jobs_before_it(farm, state):
-    first, second = submit(farm, hold=True), submit(farm, "s", hold=True)
-    for number in (first, second):
+    first_job, second_job = submit(farm, hold=True), submit(farm, "s", hold=True)
+    for number in (first_job, second_job):
         farm.controller.on_plan(number, plan_for(number, state, plates=4))
-    alone = night_of(farm, state, second)
-    asyncio.run(farm.jobs.approve(first, farm.controller.books.job(first).plan, state, "ann"))
-    beside = night_of(farm, state, second)
-    assert {slot.plate for slot in beside.slots} == {f"{second}/0{i}" for i in (1, 2, 3, 4)}
-    last = max(slot.ends for slot in night_of(farm, state, first).slots)
-    assert min(slot.starts for slot in alone.slots) < last <= min(slot.starts for slot in beside.slots)
+    night_alone = describe_night_of(farm, state, second_job)
+    asyncio.run(farm.jobs.approve(first_job, farm.controller.books.job(first_job).plan, state, "ann"))
+    beside = describe_night_of(farm, state, second_job)
+    assert {slot.plate for slot in beside.slots} == {f"{second_job}/0{i}" for i in (1, 2, 3, 4)}
+    last_end = max(slot.ends for slot in describe_night_of(farm, state, first_job).slots)
+    assert (
+        min(slot.starts for slot in night_alone.slots) < last_end <= min(slot.starts for slot in beside.slots)
+    )
 
 
 def test_tasks_name_the_approval_and_the_short_reel(farm, state, monkeypatch):
     monkeypatch.setattr(printer_commands, "complete_section", lambda section, fleet_options: section)
-    first = submit(farm, hold=True)
-    farm.controller.on_plan(first, plan_for(first, state))
+    first_job = submit(farm, hold=True)
+    farm.controller.on_plan(first_job, plan_for(first_job, state))
     for name in "ab":
         asyncio.run(farm.printers.load_reel(name, LoadRequest(grams=4.0), "ann"))
-    second = submit(farm, "s")
-    farm.controller.on_plan(second, plan_for(second, state, plates=1))
+    second_job = submit(farm, "s")
+    farm.controller.on_plan(second_job, plan_for(second_job, state, plates=1))
     scene = farm.view_context(state)
     assert [(item.code, item.text) for item in list_tasks(scene)] == [
-        ("approve", f"approve job {first} (2 parts, 6 g): `farm approve {first}`"),
-        ("reel", f"a has 4 g, {second}/01 needs 8 g: load a reel, then `farm load a`"),
+        ("approve", f"approve job {first_job} (2 parts, 6 g): `farm approve {first_job}`"),
+        ("reel", f"a has 4 g, {second_job}/01 needs 8 g: load a reel, then `farm load a`"),
     ]
-    assert [describe_job(scene, farm.controller.books.job(n)).waits_for_person for n in (first, second)] == [
-        True
-    ] * 2
+    assert [
+        describe_job(scene, farm.controller.books.job(n)).waits_for_person for n in (first_job, second_job)
+    ] == [True] * 2

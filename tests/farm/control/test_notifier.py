@@ -21,7 +21,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def server():
-    """Server that keeps what was posted to it, and its address."""
+    """Start a server that stores posted bodies; yield these and its address."""
     posts = SimpleQueue()
 
     class Handler(BaseHTTPRequestHandler):
@@ -42,8 +42,8 @@ def server():
 
 
 def make_printed_books():
-    assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-    return apply_events(make_printing_books(plates=1), assigned, make_end_event("x"))[0]
+    assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    return apply_events(make_printing_books(plates=1), assigned_event, make_end_event("x"))[0]
 
 
 def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
@@ -59,12 +59,12 @@ def test_notice_is_sent_once_over_restarts(server, tmp_path, caplog):
         "all jobs have ended",
     ]
     notifier.notify(make_printed_books(), 510.0)
-    repeated = Notifier(urls, "lab", file, 520.0)
-    repeated.notify(make_printed_books(), 530.0)
-    failed = make_end_event("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
-    more = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
-    books, _ = apply_events(make_printing_books(plates=2), more, failed)
-    repeated.notify(books, 700.0)
+    restarted_notifier = Notifier(urls, "lab", file, 520.0)
+    restarted_notifier.notify(make_printed_books(), 530.0)
+    failed_event = make_end_event("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
+    assigned_event = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
+    books, _ = apply_events(make_printing_books(plates=2), assigned_event, failed_event)
+    restarted_notifier.notify(books, 700.0)
     assert posts.get(timeout=PATIENCE_S)["message"] == "1/p02 failed on b: it was killed"
     assert posts.empty()
     assert "secret" not in caplog.text
@@ -77,21 +77,21 @@ def test_events_before_the_first_notice_are_not_sent(server, tmp_path):
     delete_record(file)
     delete_record(file)
     assert not file.exists()
-    late = Notifier([SecretStr(f"json://{address}/")], "lab", file, 150.0)
-    late.notify(make_printed_books(), 500.0)
+    late_notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 150.0)
+    late_notifier.notify(make_printed_books(), 500.0)
     assert posts.get(timeout=PATIENCE_S)["title"] == "lab"
     assert posts.empty()
 
 
 def test_unknown_address_is_refused_without_printing_it(tmp_path):
-    with pytest.raises(FleetFileError, match="address 2") as raised:
+    with pytest.raises(FleetFileError, match="address 2") as error:
         Notifier(
             [SecretStr("json://localhost"), SecretStr("nonsense://secret")],
             "lab",
             tmp_path / "told.json",
             0.0,
         )
-    assert "secret" not in str(raised.value)
+    assert "secret" not in str(error.value)
 
 
 def test_addresses_are_never_shown():

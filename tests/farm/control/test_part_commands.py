@@ -33,7 +33,7 @@ STATE = StateFolder(Path("/state"))
 
 @pytest.fixture
 def farm(tmp_path):
-    """A job of three parts on two printers: two are being printed, one waits."""
+    """Make a job of three parts on two printers: two print, one waits."""
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -114,16 +114,16 @@ def test_paused_job_starts_no_plate(farm):
 
 
 def test_plates_waiting_for_a_bed_are_counted(farm):
-    """Printers of the job print for some time, and then one has to be cleared."""
+    """Count plates while the printers of the job print, and when one has to be cleared."""
     now_s = farm.controller.clock.now()
-    started = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
+    started_fields = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
     for attempt in list(farm.controller.books.open_prints()):
-        farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **started))
+        farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **started_fields))
     view = describe_job(farm.view_context(STATE), farm.controller.books.job(1))
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
-    assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
+    assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # forecasts are rounded to minutes
     assert view.utilisation < 1.0
-    farm.parts.cancel(1, "p03", "ann")  # what is never printed takes no time
+    farm.parts.cancel(1, "p03", "ann")  # a plate that is never printed takes no time
     assert describe_job(farm.view_context(STATE), farm.controller.books.job(1)).current_s < 110.0
 
 
@@ -165,18 +165,18 @@ def test_printer_in_maintenance_finishes_its_print_and_gets_no_other(farm):
         farm.printers.end_maintenance("a", "ann")
 
 
-@pytest.mark.parametrize("cancelled", [False, True])
-def test_bad_part_is_printed_again_unless_its_job_was_cancelled(farm, cancelled):
+@pytest.mark.parametrize("is_cancelled", [False, True])
+def test_bad_part_is_printed_again_unless_its_job_was_cancelled(farm, is_cancelled):
     ends(farm, "a")
-    if cancelled:
+    if is_cancelled:
         farm.jobs.cancel(1, "ann")
-    answer = farm.clear_bed("a", verdict=Verdict.BAD, why="warped")
-    assert answer.again == (None if cancelled else "1/p01")
+    answer = farm.clear_bed("a", verdict=Verdict.BAD, reason="warped")
+    assert answer.again == (None if is_cancelled else "1/p01")
 
 
 def test_bad_verdict_requires_a_printed_part(farm):
     ends(farm, "a")
-    farm.clear_bed("a", verdict=Verdict.BAD, why="warped")
+    farm.clear_bed("a", verdict=Verdict.BAD, reason="warped")
     assert farm.controller.books.plates["1/01"].prints
     assert farm.controller.books.open_print_on("a").plate in ("1/01", "1/03")
     farm.ready("b")
@@ -223,7 +223,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     for name in "ab":
         ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
     assert farm.controller.books.outage is not None
-    assert farm.controller.plate_holds().get("2/01") is None  # nothing would take it away again
+    assert farm.controller.plate_holds().get("2/01") is None  # no event would remove it again
 
 
 def test_refused_start_uses_no_filament(farm):
@@ -247,15 +247,15 @@ def test_refused_start_uses_no_filament(farm):
 )
 def test_part_stopped_by_estop_waits_for_a_person(farm, say):
     ends(farm, "a", PrintState.FAILED, fault="estop")
-    for _ in range(2):  # what else waits goes on
+    for _ in range(2):  # other waiting plates continue
         ends(farm, "b")
         farm.clear_bed("b")
     farm.controller.handle()
     assert farm.controller.books.open_print_on("b") is None
     hold = farm.controller.plate_holds().get("1/01")
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
-    [requested] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
-    assert "part 1/p01 stopped by `farm estop`" in requested.text and "`farm resume 1/p01`" in requested.text
+    [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    assert "part 1/p01 stopped by `farm estop`" in task.text and "`farm resume 1/p01`" in task.text
     say(farm)
     assert farm.controller.books.open_print_on("b").plate == "1/01"
     assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
@@ -264,22 +264,22 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, say):
 def test_parts_stopped_by_estop_are_one_task(farm):
     for printer in "ab":
         ends(farm, printer, PrintState.FAILED, fault="estop")
-    [requested] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
-    assert requested.text.startswith(
+    [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
+    assert task.text.startswith(
         "2 parts of job 1 stopped by `farm estop`: print them again with `farm resume 1`"
     )
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))
 def test_old_page_does_not_clear_the_bed_of_a_later_plate(farm, verdict):
-    first = ends(farm, "a")
-    farm.clear_bed("a", seen=first.id)
-    second = ends(farm, "a")
-    for seen in (first.id, "none"):
-        with pytest.raises(Refused, match=f"plate {second.plate} was printed on a after this page"):
-            farm.clear_bed("a", verdict=verdict, seen=seen)
+    first_print = ends(farm, "a")
+    farm.clear_bed("a", seen=first_print.id)
+    second_print = ends(farm, "a")
+    for seen_print in (first_print.id, "none"):
+        with pytest.raises(Refused, match=f"plate {second_print.plate} was printed on a after this page"):
+            farm.clear_bed("a", verdict=verdict, seen=seen_print)
     books = farm.controller.books
     assert books.printers["a"].bed is not Bed.CLEAR
-    assert books.prints[second.id].verdict is None
-    farm.clear_bed("a", verdict=verdict, seen=second.id)
-    assert farm.controller.books.prints[second.id].verdict is verdict
+    assert books.prints[second_print.id].verdict is None
+    farm.clear_bed("a", verdict=verdict, seen=second_print.id)
+    assert farm.controller.books.prints[second_print.id].verdict is verdict

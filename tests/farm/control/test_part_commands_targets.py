@@ -12,14 +12,14 @@ from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
-from http_caller import DAEMON_USER, called_by
+from http_caller import DAEMON_USER, call_as
 from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 
 @pytest.fixture
 def farm(tmp_path):
-    """A job of two parts that are printed on two printers, behind the daemon's routes."""
+    """Serve a job of two parts that print on two printers, by the daemon's routes."""
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -43,7 +43,7 @@ def farm(tmp_path):
 
     def ask(target, verb):
         async def call():
-            transport = httpx.ASGITransport(called_by(DAEMON_USER, app))
+            transport = httpx.ASGITransport(call_as(DAEMON_USER, app))
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
                 return await client.post(f"{find_target_path(target)}/{verb}")
 
@@ -59,14 +59,14 @@ WHO = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
 
 @pytest.mark.parametrize(("target", "printers"), WHO)
 def test_paused_part_continues_when_resumed(farm, target, printers):
-    for verb, expected in (("pause", True), ("resume", False)):
+    for verb, is_paused in (("pause", True), ("resume", False)):
         assert farm.ask(target, verb).status_code == 200
-        reported = {
+        wishes = {
             (item.printer, item.wanted)
             for item in farm.effects.instructions
             if isinstance(item, ev.SendPause)
         }
-        assert reported == {(printer, expected) for printer in printers}
+        assert wishes == {(printer, is_paused) for printer in printers}
     assert farm.ask(target, "resume").status_code == 409
 
 

@@ -17,7 +17,7 @@ from recording_controller import MODEL, PLUS, Farm
 HOUR = 3600.0
 
 
-def plan_of(number, hours, printers):
+def make_plan(number, hours, printers):
     """Return a plan with a plate of each of these lengths."""
     event = planned(number, len(hours))
     plates = tuple(
@@ -25,18 +25,18 @@ def plan_of(number, hours, printers):
             update={
                 "sliced_s": length_h * HOUR,
                 "expected_s": length_h * HOUR + 300.0,
-                "printer": printers[at % len(printers)],
+                "printer": printers[index % len(printers)],
                 "kin": PLUS,
             }
         )
-        for at, (plate, length_h) in enumerate(zip(event.plates, hours, strict=True))
+        for index, (plate, length_h) in enumerate(zip(event.plates, hours, strict=True))
     )
     return Plan(event.parts, plates, (), 1.0, 500.0, 100.0)
 
 
 @pytest.fixture
 def farm(tmp_path):
-    """A farm of eight printers, whose only job is planned for the two that were not broken."""
+    """Make a farm of eight printers, whose only job is planned for the two that were not broken."""
     farm = Farm(tmp_path, [PLUS] * 8)
     farm.ready(*"ab", bed_clear=False)
     farm.ready(*"cdefgh", link=Link.ABSENT, reason="unplugged")
@@ -47,7 +47,7 @@ def farm(tmp_path):
 def submit_planned(farm, **options):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     assert farm.effects.plans == [(1, ["a", "b"], 1)]
-    farm.controller.on_plan(1, plan_of(1, [8.0, 8.0], "ab"))
+    farm.controller.on_plan(1, make_plan(1, [8.0, 8.0], "ab"))
     assert farm.controller.books.jobs[1].planned_for == ("a", "b")
 
 
@@ -72,7 +72,7 @@ def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
     assert printing(farm) == {}
     assert {hold.code for hold in farm.controller.plate_holds().values()} == {HoldCode.BEING_REPLANNED}
     assert farm.controller.books.jobs[1].state is JobState.PRINTING  # with its times, as before
-    farm.controller.on_plan(1, plan_of(1, [3.0] * 6, "cdefgh"))
+    farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     job = farm.controller.books.jobs[1]
     assert (len(job.plates), job.revisions) == (6, 1)
     assert set(printing(farm)) == set("cdefgh")
@@ -95,38 +95,38 @@ def test_job_does_not_wait_long_for_its_new_plan(farm, reason):
         farm.controller.on_plan_progress(1, PlanProgress(step=PlanStep.NO_ROOM))
         farm.controller.handle()
     else:
-        for _ in range(2):  # the end of the start, then that of the patience
+        for _ in range(2):  # the end of the start-up, then that of the delay
             later_s = farm.controller.next_change_s
             farm.controller.clock = SimpleNamespace(now=lambda later_s=later_s: later_s, scale=1.0)
             farm.controller.tick()
     assert len(printing(farm)) == 2
-    farm.controller.on_plan(1, plan_of(1, [3.0] * 6, "cdefgh"))
+    farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].plates == ("1/01", "1/02")
 
 
 def test_new_plan_that_ends_later_is_not_used(farm):
     connect_at_once(farm)
-    farm.controller.on_plan(1, plan_of(1, [9.0] * 6, "cdefgh"))
+    farm.controller.on_plan(1, make_plan(1, [9.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].revisions == 0
     assert set(printing(farm).values()) == {"1/01", "1/02"}
 
 
 def test_fewer_plates_replace_more(farm):
     farm.controller.handle(
-        ev.PlanRevised(**dict(farm_event(farm, [1.0] * 3, "abc"), job=1)),
+        ev.PlanRevised(**dict(make_farm_event(farm, [1.0] * 3, "abc"), job=1)),
     )
-    farm.controller.handle(ev.PlanRevised(**dict(farm_event(farm, [9.0], "a"), job=1)))
+    farm.controller.handle(ev.PlanRevised(**dict(make_farm_event(farm, [9.0], "a"), job=1)))
     books = farm.controller.books
     assert books.jobs[1].plates == ("1/01",)
     assert books.plate_state(books.plates["1/03"]) is PlateState.REPLACED
-    farm.controller.handle(ev.PlanRevised(**dict(farm_event(farm, [1.0] * 3, "abc"), job=1)))
+    farm.controller.handle(ev.PlanRevised(**dict(make_farm_event(farm, [1.0] * 3, "abc"), job=1)))
     books = farm.controller.books
     assert books.plate_state(books.plates["1/03"]) is PlateState.WAITING
     assert validate_books(books) == []
 
 
-def farm_event(farm, hours, printers):
-    plan = plan_of(1, hours, printers)
+def make_farm_event(farm, hours, printers):
+    plan = make_plan(1, hours, printers)
     event = planned(1, len(hours))
     return event.model_copy(update={"plates": plan.plates, "at_s": farm.controller.clock.now()})
 
@@ -135,7 +135,7 @@ def test_plan_of_a_started_job_is_never_replaced(farm):
     farm.clear_bed("a")
     assert printing(farm) == {"a": "1/01"}
     with pytest.raises(InvalidTransition, match="has started"):
-        farm.controller.handle(ev.PlanRevised(**dict(farm_event(farm, [1.0] * 3, "abc"), job=1)))
+        farm.controller.handle(ev.PlanRevised(**dict(make_farm_event(farm, [1.0] * 3, "abc"), job=1)))
     connect_at_once(farm)
     assert len(farm.effects.plans) == 1
 
@@ -144,20 +144,20 @@ def test_cancelled_job_is_no_longer_planned_again(farm):
     connect_at_once(farm)
     farm.jobs.cancel(1, "ann")
     assert ev.StopPlanning(job=1) in farm.effects.instructions
-    farm.controller.on_plan(1, plan_of(1, [3.0] * 6, "cdefgh"))
+    farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     assert farm.controller.books.jobs[1].state is JobState.CANCELLED
     assert printing(farm) == {}
 
 
 def test_new_daemon_examines_the_job_again(farm, tmp_path):
     connect_at_once(farm)
-    before = farm.effects.plans[-1]
+    old_plan = farm.effects.plans[-1]
     farm.store.close()
-    again = Farm(tmp_path, [PLUS] * 8)
-    again.controller.stopping = True
-    again.ready(*"ab", bed_clear=False)
-    again.ready(*"cdefgh")
-    again.controller.stopping = False
-    again.controller.handle()
-    assert again.effects.plans == [before]
-    assert printing(again) == {}
+    restarted_farm = Farm(tmp_path, [PLUS] * 8)
+    restarted_farm.controller.stopping = True
+    restarted_farm.ready(*"ab", bed_clear=False)
+    restarted_farm.ready(*"cdefgh")
+    restarted_farm.controller.stopping = False
+    restarted_farm.controller.handle()
+    assert restarted_farm.effects.plans == [old_plan]
+    assert printing(restarted_farm) == {}

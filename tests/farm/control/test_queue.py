@@ -1,4 +1,4 @@
-"""Jobs moved in the queue, through the daemon's own rules."""
+"""Jobs moved in the queue, by the daemon's rules."""
 
 from datetime import datetime
 from pathlib import Path
@@ -19,7 +19,7 @@ STATE = StateFolder(Path("/state"))
 
 @pytest.fixture
 def farm(tmp_path):
-    """Three jobs of three plates on two printers, planned in turn: two plates of the first are printed."""
+    """Plan three jobs of three plates on two printers; two plates of the first are being printed."""
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     for number in (1, 2, 3):
@@ -51,9 +51,9 @@ def test_jobs_move_up_down_first_last_and_before_each_other(farm):
 
 
 def test_impossible_move_is_refused_with_the_reason(farm):
-    for number, to in ((1, "up"), (1, "first"), (3, "down"), (3, "last")):
+    for number, place in ((1, "up"), (1, "first"), (3, "down"), (3, "last")):
         with pytest.raises(Refused, match="already"):
-            move(farm, number, to)
+            move(farm, number, place)
     for before in (1, 9):
         with pytest.raises(Refused, match="no other job in the queue"):
             move(farm, 1, before=before)
@@ -71,23 +71,27 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
         context = farm.view_context(STATE)
         return {entry.id: entry.eta for entry in describe_queue(context).jobs}
 
-    before = ends()
-    assert before[1] <= before[2] <= before[3]
+    ends_before = ends()
+    assert ends_before[1] <= ends_before[2] <= ends_before[3]
     move(farm, 3, "first")
-    waiting = farm.controller.expected_situation().by_priority
-    assert [plate.job for plate in waiting[:3]] == [3, 3, 3]
+    waiting_plates = farm.controller.expected_situation().by_priority
+    assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
     farm.store.close()
-    again = Farm(tmp_path)  # the order is in the books
-    assert list_queue(again) == [3, 1, 2]
-    assert [plate.job for plate in again.controller.expected_situation().by_priority[:3]] == [3, 3, 3]
+    restarted_farm = Farm(tmp_path)  # the order is in the books
+    assert list_queue(restarted_farm) == [3, 1, 2]
+    assert [plate.job for plate in restarted_farm.controller.expected_situation().by_priority[:3]] == [
+        3,
+        3,
+        3,
+    ]
 
 
 def test_another_start_is_set_and_taken_back(farm):
-    at = datetime.fromtimestamp(farm.controller.clock.now() + 7200.0, farm.controller.fleet.zone)
-    farm.jobs.reschedule(3, at.isoformat(" "), "ann")
+    start_at = datetime.fromtimestamp(farm.controller.clock.now() + 7200.0, farm.controller.fleet.zone)
+    farm.jobs.reschedule(3, start_at.isoformat(" "), "ann")
     assert farm.controller.books.job(3).not_before_s == pytest.approx(farm.controller.clock.now() + 7200.0)
-    held = {hold.code for name, hold in farm.controller.plate_holds().items() if name.startswith("3/")}
-    assert held == {HoldCode.START_TIME}
+    hold_codes = {hold.code for name, hold in farm.controller.plate_holds().items() if name.startswith("3/")}
+    assert hold_codes == {HoldCode.START_TIME}
     farm.jobs.reschedule(3, "now", "ann")
     assert farm.controller.books.job(3).not_before_s is None
     for text, error in (("25:00", "not a time"), ("2001-01-01 00:00", "has passed")):

@@ -14,7 +14,7 @@ DAY_S = 86400.0
 
 
 class Night:
-    """A farm of two printers under a clock that the test moves."""
+    """Farm of two printers with a clock that the test moves."""
 
     def __init__(self, folder):
         self.clock = Clock()
@@ -28,12 +28,12 @@ class Night:
     def report(self, printer, state, began_s):
         """Report the progress of a print by the agent of its printer."""
         attempt = self.farm.controller.books.open_print_on(printer)
-        ended = state.ended
+        is_ended = state.ended
         message = AgentPrint(
             print_id=attempt.id, state=state, fault=None, reason=None, progress_s=90.0, print_time_s=90.0,
-            extruded=True, started_s=began_s, ended_s=self.clock.now_s if ended else None,
+            extruded=True, started_s=began_s, ended_s=self.clock.now_s if is_ended else None,
         )  # fmt: skip
-        link, filament = Link.READY if ended else Link.BUSY, FilamentState.PARKED
+        link, filament = Link.READY if is_ended else Link.BUSY, FilamentState.PARKED
         self.farm.controller.on_snapshot(
             AgentSnapshot(printer=printer, link=link, agent_pid=9, filament=filament, print=message)
         )
@@ -56,8 +56,8 @@ class Night:
 def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
     night = Night(tmp_path)
     night.finish("a", "b")
-    first = night.job()
-    assert (first.state, first.elapsed_s, first.speedup, first.utilisation) == (
+    first_view = night.job()
+    assert (first_view.state, first_view.elapsed_s, first_view.speedup, first_view.utilisation) == (
         JobState.DONE,
         100.0,
         5.0,
@@ -66,8 +66,13 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
 
     night.clock.now_s += DAY_S
     night.farm.parts.reprint(1, "p01", "it fell", "ann")
-    requested = night.job()
-    assert (requested.state, requested.elapsed_s, requested.current_s, requested.speedup) == (
+    requested_view = night.job()
+    assert (
+        requested_view.state,
+        requested_view.elapsed_s,
+        requested_view.current_s,
+        requested_view.speedup,
+    ) == (
         JobState.PRINTING,
         100.0,
         200.0,
@@ -75,20 +80,20 @@ def test_reprint_a_day_later_adds_the_time_of_its_print(tmp_path):
     )
     night.finish("a")
 
-    repeated = night.job()
-    assert (repeated.state, repeated.elapsed_s, repeated.current_s, repeated.speedup) == (
+    repeated_view = night.job()
+    assert (repeated_view.state, repeated_view.elapsed_s, repeated_view.current_s, repeated_view.speedup) == (
         JobState.DONE,
         200.0,
         200.0,
         2.5,
     )
-    assert repeated.utilisation == pytest.approx(2 / 3)
-    assert repeated.runs[0].ended < repeated.runs[1].started
-    assert (repeated.wasted_s, repeated.good) == (100.0, 2)
+    assert repeated_view.utilisation == pytest.approx(2 / 3)
+    assert repeated_view.runs[0].ended < repeated_view.runs[1].started
+    assert (repeated_view.wasted_s, repeated_view.good) == (100.0, 2)
     rows = list_history(night.farm.view_context(night.state), job=1)
     assert [row.took_s for row in rows] == [100.0] * 3
     assert [row.part for row in rows if row.wasted] == ["1/p01"]
 
     night.farm.store.close()
-    night.farm = Farm(tmp_path, clock=night.clock)  # its books say the same after a restart
-    assert night.job() == repeated
+    night.farm = Farm(tmp_path, clock=night.clock)  # the books have the same after a restart
+    assert night.job() == repeated_view

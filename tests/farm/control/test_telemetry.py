@@ -15,11 +15,11 @@ SECONDS = st.floats(0.0, 1e5)
 
 
 def printing_books():
-    assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
-    started = ev.PrintProgressed(
+    assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
+    started_event = ev.PrintProgressed(
         at_s=3.0, print_id="p", state=PrintState.PRINTING, started_s=3.0, extruded=True
     )
-    return apply_events(make_printing_books(), assigned, started)[0]
+    return apply_events(make_printing_books(), assigned_event, started_event)[0]
 
 
 BOOKS = printing_books()
@@ -36,31 +36,31 @@ def test_telemetry_without_changes_is_not_reported(nozzle_c, bed_c, target_c, pr
     assert telemetry.store(BUSY, 60.0)
     message = PRINT.model_copy(update={"progress_s": progress_s, "layer": layer, "z_mm": layer * 0.1})
     heat = {"nozzle_c": nozzle_c, "bed_c": bed_c, "nozzle_target_c": target_c, "bed_target_c": target_c}
-    later = BUSY.model_copy(update={"print": message, **heat})
-    assert not telemetry.store(later, 60.0)
-    reading = read_snapshot(BOOKS, later, BUSY, True, 60.0)
+    later_snapshot = BUSY.model_copy(update={"print": message, **heat})
+    assert not telemetry.store(later_snapshot, 60.0)
+    reading = read_snapshot(BOOKS, later_snapshot, BUSY, True, 60.0)
     assert (reading.events, reading.instructions, reading.invalid_transition) == ((), (), None)
-    assert telemetry.snapshots["a"] == later
+    assert telemetry.snapshots["a"] == later_snapshot
 
 
 def test_rejected_snapshot_is_compared_again_and_shown():
     telemetry = Telemetry()
     telemetry.store(BUSY, 60.0)
-    lost = BUSY.model_copy(update={"link": Link.ABSENT, "nozzle_c": 180.0})
-    assert telemetry.store(lost, 60.0)
-    telemetry.reject(lost, BUSY, "the disk is full")
+    lost_snapshot = BUSY.model_copy(update={"link": Link.ABSENT, "nozzle_c": 180.0})
+    assert telemetry.store(lost_snapshot, 60.0)
+    telemetry.reject(lost_snapshot, BUSY, "the disk is full")
     assert telemetry.list_warnings(Path("/s"))[0].startswith("the disk is full; nothing is recorded")
-    shown = telemetry.snapshots["a"]
-    assert (shown.link, shown.nozzle_c) == (Link.BUSY, 180.0)
-    assert telemetry.store(lost, 60.0)
+    shown_snapshot = telemetry.snapshots["a"]
+    assert (shown_snapshot.link, shown_snapshot.nozzle_c) == (Link.BUSY, 180.0)
+    assert telemetry.store(lost_snapshot, 60.0)
     assert telemetry.list_warnings(Path("/s")) == ()
 
 
 def test_snapshot_is_compared_step_by_step():
-    """The outcome of an unknown print depends on the bed that the known one left."""
-    other = PRINT.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
-    ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, print=other)
-    reading = read_snapshot(BOOKS, ready, BUSY, True, 60.0)
+    """Compare in steps: the outcome of an unknown print depends on the bed after the known one."""
+    other_print = PRINT.model_copy(update={"print_id": "q", "state": PrintState.DONE, "ended_s": 50.0})
+    ready_snapshot = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, print=other_print)
+    reading = read_snapshot(BOOKS, ready_snapshot, BUSY, True, 60.0)
     kinds = [type(event).__name__ for event in reading.events]
     assert kinds == ["PrintEnded", "BedBecameUnknown"]
     assert [type(item).__name__ for item in reading.instructions] == ["SendForget"]
@@ -68,11 +68,11 @@ def test_snapshot_is_compared_step_by_step():
 
 def record(*readings):
     """Return the stored readings: time, nozzle and bed."""
-    kept = TemperatureRecord()
+    temperatures = TemperatureRecord()
     for at_s, nozzle_c, bed_c in readings:
         snapshot = AgentSnapshot(printer="a", link=Link.READY, nozzle_c=nozzle_c, bed_c=bed_c)
-        kept.add(snapshot, at_s)
-    return [(sample.at_s, sample.nozzle_c, sample.bed_c) for sample in kept.readings]
+        temperatures.add(snapshot, at_s)
+    return [(sample.at_s, sample.nozzle_c, sample.bed_c) for sample in temperatures.readings]
 
 
 def test_hottest_reading_of_a_minute_is_kept():
@@ -91,13 +91,13 @@ def test_printer_without_answer_leaves_one_gap():
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e6), CELSIUS, CELSIUS), max_size=200))
 def test_temperatures_are_bounded_and_in_order_even_if_the_clock_is_set_back(readings):
-    kept = record(*readings)
-    assert [at_s for at_s, *_ in kept] == sorted(at_s for at_s, *_ in kept)
-    assert len(kept) <= TEMPERATURES_KEPT_S / 60.0
+    temperatures = record(*readings)
+    assert [at_s for at_s, *_ in temperatures] == sorted(at_s for at_s, *_ in temperatures)
+    assert len(temperatures) <= TEMPERATURES_KEPT_S / 60.0
 
 
 def test_temperatures_from_before_twelve_hours_are_not_listed():
-    """Older ones would stretch the chart: the printer was away, or the clock was set forward by years."""
+    """Omit older ones, which would stretch the chart after an absence or a step of the clock by years."""
     telemetry = Telemetry()
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 200.0}), 0.0)
     telemetry.store(BUSY.model_copy(update={"nozzle_c": 21.0}), 1.7e9)
@@ -106,7 +106,7 @@ def test_temperatures_from_before_twelve_hours_are_not_listed():
 
 
 def test_reading_that_cannot_be_true_is_limited():
-    """A chart has a line for every fifty degrees."""
+    """Limit readings, as a chart has a line for every fifty degrees."""
     assert record((0.0, 1e300, -1e300)) == [(0.0, 999, -99)]
 
 

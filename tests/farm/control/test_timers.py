@@ -13,7 +13,7 @@ from farm.control.timers import Timers
 
 @pytest.mark.parametrize("plain", [True, False])
 def test_work_runs_on_the_event_loop(plain):
-    """The daemon's state belongs to one thread; a timer in another would change it concurrently."""
+    """Check the thread: a timer in another one would change the daemon's state concurrently."""
 
     async def run() -> threading.Thread:
         result: asyncio.Future[threading.Thread] = asyncio.get_running_loop().create_future()

@@ -31,11 +31,11 @@ def begin(monkeypatch):
 
 def test_missed_timer_runs_once(begin):
     time = begin("2026-11-20 22:00")
-    turns, alarms = [], []
+    times_s, alarms = [], []
 
     def turn():
-        turns.append(time.now_s - time.begun_s)
-        if len(turns) == 10:
+        times_s.append(time.now_s - time.begun_s)
+        if len(times_s) == 10:
             time.stall(3 * HOUR_S)
 
     async def evening():
@@ -50,23 +50,23 @@ def test_missed_timer_runs_once(begin):
 
     time.run(evening())
     woke_s = 600.0 + 3 * HOUR_S
-    assert turns[:10] == pytest.approx([60.0 * n for n in range(1, 11)], abs=1e-3)
-    assert woke_s <= turns[10] < turns[11] <= woke_s + 61.0  # one for all those missed, then as before
-    assert len(turns) == 10 + 1 + (7 * HOUR_S - 30.0 - woke_s) // 60.0
+    assert times_s[:10] == pytest.approx([60.0 * n for n in range(1, 11)], abs=1e-3)
+    assert woke_s <= times_s[10] < times_s[11] <= woke_s + 61.0  # one for all those missed, then as before
+    assert len(times_s) == 10 + 1 + (7 * HOUR_S - 30.0 - woke_s) // 60.0
     assert [moment - time.begun_s for moment in alarms[:2]] == pytest.approx([woke_s, woke_s], abs=1.0)
     assert alarms[2] - time.begun_s == pytest.approx(6 * HOUR_S, abs=1e-3)
 
 
 @pytest.mark.parametrize("step_h", [6.0, -6.0])
 def test_clock_step_takes_effect_at_once(begin, step_h):
-    """A periodic timer is late by one period at most; an alarm follows the calendar."""
+    """Check that a periodic timer is late by one period at most, and that an alarm follows the calendar."""
     time = begin("2026-11-20 12:00")
-    turns, alarms = [], []
+    times_s, alarms = [], []
     alarm_s = time.begun_s + 7 * HOUR_S
 
     async def day():
         timers = Timers(time)
-        timers.call_every(1.0, "turn", lambda: turns.append(time.now_s - time.begun_s))
+        timers.call_every(1.0, "turn", lambda: times_s.append(time.now_s - time.begun_s))
         timers.call_at(alarm_s, "alarm", lambda: alarms.append(time.now()))
         timers.start()
         await asyncio.sleep(60.5)
@@ -79,7 +79,7 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
         await asyncio.sleep(0)
 
     time.run(day())
-    assert max(later - turn for turn, later in itertools.pairwise(turns)) <= 3.0
+    assert max(next_s - previous_s for previous_s, next_s in itertools.pairwise(times_s)) <= 3.0
     assert alarms == pytest.approx([alarm_s], abs=1.0)
 
 
@@ -88,15 +88,15 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
 )
 @pytest.mark.parametrize("asleep", [False, True])
 def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
-    """Backups are at four, also when clocks change, or as soon as possible after the host slept."""
+    """Make backups at four, also when clocks change, or as soon as possible after the host slept."""
     time = begin(f"{first} 12:00")
     state = StateFolder(tmp_path)
     Store(state.books).close()
-    reported, tidied = [], []
+    errors, cleanups = [], []
 
     async def nights():
         timers = Timers(time)
-        nightly = NightlyBackup(state, time, BERLIN, timers.call_at, reported.append, tidied.append)
+        nightly = NightlyBackup(state, time, BERLIN, timers.call_at, errors.append, cleanups.append)
         timers.start()
         await nightly.begin()
         if asleep:
@@ -108,12 +108,12 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
 
     time.run(nights())
     days = [datetime.fromisoformat(first) + timedelta(days=n) for n in range(5)]
-    created = [
+    backup_times_s = [
         datetime.fromtimestamp(parse_backup_time_s(copy), BERLIN).replace(tzinfo=None)
         for copy in list_backups(state)
     ]
     due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
     if asleep:
         due[1] = days[1].replace(hour=6, minute=30)
-    assert created[::-1] == due
-    assert not any(reported)
+    assert backup_times_s[::-1] == due
+    assert not any(errors)

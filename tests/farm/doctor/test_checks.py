@@ -190,8 +190,8 @@ def test_sound_installation_has_no_problem():
 
 @pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)
 def test_problem_is_named_with_an_action(changes, level, check, text):
-    wrong = [item for item in check_installation(replace(SOUND, **changes)) if item.level is not Level.OK]
-    results = [item for item in wrong if item.check == check and text in item.text]
+    problems = [item for item in check_installation(replace(SOUND, **changes)) if item.level is not Level.OK]
+    results = [item for item in problems if item.check == check and text in item.text]
     assert [item.level for item in results] == [level]
     assert results[0].action
 
@@ -200,17 +200,17 @@ def test_action_of_a_missing_fleet_file_is_that_of_its_error(tmp_path):
     with pytest.raises(FarmError) as error:
         load_fleet(tmp_path / "fleet.yaml", frozenset())
     facts = replace(SOUND, fleet=None, fleet_error=str(error.value))
-    (found,) = (item for item in check_installation(facts) if item.check == "fleet")
-    assert found.text == f"{tmp_path}/fleet.yaml: no such file"
-    assert found.action.startswith("write one with the printers that `farm discover` lists")
+    (finding,) = (item for item in check_installation(facts) if item.check == "fleet")
+    assert finding.text == f"{tmp_path}/fleet.yaml: no such file"
+    assert finding.action.startswith("write one with the printers that `farm discover` lists")
 
 
 def test_stopped_farm_without_books_is_no_problem():
     facts = replace(
         SOUND, daemon_error="down", agents=(AgentFacts("a", False),), books=BooksFacts("/s", False)
     )
-    wrong = [item.check for item in check_installation(facts) if item.level is not Level.OK]
-    assert wrong == ["daemon"]
+    problems = [item.check for item in check_installation(facts) if item.level is not Level.OK]
+    assert problems == ["daemon"]
 
 
 def test_missing_engine_is_named_with_one_advice():

@@ -1,4 +1,4 @@
-"""Facts of a real folder: an installation of farm 0.1.0, sound and spoilt, and what `farm doctor` prints."""
+"""Facts of a real folder, an intact or damaged installation of farm 0.1.0, and output of `farm doctor`."""
 
 import json
 import os
@@ -26,31 +26,31 @@ def findings(places, check):
 
 
 def test_books_are_read_and_not_changed(places):
-    before = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
+    old_files = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
     (books,) = findings(places, "database")
     assert (books.level, "5 jobs" in books.text) == (Level.OK, True)
-    after = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
-    assert after["farm.db"] == before["farm.db"]
-    assert after["farm.db-count"] == before["farm.db-count"]
+    new_files = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
+    assert new_files["farm.db"] == old_files["farm.db"]
+    assert new_files["farm.db-count"] == old_files["farm.db-count"]
 
 
 def test_files_that_are_missing_or_changed_are_named(places):
     facts = collect_facts(places, None, None)
-    assert facts.files.checked > 4  # large ones were left out of the record
-    kept = next(path for path in sorted(places.state.files.iterdir()) if _is_needed(facts, path.name))
-    kept.chmod(0o600)
-    kept.write_bytes(b"other")
+    assert facts.files.checked > 4  # large ones were omitted from the recording
+    kept_file = next(path for path in sorted(places.state.files.iterdir()) if _is_needed(facts, path.name))
+    kept_file.chmod(0o600)
+    kept_file.write_bytes(b"other")
     assert any(
-        finding.text.endswith(f"{kept} has changed since it was planned")
+        finding.text.endswith(f"{kept_file} has changed since it was planned")
         for finding in findings(places, "files")
     )
-    kept.unlink()
-    assert any(finding.text.endswith(f"{kept} is missing") for finding in findings(places, "files"))
+    kept_file.unlink()
+    assert any(finding.text.endswith(f"{kept_file} is missing") for finding in findings(places, "files"))
 
 
 def _is_needed(facts, name):
-    live = [job for job in facts.books.books.jobs.values() if not job.state.ended]
-    return any(job.model_file == name for job in live)
+    open_jobs = [job for job in facts.books.books.jobs.values() if not job.state.ended]
+    return any(job.model_file == name for job in open_jobs)
 
 
 def test_row_that_was_changed_is_a_problem(places):

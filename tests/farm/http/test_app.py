@@ -19,8 +19,8 @@ from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
-from http_caller import DAEMON_USER, called_by
-from make_gcode import marlin
+from http_caller import DAEMON_USER, call_as
+from make_gcode import make_marlin
 from recording_controller import RecordedEffects
 from same_process import SameProcess
 
@@ -29,7 +29,7 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def daemon(tmp_path):
-    """A controller and its application, with one printer that is ready."""
+    """Make a controller and its application, with one printer that is ready."""
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
     state = StateFolder(tmp_path / "state")
     state.make()
@@ -50,11 +50,11 @@ def daemon(tmp_path):
     return app
 
 
-def ask(app, method, path, **more):
+def ask(app, method, path, **options):
     async def call():
-        transport = httpx.ASGITransport(called_by(DAEMON_USER, app), raise_app_exceptions=False)
+        transport = httpx.ASGITransport(call_as(DAEMON_USER, app), raise_app_exceptions=False)
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
-            return await client.request(method, path, **more)
+            return await client.request(method, path, **options)
 
     return asyncio.run(call())
 
@@ -71,7 +71,7 @@ def submit(app, content, **params):
 
 
 def test_own_gcode_is_submitted_like_a_model(daemon):
-    content = ("\n".join(marlin()) + "\n").encode()
+    content = ("\n".join(make_marlin()) + "\n").encode()
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
     job = daemon.state.controller.books.jobs[1]
@@ -90,7 +90,7 @@ def test_own_gcode_is_submitted_like_a_model(daemon):
     ],
 )
 def test_unprintable_own_gcode_is_refused_with_its_name(daemon, name, options, code):
-    answer = submit(daemon, ("\n".join(marlin()) + "\n").encode(), name=name, options=options).json()
+    answer = submit(daemon, ("\n".join(make_marlin()) + "\n").encode(), name=name, options=options).json()
     assert answer["code"] == code
     assert daemon.state.controller.books.jobs == {}
 
@@ -111,13 +111,13 @@ def test_truncated_upload_creates_no_job_and_no_file(daemon, size):
     assert not list(daemon.state.folder.work.iterdir())
 
 
-def endless_body(taken):
-    """A JSON string without an end; `taken` gets the bytes of each piece that is read."""
+def endless_body(chunks):
+    """Yield a JSON string without an end; append the size of each chunk that is read to `chunks`."""
 
     async def pieces():
         yield b'{"why": "'
         for _ in range(1000):
-            taken.append(4096)
+            chunks.append(4096)
             yield b"x" * 4096
 
     return pieces()
@@ -125,9 +125,9 @@ def endless_body(taken):
 
 @pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
 def test_endless_body_is_refused_without_being_read_further(daemon, path):
-    taken = []
-    answer = ask(daemon, "POST", path, content=endless_body(taken))
-    assert sum(taken) <= LARGEST_BODY_BYTES + 4096
+    chunks = []
+    answer = ask(daemon, "POST", path, content=endless_body(chunks))
+    assert sum(chunks) <= LARGEST_BODY_BYTES + 4096
     assert (answer.status_code, answer.json()["exit_code"]) == (413, 5)
     assert answer.json()["error"] == f"the request to {path} is longer than 64 KiB"
 
@@ -141,17 +141,17 @@ def test_body_of_the_largest_size_is_read(daemon):
 
 
 def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatch):
-    taken = []
+    chunks = []
     answer = ask(
         daemon,
         "POST",
         "/jobs",
         params={"request_id": "r" * 8, "name": "big.stl", "size": 3_000_000_000},
-        content=endless_body(taken),
+        content=endless_body(chunks),
     )
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
     assert "big.stl has 3.0 GB; the largest model may have 2 GB" in answer.json()["error"]
-    assert not taken
+    assert not chunks
     usage = shutil.disk_usage(daemon.state.folder.root)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=500_000_500))
     assert "free_gb" in submit(daemon, stl()).json()["error"]
@@ -161,7 +161,7 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
 
 
 def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
-    """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
+    """End the connection in the middle of the body, as Ctrl-C at `farm submit` does."""
     messages = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
     body_bytes = []
 
@@ -194,8 +194,8 @@ NAMES = {
 def test_path_in_a_model_name_is_removed(daemon, name):
     answer = submit(daemon, stl(), name=name)
     assert answer.status_code == 200, answer.text
-    inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
-    assert inside <= {"state", "files"}
+    folders = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
+    assert folders <= {"state", "files"}
     assert daemon.state.controller.books.jobs[1].name == NAMES[name]
 
 
@@ -235,7 +235,7 @@ def test_status_has_the_documented_fields(daemon):
     status = ask(daemon, "GET", "/status").json()
     assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"]
     assert status["schema"] == 1
-    promised = {
+    documented_fields = {
         "name",
         "model",
         "state",
@@ -247,9 +247,9 @@ def test_status_has_the_documented_fields(daemon):
         "bed_c",
         "targets",
     }
-    assert promised | {"print"} <= set(status["printers"][0])
+    assert documented_fields | {"print"} <= set(status["printers"][0])
     job = ask(daemon, "GET", "/jobs/1").json()["job"]
-    promised = {
+    documented_fields = {
         "id",
         "state",
         "parts",
@@ -261,7 +261,7 @@ def test_status_has_the_documented_fields(daemon):
         "elapsed_s",
         "serial_s",
     }
-    assert promised | {"speedup", "utilisation"} <= set(job)
+    assert documented_fields | {"speedup", "utilisation"} <= set(job)
 
 
 def test_shutdown_is_refused_during_planning(daemon):

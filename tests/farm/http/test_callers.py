@@ -24,7 +24,7 @@ from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
-from http_caller import called_by
+from http_caller import call_as
 from recording_controller import RecordedEffects
 from same_process import AcceptAll
 
@@ -36,10 +36,10 @@ NO_GROUP = "no-such-group-here"
 
 def make(folder, **fleet):
     rows = [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]
-    checked = Fleet.model_validate({"fleet": fleet, "printers": rows})
+    checked_fleet = Fleet.model_validate({"fleet": fleet, "printers": rows})
     state = StateFolder(folder / "state")
     state.make()
-    controller = Controller(checked, Store(state.books), Clock(), list_bed_boxes)
+    controller = Controller(checked_fleet, Store(state.books), Clock(), list_bed_boxes)
     controller.start(RecordedEffects())
     controller.on_snapshot(
         AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
@@ -53,11 +53,11 @@ def make(folder, **fleet):
     )
 
 
-def ask(app, person, method, path, **more):
+def ask(app, person, method, path, **options):
     async def call():
-        transport = httpx.ASGITransport(called_by(person, app))
+        transport = httpx.ASGITransport(call_as(person, app))
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
-            return await client.request(method, path, **more)
+            return await client.request(method, path, **options)
 
     return asyncio.run(call())
 
@@ -132,7 +132,9 @@ def test_role_of_a_user_follows_the_databases_of_the_host(monkeypatch):
     groups.remove(os.getgid())
     assert find_user_role("ann", GROUP) is Role.PRINT
     assert find_user_role("bob", None) is None
-    assert find_user_role(Person(54322, 54322).name, GROUP) is Role.PRINT  # the database never knew this user
+    assert (
+        find_user_role(Person(54322, 54322).name, GROUP) is Role.PRINT
+    )  # the user database has no such user
     assert find_user_role(f"uid {os.getuid()}", NO_GROUP) is Role.OPERATE
 
 
@@ -174,18 +176,18 @@ while said := way.recv(4096):
 
 async def post_as(app, *uids):
     """Return the answers of a real server, on a socket that all users reach, to each user."""
-    listening = socket.socket(socket.AF_UNIX)
-    listening.bind(b"\0farm-test-" + os.urandom(8))
-    listening.listen()
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(b"\0farm-test-" + os.urandom(8))
+    listener.listen()
     server = uvicorn.Server(uvicorn.Config(app, http=PeerProtocol, log_config=None, lifespan="off"))
-    serving = asyncio.create_task(server.serve(sockets=[listening]))
+    serve_task = asyncio.create_task(server.serve(sockets=[listener]))
     answers = []
     for uid in uids:
-        command = [sys.executable, "-c", ASK, listening.getsockname().hex(), str(uid)]
+        command = [sys.executable, "-c", ASK, listener.getsockname().hex(), str(uid)]
         process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
         answers.append((await process.communicate())[0].decode())
     server.should_exit = True
-    await serving
+    await serve_task
     return answers
 
 

@@ -1,4 +1,4 @@
-"""Tests of the sentences on where work runs and for what it waits."""
+"""Sentences about the place of tasks, and the causes of waits."""
 
 from farm.compute.cluster import ClusterState, ClusterWorker, Place, RunningTask
 from farm.http.cluster_view import describe_cluster
@@ -16,12 +16,14 @@ TASKS = (
 )
 
 
-def describe(place, workers=(), tasks=(), waiting=0, here=0, lost_s=0.0):
-    return describe_cluster(ClusterState("tls://a:8786", place, workers, tasks, waiting, here, lost_s))
+def describe(place, workers=(), tasks=(), waiting_count=0, here_count=0, lost_s=0.0):
+    return describe_cluster(
+        ClusterState("tls://a:8786", place, workers, tasks, waiting_count, here_count, lost_s)
+    )
 
 
 def test_the_workers_that_run_tasks_are_named():
-    view = describe(Place.CLUSTER, WORKERS, TASKS, waiting=7)
+    view = describe(Place.CLUSTER, WORKERS, TASKS, waiting_count=7)
     assert view.text == (
         "2 workers with 6 slots on tls://a:8786; running: pc-b 2, pc-c 1, 1 task on the way, 7 tasks waiting"
     )
@@ -35,9 +37,9 @@ def test_the_workers_that_run_tasks_are_named():
 
 
 def test_a_lost_cluster_says_for_how_long_and_where_work_runs_instead():
-    assert describe(Place.WAITING, waiting=1, lost_s=12.3).text == (
+    assert describe(Place.WAITING, waiting_count=1, lost_s=12.3).text == (
         "waiting for a worker of tls://a:8786, 12 s so far, 1 task waiting"
     )
-    assert describe(Place.HERE, here=2, lost_s=31.0).text == (
+    assert describe(Place.HERE, here_count=2, lost_s=31.0).text == (
         "no worker of tls://a:8786 for 31 s: computing on this host, 2 tasks"
     )

@@ -25,7 +25,7 @@ from farm.http.connections import (
 )
 from real_farm import RealFarm, wait_for
 
-LOW = 64
+DESCRIPTOR_LIMIT = 64
 IDLE = 80
 INCOMPLETE_REQUEST = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
 LARGE = 20_000_000
@@ -38,18 +38,20 @@ class One:
 
 
 @pytest.mark.parametrize(
-    ("descriptors", "printers", "workers", "most"),
+    ("descriptors", "printers", "workers", "max_connections"),
     [(1024, 100, 2, MAX_CONNECTIONS), (2**20, 3, 8, MAX_CONNECTIONS), (64, 1, 2, 11), (32, 1, 2, 4)],
 )
-def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, most):
-    assert compute_connection_limit(descriptors, printers, workers) == most
+def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, max_connections):
+    assert compute_connection_limit(descriptors, printers, workers) == max_connections
 
 
 def test_incomplete_requests_are_ended_the_oldest_first():
-    busy, old, young = One(None), One(0.0), One(5.0)
-    assert find_overdue([busy, old, young], REQUEST_S + 0.1) == [old]
-    assert find_longest_waiting([busy, young, old]) is old
-    assert find_longest_waiting([busy]) is None
+    busy_connection, old_connection, young_connection = One(None), One(0.0), One(5.0)
+    assert find_overdue([busy_connection, old_connection, young_connection], REQUEST_S + 0.1) == [
+        old_connection
+    ]
+    assert find_longest_waiting([busy_connection, young_connection, old_connection]) is old_connection
+    assert find_longest_waiting([busy_connection]) is None
 
 
 def test_repeated_error_is_logged_once_a_minute(caplog):
@@ -70,23 +72,23 @@ async def hello(scope, receive, send):
     await send({"type": "http.response.body", "body": b""})
 
 
-def serve(tmp_path, most, scenario):
+def serve(tmp_path, max_connections, scenario):
     """Run a scenario on a server with a limited number of connections."""
 
     async def run():
-        with socket.socket(socket.AF_UNIX) as listening:
-            listening.bind(str(tmp_path / "s"))
-            listening.listen(64)
-            listening.setblocking(False)
+        with socket.socket(socket.AF_UNIX) as listener:
+            listener.bind(str(tmp_path / "s"))
+            listener.listen(64)
+            listener.setblocking(False)
             config = uvicorn.Config(hello, http=PeerProtocol, log_config=None, lifespan="off")
-            server = BoundedServer(config, most)
-            serving = asyncio.create_task(server._serve([listening]))
+            server = BoundedServer(config, max_connections)
+            serve_task = asyncio.create_task(server._serve([listener]))
             try:
                 async with asyncio.timeout(30.0):
                     await scenario(server, str(tmp_path / "s"))
             finally:
                 server.should_exit = True
-                await serving
+                await serve_task
 
     asyncio.run(run())
 
@@ -129,7 +131,7 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
 
 
 @pytest.mark.parametrize(
-    "sent",
+    "sent_bytes",
     [
         b"",
         INCOMPLETE_REQUEST,
@@ -138,12 +140,12 @@ def test_connection_of_a_client_that_does_not_read_is_closed_to_serve_a_request(
     ],
     ids=["nothing", "half a head", "half a body", "idle after its answer"],
 )
-def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, sent):
+def test_connection_with_an_incomplete_request_is_ended(tmp_path, monkeypatch, sent_bytes):
     monkeypatch.setattr(connections, "REQUEST_S", -1.0)
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
 
     async def scenario(server, path):
-        await ask(path, sent)  # until the other end closes
+        await ask(path, sent_bytes)  # until the other end closes
 
     serve(tmp_path, 4, scenario)
 
@@ -178,14 +180,14 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
         loop, tries = asyncio.get_running_loop(), []
         accept = loop.sock_accept
 
-        async def full(listening):
+        async def full(listener):
             tries.append(1)
             if len(tries) < 20:
                 raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
-            return await accept(listening)
+            return await accept(listener)
 
         monkeypatch.setattr(loop, "sock_accept", full)
-        assert b"well" in await ask(path, COMPLETE_REQUEST)  # by the accept that was under way
+        assert b"well" in await ask(path, COMPLETE_REQUEST)  # by the accept in progress
         assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert len(tries) >= 20
 
@@ -202,10 +204,10 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
         loop, make = asyncio.get_running_loop(), server._make_protocol
         accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
 
-        async def failing(listening):
+        async def failing(listener):
             if faults:
                 raise faults.pop()
-            return await accept(listening)
+            return await accept(listener)
 
         def raise_error():
             server._make_protocol = make
@@ -213,7 +215,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
 
         monkeypatch.setattr(loop, "sock_accept", failing)
         server._make_protocol = raise_error
-        assert await ask(path) == b""  # by the accept that was under way: refused
+        assert await ask(path) == b""  # by the accept in progress: refused
         assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert not faults
 
@@ -258,7 +260,7 @@ def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
             client.settimeout(60.0)
             client.connect(str(tmp_path / "farm.sock"))
             client.send(COMPLETE_REQUEST)
-            assert client.recv(100).startswith(b"HTTP/1.1 204")  # so the server has begun
+            assert client.recv(100).startswith(b"HTTP/1.1 204")  # so the server has started
         process.send_signal(number)
         output, _ = process.communicate(timeout=30)
     assert (process.returncode, output) == (0, "served\nclosed\n")
@@ -267,11 +269,11 @@ def test_code_after_the_server_runs_when_a_signal_ends_it(tmp_path, number):
 @pytest.mark.system
 def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
-    farm.wrapper = ["prlimit", f"--nofile={LOW}:{LOW}"]
+    farm.wrapper = ["prlimit", f"--nofile={DESCRIPTOR_LIMIT}:{DESCRIPTOR_LIMIT}"]
     try:
         farm.up()
         farm.wrapper = []
-        killed = farm.printer("um2-01")["agent_pid"]
+        killed_pid = farm.printer("um2-01")["agent_pid"]
         with ExitStack() as idle:
             for number in range(IDLE):
                 client = idle.enter_context(closing(socket.socket(socket.AF_UNIX)))
@@ -279,12 +281,12 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
                 client.connect(str(farm.state / "farm.sock"))
                 if number % 2:
                     client.send(INCOMPLETE_REQUEST)
-            os.kill(killed, signal.SIGKILL)
+            os.kill(killed_pid, signal.SIGKILL)
 
             def has_restarted():
                 message = farm.run("status", "--json")
                 [printer] = json.loads(message.stdout)["printers"] if message.returncode == 0 else [{}]
-                return printer.get("agent_pid") not in (None, killed) and printer["state"] == "idle"
+                return printer.get("agent_pid") not in (None, killed_pid) and printer["state"] == "idle"
 
             wait_for("another agent", has_restarted, 60.0)
         assert len((farm.state / "daemon.log").read_text().splitlines()) < 200

@@ -1,4 +1,4 @@
-"""Hosts as `farm hosts` shows them."""
+"""Data of hosts for `farm hosts`."""
 
 from pathlib import Path
 
@@ -44,8 +44,8 @@ def test_host_is_described_with_its_agents_ports_and_wait():
 
 def test_printers_of_a_lost_host_are_unknown_and_no_task_each():
     reason = "no connection to its host pc-b: no route"
-    lost = AgentSnapshot(printer="a", link=Link.STARTING, reason=reason, host_lost=True)
-    context = make_context({"a": lost, "b": AgentSnapshot(printer="b", link=Link.STARTING)})
+    lost_snapshot = AgentSnapshot(printer="a", link=Link.STARTING, reason=reason, host_lost=True)
+    context = make_context({"a": lost_snapshot, "b": AgentSnapshot(printer="b", link=Link.STARTING)})
     a, b = (describe_printer(context, section, None) for section in context.fleet.printers)
     assert (a.state, a.look) == ("unknown", reason)
     assert b.state == "starting"

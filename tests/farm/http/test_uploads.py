@@ -27,19 +27,19 @@ MB, GB = 10**6, 10**9
 
 
 @pytest.mark.parametrize(
-    ("size", "missing", "free", "jobs", "reason"),
+    ("size", "missing_bytes", "free_bytes", "jobs", "reason"),
     [
         (2 * GB + 1, (), 100 * GB, 0, r"a.stl has 2.0 GB.*fleet.uploads.model_gb"),
         (MB, (MB, MB), 100 * GB, 0, "2 models being received.*again in a moment.*fleet.uploads.at_once"),
         (MB, (), 100 * GB, 3, "3 open jobs already.*farm cancel JOB.*fleet.uploads.open_jobs"),
         (MB, (), GB, 0, r"would leave 1.0 GB free .*1 GB must stay free.*fleet.uploads.free_gb"),
-        (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other one has not come yet
+        (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other one has not arrived yet
         (GB, (), GB // 2, 0, "would leave 0.0 GB"),
     ],
 )
-def test_each_limit_of_uploads_is_named_with_its_key(size, missing, free, jobs, reason):
+def test_each_limit_of_uploads_is_named_with_its_key(size, missing_bytes, free_bytes, jobs, reason):
     with pytest.raises(Refused, match=reason):
-        check_quota(QUOTA, "a.stl", size, missing, free, jobs)
+        check_quota(QUOTA, "a.stl", size, missing_bytes, free_bytes, jobs)
 
 
 def test_upload_within_all_limits_is_accepted():
@@ -48,18 +48,18 @@ def test_upload_within_all_limits_is_accepted():
 
 
 def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
-    """An ended stream frees its place, however it ended."""
+    """Count open uploads: every end of a stream frees its place."""
     state = StateFolder(tmp_path)
     state.make()
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
 
     async def scenario():
-        checked, checking = asyncio.Event(), asyncio.Event()
+        was_checked, may_check = asyncio.Event(), asyncio.Event()
 
         async def run(*_):
-            checking.set()
-            await checked.wait()
+            may_check.set()
+            await was_checked.wait()
             return "inspected"
 
         section = fleet().fleet.model_copy(update={"uploads": UploadsSection(at_once=1)})
@@ -73,8 +73,8 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         async def content():
             yield b"solid"
 
-        first = asyncio.create_task(uploads.receive_model(content(), "a", "a.stl", 5, JobOptions()))
-        await checking.wait()
+        first_upload = asyncio.create_task(uploads.receive_model(content(), "a", "a.stl", 5, JobOptions()))
+        await may_check.wait()
         assert uploads.describe("a").step == "waiting for the workers to start: loading the planning code"
         workers.starting = None
         assert uploads.describe("a").step == "waiting for a worker"
@@ -85,8 +85,8 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
             uploads.describe("b")
         with pytest.raises(Refused, match="1 model being received"):
             await uploads.receive_model(content(), "b", "b.stl", 5, JobOptions())
-        checked.set()
-        assert await first == "inspected"
+        was_checked.set()
+        assert await first_upload == "inspected"
         with pytest.raises(Refused, match="stopped after 5 of 6 bytes"):
             await uploads.receive_model(content(), "c", "c.stl", 6, JobOptions())
         assert await uploads.receive_model(content(), "d", "d.stl", 5, JobOptions()) == "inspected"
@@ -144,11 +144,11 @@ def test_slow_disk_delays_its_upload_only(tmp_path, monkeypatch):
                 await append(large)
 
     async def upload_slowly():
-        receiving = asyncio.create_task(receive())
-        await asyncio.sleep(0)  # it writes, and the loop goes on
-        assert (file.written, receiving.done()) == (b"", False)
+        receive_task = asyncio.create_task(receive())
+        await asyncio.sleep(0)  # it writes while the loop continues
+        assert (file.written, receive_task.done()) == (b"", False)
         file.ready.set()
-        await receiving
+        await receive_task
 
     asyncio.run(upload_slowly())
     assert file.written == 3 * large

@@ -1,4 +1,4 @@
-"""A file store, and a submitted bar in it."""
+"""File store with a submitted bar."""
 
 import pytest
 import trimesh
@@ -17,7 +17,7 @@ def files(tmp_path):
 
 @pytest.fixture
 def bar(tmp_path, files):
-    """A bar longer than a bed, as submitted."""
+    """Submit a bar that is longer than a bed."""
     path = tmp_path / "upload.stl"
     trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
     return inspect_model(path, "bar.stl", JobOptions(), files)

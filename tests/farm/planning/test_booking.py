@@ -16,16 +16,20 @@ from slicing.checks import UnprintedWall
 
 def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
-    cut = decompose_job(work)
-    tasks = slice_tasks(work, cut)
+    decomposition = decompose_job(work)
+    tasks = slice_tasks(work, decomposition)
     slices = [slice_part(item) for item in tasks]
     thin = UnprintedWall(120.0, 1.0, 9.0, 3.0, -4.0)
-    cut = replace(
-        cut, parts=(cut.parts[0], replace(cut.parts[1], print_options=PartPrintOptions(stands=False)))
+    decomposition = replace(
+        decomposition,
+        parts=(
+            decomposition.parts[0],
+            replace(decomposition.parts[1], print_options=PartPrintOptions(stands=False)),
+        ),
     )
     slices[0] = replace(slices[0], unprinted=(thin,) * 9)
-    draw_job(work, cut.drawing_record)
-    plan = book_plan(join_slices(work, cut, tasks, slices), files)
+    draw_job(work, decomposition.drawing_record)
+    plan = book_plan(join_slices(work, decomposition, tasks, slices), files)
     assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
@@ -49,9 +53,9 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
         *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode"),
         *("assembly.png", "assembly.glb", "decomposition.json", "instructions.html"),
     }
-    assert all((files / stored).is_file() for stored in names.values())
+    assert all((files / name).is_file() for name in names.values())
     report = json.loads((files / names["decomposition.json"]).read_text())
     assert {part["file"] for part in report["parts"]} <= set(names)
     assert (files / names["assembly.glb"]).read_bytes()[:4] == b"glTF"
-    none = list_job_files(job.model_copy(update={"assembly": None}), (), ())
-    assert set(none) == {"assembly.png", "decomposition.json", "instructions.html"}
+    files_without_assembly = list_job_files(job.model_copy(update={"assembly": None}), (), ())
+    assert set(files_without_assembly) == {"assembly.png", "decomposition.json", "instructions.html"}

@@ -42,9 +42,9 @@ def test_progress_is_reported_to_the_listener_of_its_context_only():
 
 
 def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monkeypatch):
-    """The worker of this test decomposes until it has been seen to be half done."""
+    """Run a worker that decomposes until its progress of one half has been shown."""
     monkeypatch.setattr(plan_builder, "_POLL_S", 0.0)
-    shown, half = [], asyncio.Event()
+    shown_progress, half = [], asyncio.Event()
 
     class Worker:
         async def run(self, work, task, limit=None):
@@ -57,7 +57,7 @@ def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monk
             raise RuntimeError("ended")
 
     def show(progress):
-        shown.append(progress)
+        shown_progress.append(progress)
         if progress.share == 0.5:
             half.set()
 
@@ -66,6 +66,10 @@ def test_planner_shows_what_the_worker_of_a_decomposition_reports(tmp_path, monk
 
     with pytest.raises(RuntimeError, match="ended"):
         asyncio.run(PlanBuilder(Task(), Worker(), StateFolder(tmp_path), show).plan_model())
-    assert shown[0].step is PlanStep.WAITING
-    last = shown[-1]
-    assert (last.step, last.share, last.remaining_s) == (PlanStep.DECOMPOSING, 0.5, pytest.approx(20.0))
+    assert shown_progress[0].step is PlanStep.WAITING
+    last_progress = shown_progress[-1]
+    assert (last_progress.step, last_progress.share, last_progress.remaining_s) == (
+        PlanStep.DECOMPOSING,
+        0.5,
+        pytest.approx(20.0),
+    )

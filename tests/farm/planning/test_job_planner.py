@@ -32,49 +32,59 @@ def state(tmp_path):
 
 
 def plan(state, job, factor=1.0):
-    """Return the planner's events of a job, and its plan for two printers with that factor."""
+    """Plan a job for two printers with this time factor; return the planner's events and the plan."""
     printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
     reports = []
 
     async def main():
-        done = asyncio.get_running_loop().create_future()
+        future = asyncio.get_running_loop().create_future()
         planner = JobPlanner(
             state,
             SameProcess(),
             20.0,
-            lambda _, result: done.set_result(result),
+            lambda _, result: future.set_result(result),
             lambda _, step_progress: reports.append(step_progress),
         )
         planner.start(PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", factor)))
-        return await done
+        return await future
 
     return reports, asyncio.run(main())
 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
-    def slicing(done, cached=0):
-        return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
+    def make_slicing_progress(done_count, cached_count=0):
+        return PlanProgress(step=PlanStep.SLICING, done=done_count, of=2, cached=cached_count)
 
-    waiting = PlanProgress(step=PlanStep.WAITING)
-    reports, first = plan(state, bar)
-    assert isinstance(first, Plan), first
-    assert reports == [waiting, slicing(0), slicing(1), slicing(2)]
-    assert [plate.cached for plate in first.plates] == [False, False]
-    reports, again = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
-    assert reports == [waiting, slicing(0), slicing(1, 1), slicing(2, 2)]
-    assert [plate.cached for plate in again.plates] == [True, True]
-    assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
-    # What was learned of the printers is in the expected time, without slicing anew.
-    longest = max(first.plates, key=lambda plate: plate.expected_s)
-    assert again.expected_s == pytest.approx(longest.compute_expected_s(1.1))
+    waiting_progress = PlanProgress(step=PlanStep.WAITING)
+    reports, first_plan = plan(state, bar)
+    assert isinstance(first_plan, Plan), first_plan
+    assert reports == [
+        waiting_progress,
+        make_slicing_progress(0),
+        make_slicing_progress(1),
+        make_slicing_progress(2),
+    ]
+    assert [plate.cached for plate in first_plan.plates] == [False, False]
+    reports, second_plan = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
+    assert reports == [
+        waiting_progress,
+        make_slicing_progress(0),
+        make_slicing_progress(1, 1),
+        make_slicing_progress(2, 2),
+    ]
+    assert [plate.cached for plate in second_plan.plates] == [True, True]
+    assert [plate.sha256 for plate in second_plan.plates] == [plate.sha256 for plate in first_plan.plates]
+    # The learned time factors are in the expected time without another slice.
+    longest = max(first_plan.plates, key=lambda plate: plate.expected_s)
+    assert second_plan.expected_s == pytest.approx(longest.compute_expected_s(1.1))
     assert not list(state.work.iterdir())
 
 
 @pytest.fixture
 def bar(state, tmp_path):
-    """A job for a bar that two printers have to share, and the books' file of it."""
+    """Make a job for a bar that two printers have to share."""
     path = tmp_path / "bar.stl"
     trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
     options = JobOptions(engine="guillotine")
@@ -82,17 +92,17 @@ def bar(state, tmp_path):
     return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
 
 
-def slowed(monkeypatch, late_s, fail=None):
-    """Add seconds to the slices of parts; slices of parts that were cut again fail with `fail`."""
+def slow_down_slices(monkeypatch, late_s, fail=None):
+    """Add seconds to the slices of parts; slices of parts that were cut again raise `fail`."""
     slice_part, requests = slice_batch.slice_part, []
 
     def slow(task):
         requests.append(task.stl)
         if fail and "levelled" in str(task.stl):
             raise fail
-        sliced = slice_part(task)
+        slice_result = slice_part(task)
         mesh = trimesh.load_mesh(task.stl)
-        return replace(sliced, sliced_s=sliced.sliced_s + late_s(task.stl, mesh.extents.max()))
+        return replace(slice_result, sliced_s=slice_result.sliced_s + late_s(task.stl, mesh.extents.max()))
 
     monkeypatch.setattr(slice_batch, "slice_part", slow)
     return requests
@@ -100,8 +110,8 @@ def slowed(monkeypatch, late_s, fail=None):
 
 @pytest.mark.usefixtures("without_pictures")
 def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
-    """One end of the bar takes ten seconds a mm longer; after it both ends end together."""
-    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    """Use a bar of which one end takes 10 s/mm longer; after the new cut both ends end together."""
+    slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     reports, result = plan(state, bar)
     assert isinstance(result, Plan), result
     steps = [step_progress.step for step_progress in reports]
@@ -109,10 +119,10 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
     assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
     a, b = (plate.sliced_s for plate in result.plates)
     assert b == pytest.approx(a, rel=0.03)
-    left, right = sorted(result.parts, key=lambda part: part.geometry.volume_mm3)
-    assert left.geometry.volume_mm3 < 0.75 * right.geometry.volume_mm3
-    assert left.geometry.volume_mm3 + right.geometry.volume_mm3 == pytest.approx(260 * 14 * 12)
-    for part in result.parts:  # what is booked is what was cut last
+    left_part, right_part = sorted(result.parts, key=lambda part: part.geometry.volume_mm3)
+    assert left_part.geometry.volume_mm3 < 0.75 * right_part.geometry.volume_mm3
+    assert left_part.geometry.volume_mm3 + right_part.geometry.volume_mm3 == pytest.approx(260 * 14 * 12)
+    for part in result.parts:  # the last cut is in the books
         mesh = trimesh.load_mesh(state.files / part.file)
         assert mesh.volume == pytest.approx(part.geometry.volume_mm3, rel=1e-4)
     assert not list(state.work.iterdir())
@@ -129,27 +139,27 @@ def test_part_with_a_slow_slice_is_cut_again(state, bar, monkeypatch):
 )
 @pytest.mark.usefixtures("without_pictures")
 def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
-    """The part is slower after it was sliced again, or something fails."""
-    times = iter([600.0, 9000.0])
-    requests = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
+    """Use a part that is slower after it was sliced again, or a failure."""
+    times_s = iter([600.0, 9000.0])
+    requests = slow_down_slices(monkeypatch, lambda stl, _: next(times_s) if stl.stem == "p02" else 0.0, fail)
     reports, result = plan(state, bar)
     assert isinstance(result, Plan), result
     assert PlanStep.LEVELLING in [step_progress.step for step_progress in reports]
     assert any("levelled" in str(stl) for stl in requests)
-    first, second = result.parts
-    assert first.geometry.volume_mm3 == pytest.approx(second.geometry.volume_mm3, rel=0.05)
+    first_part, second_part = result.parts
+    assert first_part.geometry.volume_mm3 == pytest.approx(second_part.geometry.volume_mm3, rel=0.05)
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
 
 
 class NotingWorkers(SameProcess):
-    """Workers that note their tasks, each in a turn of the event loop of its own; drawings may be held."""
+    """Workers that record their tasks, each in its own step of the event loop; drawings may be held."""
 
     def __init__(self, held=(), has_idle=True):
         self.begun, self.ended, self.held, self.has_idle = [], [], held, has_idle
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
-        number = sum(other.startswith(name) for other in self.begun)
+        number = sum(other_call.startswith(name) for other_call in self.begun)
         call = f"{name} {number}"
         self.begun.append(call)
         await asyncio.sleep(0)
@@ -176,27 +186,27 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
 
 
 def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
-    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     workers = NotingWorkers(held={"draw_job 0"})
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert {"draw_job 0", "draw_job 1"} <= set(workers.begun) and "draw_job 0" not in workers.ended
     page = (state.files / result.instructions).read_text()
-    left, right = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
-    assert left != pytest.approx(right, rel=0.1) and f"{left:.0f} x" in page
+    left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
+    assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
     assert not list(state.work.iterdir())
 
 
 def test_parts_that_may_be_cut_again_are_drawn_by_idle_workers_alone(state, bar, monkeypatch):
-    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
     workers = NotingWorkers(has_idle=False)
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert "relevel_parts 0" in workers.begun
     assert [call for call in workers.begun if call.startswith("draw")] == ["draw_job 0"]
     page = (state.files / result.instructions).read_text()
-    left, right = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
-    assert left != pytest.approx(right, rel=0.1) and f"{left:.0f} x" in page
+    left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
+    assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
 
 
 def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
@@ -210,7 +220,7 @@ def test_a_plan_without_its_drawing_fails(state, bar, monkeypatch):
 
 
 def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
-    """Jobs that wait for a full disk in a night would fail one after the other."""
+    """Retry the plan: otherwise jobs of a night would fail one after the other at a full disk."""
     usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
     monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
     monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
@@ -229,21 +239,21 @@ def test_plan_is_retried_after_a_full_disk(state, tmp_path, monkeypatch):
         scenes.append([item.text for item in list_tasks(farm.view_context(state)) if item.code == "farm"])
 
     async def main():
-        done = asyncio.get_running_loop().create_future()
-        planner = JobPlanner(state, FullDisk(), 20.0, lambda _, result: done.set_result(result), tell)
+        future = asyncio.get_running_loop().create_future()
+        planner = JobPlanner(state, FullDisk(), 20.0, lambda _, result: future.set_result(result), tell)
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
         planner.start(PlanRequest(job, ()))
-        return await done
+        return await future
 
     result = asyncio.run(main())
     assert reports == [PlanStep.WAITING, PlanStep.NO_ROOM, PlanStep.WAITING]
-    assert "No space left" in str(result)  # the second time there was room: it is the job's own
+    assert "No space left" in str(result)  # the second time there was room: the error is the job's
     assert [len(texts) for texts in scenes] == [0, 1, 0]
     assert "free space" in scenes[1][0] and "job 7" in scenes[1][0]
 
 
 def test_plan_that_cannot_be_recorded_fails_its_job(state, monkeypatch):
-    """Such a job stayed in planning until the next start of the daemon, with only a line in the log."""
+    """Fail the job, which would otherwise stay in planning until the next start of the daemon."""
     monkeypatch.setattr(PlanBuilder, "plan_model", lambda _: asyncio.sleep(0, object.__new__(Plan)))
     reports = []
 

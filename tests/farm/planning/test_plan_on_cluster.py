@@ -23,10 +23,10 @@ FLEET = Fleet.model_validate(
 
 
 async def plan(state, job, pool):
-    done = asyncio.get_running_loop().create_future()
-    planner = JobPlanner(state, pool, 5.0, lambda _, result: done.set_result(result), lambda *_: None)
+    future = asyncio.get_running_loop().create_future()
+    planner = JobPlanner(state, pool, 5.0, lambda _, result: future.set_result(result), lambda *_: None)
     planner.start(PlanRequest(job, FLEET.printers))
-    return await done
+    return await future
 
 
 def make_job(state, path):
@@ -64,38 +64,38 @@ def list_stored(state):
 
 @pytest.fixture(scope="module")
 def planned(bar, tmp_path_factory):
-    """State folder and plan of one worker."""
+    """Plan with one worker; return state folder and plan."""
     return plan_here(tmp_path_factory.mktemp("one") / "state", bar, 1)
 
 
 @pytest.fixture
 def side_by_side(monkeypatch):
-    """Let the pictures be drawn by several workers, also of few parts."""
+    """Draw pictures by several workers also for few parts."""
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
 
 
 @pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
-    one, by_one = planned
+    state, by_one = planned
     two, by_two = plan_here(tmp_path / "two", bar, 2)
     assert by_two == replace(by_one, decomposition=by_two.decomposition)  # it has the time that it took
     assert len(by_two.plates) == 3
-    assert list_stored(one) == list_stored(two)
+    assert list_stored(state) == list_stored(two)
 
 
 @pytest.mark.usefixtures("side_by_side")
 def test_a_plan_is_the_same_here_and_on_a_cluster(planned, bar, tmp_path):
-    here, local = planned
-    there = StateFolder(tmp_path / "there")
+    local_state, local = planned
+    remote_state = StateFolder(tmp_path / "there")
 
     async def main():
-        job = make_job(there, bar)
+        job = make_job(remote_state, bar)
         async with cluster(tmp_path / "cluster", ["w1", "w2"]) as (pool, _):
-            remote = await plan(there, job, pool)
+            remote = await plan(remote_state, job, pool)
             assert pool.own.calls == []
         return remote
 
     remote = asyncio.run(main())
     assert remote == replace(local, decomposition=remote.decomposition)
-    assert list_stored(here) == list_stored(there)
-    assert not list(there.work.iterdir()) and not list(there.slices.iterdir())
+    assert list_stored(local_state) == list_stored(remote_state)
+    assert not list(remote_state.work.iterdir()) and not list(remote_state.slices.iterdir())

@@ -31,7 +31,7 @@ def makespan(loads_s, takes, factors):
 def test_loads_move_only_between_equal_printers_without_delay(loads_s, factors, kinds):
     takes = reassign_loads(loads_s, kinds, factors)
     assert sorted(takes) == sorted(takes.values()) == NAMES
-    assert all(kinds[item] == kinds[other] for item, other in takes.items())
+    assert all(kinds[item] == kinds[other_item] for item, other_item in takes.items())
     stays = {name: name for name in NAMES}
     assert makespan(loads_s, takes, factors) <= makespan(loads_s, stays, factors)
 

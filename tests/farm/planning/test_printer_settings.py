@@ -11,10 +11,10 @@ from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])
 def test_parts_get_their_supports_in_every_quality(quality):
-    """Poses are chosen for supports; Cura's own qualities have none by default."""
+    """Enable supports, for which poses are chosen; Cura's own qualities have none by default."""
     section = fleet(1).printers[0]
     settings = resolve_printer_settings(section, quality, find_resources())
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0
-    alone = replace(build_settings_request(section, quality), has_support=False)
-    assert resolve_settings(alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)
+    request_alone = replace(build_settings_request(section, quality), has_support=False)
+    assert resolve_settings(request_alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)

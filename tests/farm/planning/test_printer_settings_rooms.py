@@ -1,4 +1,4 @@
-"""Beds of the drivers are those of Cura's definitions; the room of a part is smaller."""
+"""Beds of the drivers, which are those of Cura's definitions, and the smaller room of a part."""
 
 import pytest
 
@@ -33,8 +33,10 @@ def test_beds_and_clips_equal_those_of_cura(resources, model):
 
 
 def test_printer_without_a_heated_bed_is_only_sliced_for(resources):
-    heated = {model for model in BEDS if resources.machine(model).settings["machine_heated_bed"].default}
-    assert set(PROFILES) == heated
+    heated_models = {
+        model for model in BEDS if resources.machine(model).settings["machine_heated_bed"].default
+    }
+    assert set(PROFILES) == heated_models
 
 
 def test_room_of_a_model_is_reduced_by_the_shrinkage(resources):

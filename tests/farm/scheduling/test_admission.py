@@ -16,53 +16,75 @@ from farm.scheduling.matching import Requirements
 from farm.state.books import Books
 from scheduling_examples import TALL, printer, situation
 
-ANY = Requirements(None, None, None)
+ANY_PRINTER = Requirements(None, None, None)
 
 
-def begin(requirements, printers, least, fleet, taken, starting, starts_later=False, blocked=frozenset()):
-    request = JobRequest(requirements, printers, least, starts_later=starts_later)
+def begin(
+    requirements,
+    printers,
+    min_parts,
+    fleet,
+    taken_printers,
+    starting_jobs,
+    starts_later=False,
+    blocked_printers=frozenset(),
+):
+    request = JobRequest(requirements, printers, min_parts, starts_later=starts_later)
     return admission.choose_printers(
         request,
         Availability(
-            tuple(fleet), dict.fromkeys(taken, "9/01"), starting=starting, unattended_blocked=blocked
+            tuple(fleet),
+            dict.fromkeys(taken_printers, "9/01"),
+            starting=starting_jobs,
+            unattended_blocked=blocked_printers,
         ),
     )
 
 
 def test_first_job_uses_all_idle_and_clear_printers():
     fleet = [printer("a"), printer("b", bed=Bed.NOT_CLEAR), printer("c", booked=True), printer("d")]
-    assert begin(ANY, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
-    assert begin(ANY, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
-    assert begin(ANY, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
+    assert begin(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
+    assert begin(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
+    assert begin(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
 
 
 def test_fewer_requested_printers_are_the_largest():
     fleet = [printer("a"), printer("b", room=TALL)]
-    assert begin(ANY, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
+    assert begin(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
 
 def test_job_waits_for_connecting_printers():
-    answer = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), True)
+    answer = begin(ANY_PRINTER, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), True)
     assert isinstance(answer, Hold) and "b" in answer.text
-    late = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), False)
-    assert late == PlanOrder(("a",))
+    decision = begin(
+        ANY_PRINTER, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), False
+    )
+    assert decision == PlanOrder(("a",))
 
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
-    assert begin(ANY, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
-    away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
-    assert begin(ANY, None, 2, away, frozenset(), True) == PlanOrder(("a",), rounds=2)
-    assert begin(ANY, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
+    assert begin(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
+    printers = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
+    assert begin(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
+    assert begin(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
 
 
 def test_job_is_planned_though_no_printer_is_free():
-    busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
-    broken = printer("a", attention_reason="it smokes")
-    assert begin(ANY, None, 0, [broken, full, busy], frozenset(), True) == PlanOrder(("b", "c"))
-    assert begin(ANY, 1, 0, [broken, full, busy], frozenset(), True) == PlanOrder(("b",))
-    assert begin(ANY, None, 0, [broken], frozenset(), True) == PlanOrder(("a",))  # nothing else is known
-    assert begin(ANY, None, 0, [printer("d"), busy], frozenset("d"), True) == PlanOrder(("c", "d"))
+    busy_printer, full_printer = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
+    broken_printer = printer("a", attention_reason="it smokes")
+    assert begin(
+        ANY_PRINTER, None, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
+    ) == PlanOrder(("b", "c"))
+    assert begin(
+        ANY_PRINTER, 1, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
+    ) == PlanOrder(("b",))
+    assert begin(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(
+        ("a",)
+    )  # no other fact is known
+    assert begin(ANY_PRINTER, None, 0, [printer("d"), busy_printer], frozenset("d"), True) == PlanOrder(
+        ("c", "d")
+    )
 
 
 def test_job_that_no_printer_matches_is_held_with_the_reason():
@@ -70,21 +92,29 @@ def test_job_that_no_printer_matches_is_held_with_the_reason():
         find_mismatch(Requirements("generic_abs", None, None), [printer("a")]).code
         is HoldCode.NO_SUCH_PRINTER
     )
-    assert find_mismatch(ANY, []).code is HoldCode.NO_SUCH_PRINTER
-    assert find_mismatch(ANY, [printer("a", attention_reason="it smokes")]) is None
+    assert find_mismatch(ANY_PRINTER, []).code is HoldCode.NO_SUCH_PRINTER
+    assert find_mismatch(ANY_PRINTER, [printer("a", attention_reason="it smokes")]) is None
 
 
 def test_job_at_night_is_planned_for_unattended_printers():
     fleet = [printer("a"), printer("b"), printer("c", unattended=False)]
-    blocked = frozenset("c")
-    assert begin(ANY, None, 0, fleet, frozenset(), True, blocked=blocked) == PlanOrder(("a", "b"))
-    assert begin(ANY, None, 3, fleet, frozenset(), True, blocked=blocked) == PlanOrder(("a", "b"), rounds=2)
-    assert begin(ANY, None, 0, fleet[2:], frozenset(), True, blocked=blocked) == PlanOrder(("c",))
-    busy = [printer("a", booked=True), fleet[2]]
-    assert begin(ANY, None, 0, busy, frozenset(), True, blocked=blocked) == PlanOrder(("a",))
+    blocked_printers = frozenset("c")
+    assert begin(
+        ANY_PRINTER, None, 0, fleet, frozenset(), True, blocked_printers=blocked_printers
+    ) == PlanOrder(("a", "b"))
+    assert begin(
+        ANY_PRINTER, None, 3, fleet, frozenset(), True, blocked_printers=blocked_printers
+    ) == PlanOrder(("a", "b"), rounds=2)
+    assert begin(
+        ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
+    ) == PlanOrder(("c",))
+    busy_printers = [printer("a", booked=True), fleet[2]]
+    assert begin(
+        ANY_PRINTER, None, 0, busy_printers, frozenset(), True, blocked_printers=blocked_printers
+    ) == PlanOrder(("a",))
 
 
-def queued(number, **changes):
+def make_queued_job(number, **changes):
     facts = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
     return Job(id=number, request_id="r" * 8, **{**facts, **changes})
 
@@ -100,9 +130,9 @@ def decide(jobs, fleet):
 
 def test_held_job_is_planned_for_attended_printers_too():
     fleet = [printer("a"), printer("b", booked=True), printer("c", unattended=False)]
-    assert decide([queued(1)], fleet)[0] == [(1, ("a",))]
-    assert decide([queued(1, options=JobOptions(hold=True))], fleet)[0] == [(1, ("a", "b", "c"))]
-    assert decide([queued(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
+    assert decide([make_queued_job(1)], fleet)[0] == [(1, ("a",))]
+    assert decide([make_queued_job(1, options=JobOptions(hold=True))], fleet)[0] == [(1, ("a", "b", "c"))]
+    assert decide([make_queued_job(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
 
 
 SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
@@ -110,7 +140,10 @@ SMALL = {"size": ModelSize(extents_mm=(60.0, 60.0, 60.0), faces=12)}
 
 def test_long_plans_are_limited_and_quick_ones_do_not_wait():
     own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
-    jobs = [queued(n) for n in (1, 2, 3)] + [queued(4, **SMALL), queued(5, own_gcode=own_gcode)]
+    jobs = [make_queued_job(n) for n in (1, 2, 3)] + [
+        make_queued_job(4, **SMALL),
+        make_queued_job(5, own_gcode=own_gcode),
+    ]
     orders, holds = decide(jobs, [printer("a"), printer("b")])
     assert orders == [(n, ("a", "b")) for n in (1, 2, 4, 5)]
     assert (holds[3].code, holds[3].text) == (HoldCode.NOT_FIRST, "job 1 and job 2 are planned first")
@@ -118,18 +151,18 @@ def test_long_plans_are_limited_and_quick_ones_do_not_wait():
 
 def test_model_is_quick_only_if_small_and_without_options():
     fleet = [printer("a")]
-    assert is_quick(queued(1, **SMALL), fleet)
-    assert not is_quick(queued(1), fleet)  # of an earlier version
+    assert is_quick(make_queued_job(1, **SMALL), fleet)
+    assert not is_quick(make_queued_job(1), fleet)  # of an earlier version
     for size in (((260.0, 10.0, 10.0), 12), ((60.0, 60.0, 60.0), 900_000)):
-        long = ModelSize(extents_mm=size[0], faces=size[1])
-        assert not is_quick(queued(1, size=long), fleet)
+        long_size = ModelSize(extents_mm=size[0], faces=size[1])
+        assert not is_quick(make_queued_job(1, size=long_size), fleet)
     for options in (JobOptions(printers=3), JobOptions(done_by="08:00")):
-        assert not is_quick(queued(1, options=options, **SMALL), fleet)
+        assert not is_quick(make_queued_job(1, options=options, **SMALL), fleet)
     assert is_quick(
-        queued(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)), [printer("a", TALL)]
+        make_queued_job(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)), [printer("a", TALL)]
     )
 
 
 def test_requirements_name_the_missing_room():
-    requested = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
-    assert requested.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"
+    requirements = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
+    assert requirements.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"

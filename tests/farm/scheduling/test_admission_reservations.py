@@ -15,7 +15,7 @@ from farm.scheduling.admission import (
 from farm.scheduling.matching import Requirements
 from scheduling_examples import plate, printer, rules, situation
 
-ANY = JobRequest(Requirements(None, None, None))
+ANY_PRINTER = JobRequest(Requirements(None, None, None))
 START_RULES = rules(max_heating=1)
 FLEET = (printer("a", booked=True, heating=True), printer("b", grams=50.0), printer("c"))
 
@@ -34,22 +34,26 @@ def test_printer_is_reserved_for_a_plate_waiting_for_the_heating_limit():
 
 def test_printers_are_reserved_for_replans_and_as_spares():
     moment = situation([], FLEET, spares=1)
-    kept = list_reservations(moment, {"b": "6/03"})
-    assert kept == {"b": "6/03", "c": "a failed part (--spares)"}
+    reservations = list_reservations(moment, {"b": "6/03"})
+    assert reservations == {"b": "6/03", "c": "a failed part (--spares)"}
 
 
 def test_reserved_printers_are_avoided_while_another_is_free():
     fleet = (printer("a"), printer("b"), printer("c", booked=True))
-    assert choose_printers(ANY, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
+    assert choose_printers(ANY_PRINTER, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
     promise = Promise(job=8, priority=1, printers=frozenset("b"))
-    assert choose_printers_beside(ANY, Availability(fleet), 5, [promise]) == PlanOrder(("a",))
-    both = Promise(job=8, priority=1, printers=frozenset("ab"))
-    assert choose_printers_beside(ANY, Availability(fleet), 1, [both]) == PlanOrder(("a", "b", "c"))
-    assert choose_printers_beside(ANY, Availability(fleet), 2, [both]) == PlanOrder(("a", "b"))
-    assert list_promised_printers([both]) == {"a": "job 8", "b": "job 8"}
+    assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 5, [promise]) == PlanOrder(("a",))
+    shared_promise = Promise(job=8, priority=1, printers=frozenset("ab"))
+    assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 1, [shared_promise]) == PlanOrder(
+        ("a", "b", "c")
+    )
+    assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 2, [shared_promise]) == PlanOrder(
+        ("a", "b")
+    )
+    assert list_promised_printers([shared_promise]) == {"a": "job 8", "b": "job 8"}
 
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():
     fleet = (printer("a"), printer("c", booked=True))
-    assert choose_printers(ANY, Availability(fleet, reserved=frozenset("a"))) == PlanOrder(("c",))
-    assert choose_printers(ANY, Availability(fleet[:1], reserved=frozenset("a"))) == PlanOrder(("a",))
+    assert choose_printers(ANY_PRINTER, Availability(fleet, reserved=frozenset("a"))) == PlanOrder(("c",))
+    assert choose_printers(ANY_PRINTER, Availability(fleet[:1], reserved=frozenset("a"))) == PlanOrder(("a",))

@@ -15,27 +15,29 @@ from scheduling_examples import LOW, TALL, box, plate, printer, situation
 NOW_S = 1_000_000.0
 
 
-def assign(waiting, fleet, start_rules=None, **changes):
-    moment = situation(waiting, fleet, start_rules, NOW_S, **changes)
+def assign(waiting_plates, fleet, start_rules=None, **changes):
+    moment = situation(waiting_plates, fleet, start_rules, NOW_S, **changes)
     assignments = assignment.assign_plates(moment)
     return assignments, assignment.find_holds(moment, assignments)
 
 
 def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
-    """A large queue for one material would be searched in vain for each free printer of another."""
-    placed = []
+    """Skip plates of other materials, which would be searched for each free printer in a large queue."""
+    assigned_pairs = []
     place = plate_matching._Matching.place
     monkeypatch.setattr(
-        plate_matching._Matching, "place", lambda self, item: (placed.append(item.id), place(self, item))[1]
+        plate_matching._Matching,
+        "place",
+        lambda self, item: (assigned_pairs.append(item.id), place(self, item))[1],
     )
     fleet = [printer("a"), *(printer(name, material="generic_abs") for name in "bcd")]
     tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
-    waiting = [plate(f"1/{number:02d}", "a") for number in range(50)]
-    others = [plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
-    assignments, _ = assign([*waiting, *others], fleet)
+    waiting_plates = [plate(f"1/{number:02d}", "a") for number in range(50)]
+    other_plates = [plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
+    assignments, _ = assign([*waiting_plates, *other_plates], fleet)
     assert [item.printer for item in assignments] == ["a"]
-    assert len(placed) == 1
-    assert assign(waiting, fleet[1:])[0] == [] and len(placed) == 1
+    assert len(assigned_pairs) == 1
+    assert assign(waiting_plates, fleet[1:])[0] == [] and len(assigned_pairs) == 1
 
 
 def test_plate_waits_for_the_start_time_of_its_job():
@@ -78,41 +80,41 @@ plates = st.lists(
 
 
 @given(plates, printers)
-def test_assignment_keeps_its_invariants(waiting, fleet):
-    assignments, holds = assign(waiting, fleet)
+def test_assignment_keeps_its_invariants(waiting_plates, fleet):
+    assignments, holds = assign(waiting_plates, fleet)
     by_name = {p.name: p for p in fleet}
-    by_id = {p.id: p for p in waiting}
-    used = [a.printer for a in assignments]
-    assert len(used) == len(set(used))
+    by_id = {p.id: p for p in waiting_plates}
+    used_printers = [a.printer for a in assignments]
+    assert len(used_printers) == len(set(used_printers))
     for pair in assignments:
-        taken = by_name[pair.printer]
+        printer_view = by_name[pair.printer]
         assert (
-            taken.bed is Bed.CLEAR
-            and taken.link is Link.READY
-            and not taken.booked
-            and taken.attention_reason is None
+            printer_view.bed is Bed.CLEAR
+            and printer_view.link is Link.READY
+            and not printer_view.booked
+            and printer_view.attention_reason is None
         )
-        assert taken.filament is not FilamentState.UNKNOWN
-        assert by_id[pair.plate].requirements.matches(taken.capabilities)
+        assert printer_view.filament is not FilamentState.UNKNOWN
+        assert by_id[pair.plate].requirements.matches(printer_view.capabilities)
     assert {a.plate for a in assignments} | set(holds) == set(by_id)
     assert not {a.plate for a in assignments} & set(holds)
 
 
 @given(plates, printers)
-def test_no_matching_printer_stays_idle(waiting, fleet):
-    assignments, holds = assign(waiting, fleet)
-    used = {a.printer for a in assignments}
-    for waits in (p for p in waiting if p.id in holds):
-        left = [p for p in fleet if p.name not in used and p.obstacle() is None]
-        assert not [p for p in left if waits.requirements.matches(p.capabilities)]
+def test_no_matching_printer_stays_idle(waiting_plates, fleet):
+    assignments, holds = assign(waiting_plates, fleet)
+    used_printers = {a.printer for a in assignments}
+    for waits in (p for p in waiting_plates if p.id in holds):
+        idle_printers = [p for p in fleet if p.name not in used_printers and p.obstacle() is None]
+        assert not [p for p in idle_printers if waits.requirements.matches(p.capabilities)]
 
 
 @given(plates, printers, st.randoms())
-def test_assignment_is_independent_of_input_order(waiting, fleet, random):
-    answer = assign(waiting, fleet)
-    for mixed in (fleet, waiting):
-        random.shuffle(mixed)
-    assert assign(waiting, fleet) == answer
+def test_assignment_is_independent_of_input_order(waiting_plates, fleet, random):
+    answer = assign(waiting_plates, fleet)
+    for items in (fleet, waiting_plates):
+        random.shuffle(items)
+    assert assign(waiting_plates, fleet) == answer
 
 
 def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
@@ -135,9 +137,11 @@ def test_hold_names_the_reason_to_wait():
 
 
 def test_plate_is_moved_only_to_a_printer_with_enough_room():
-    small = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
+    small_printer = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
-    assignments, holds = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small])
+    assignments, holds = assign(
+        [plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small_printer]
+    )
     assert assignments == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
     assignments, _ = assign(
@@ -147,65 +151,73 @@ def test_plate_is_moved_only_to_a_printer_with_enough_room():
 
 
 def test_job_uses_at_most_the_requested_printers():
-    waiting = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
-    assignments, holds = assign(waiting, [printer(name) for name in "abcd"])
+    waiting_plates = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
+    assignments, holds = assign(waiting_plates, [printer(name) for name in "abcd"])
     assert len(assignments) == 1
     assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
     assert assign([plate("1/01", "a", places=0)], [printer("a")])[0] == []
 
 
 @given(plates, printers, st.integers(0, 5))
-def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting, fleet, places):
-    assignments, _ = assign([replace(waits, places=places) for waits in waiting], fleet)
+def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, places):
+    assignments, _ = assign([replace(waits, places=places) for waits in waiting_plates], fleet)
     assert len(assignments) <= places
 
 
 def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
-    waiting = [plate("1/01", "x", job=1, expected_s=60.0), plate("2/01", "x", job=2, expected_s=6000.0)]
-    assignments, _ = assign(waiting, [printer("a")])
+    waiting_plates = [
+        plate("1/01", "x", job=1, expected_s=60.0),
+        plate("2/01", "x", job=2, expected_s=6000.0),
+    ]
+    assignments, _ = assign(waiting_plates, [printer("a")])
     assert assignments[0].plate == "1/01"
 
 
 def test_gcode_for_another_kind_of_printer_waits():
-    """An Ultimaker 2 feeds and heats differently from a 2+, so their slices are not interchangeable."""
-    plain = printer("plain")
-    plain = replace(plain, capabilities=replace(plain.capabilities, family="ultimaker2"))
+    """Keep slices for an Ultimaker 2 and for a 2+ apart, as they feed and heat differently."""
+    plain_printer = printer("plain")
+    plain_printer = replace(
+        plain_printer, capabilities=replace(plain_printer.capabilities, family="ultimaker2")
+    )
     plus = printer("plus")
     plus = replace(plus, capabilities=replace(plus.capabilities, family="ultimaker2_plus"))
-    sliced = plate(
+    sliced_plate = plate(
         "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
     )
-    assignments, holds = assign([sliced], [plain])
+    assignments, holds = assign([sliced_plate], [plain_printer])
     assert not assignments
     assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
-    assignments, _ = assign([sliced], [plain, plus])
+    assignments, _ = assign([sliced_plate], [plain_printer, plus])
     assert [a.printer for a in assignments] == ["plus"]
 
 
 def name_printer(name, **changes):
-    plain = printer(name, **changes)
-    return replace(plain, capabilities=replace(plain.capabilities, named=name))
+    plain_printer = printer(name, **changes)
+    return replace(plain_printer, capabilities=replace(plain_printer.capabilities, named=name))
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
     only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
     fleet = [printer("a"), name_printer("b"), printer("c")]
-    first, second = plate("1/01", "a", requirements=only_b), plate("1/02", "a", requirements=only_b)
-    assignments, holds = assign([first, second], fleet)
+    first_plate, second_plate = (
+        plate("1/01", "a", requirements=only_b),
+        plate("1/02", "a", requirements=only_b),
+    )
+    assignments, holds = assign([first_plate, second_plate], fleet)
     assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
     assert holds["1/02"].text == "needs b: every matching printer got another plate"
-    assignments, holds = assign([first], [printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)])
+    assignments, holds = assign([first_plate], [printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)])
     assert assignments == []
     assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
-    assert assign([first], [printer("a")])[1]["1/01"].text.startswith(
+    assert assign([first_plate], [printer("a")])[1]["1/01"].text.startswith(
         "no printer of the fleet matches: gener"
     )
 
 
 def test_hold_of_a_plate_names_the_obstacle_of_its_own_printer():
     fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
-    for planned, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
-        _, holds = assign([plate("p", planned)], fleet)
+    for planned_printer, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
+        _, holds = assign([plate("p", planned_printer)], fleet)
         assert holds["p"].code is code
 
 
@@ -222,8 +234,8 @@ ready_printers = st.lists(
 
 
 @given(plates, ready_printers)
-def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting, fleet):
-    moment = situation(waiting, fleet, None, NOW_S)
+def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, fleet):
+    moment = situation(waiting_plates, fleet, None, NOW_S)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plate_matching._Matching, "_find_untaken", lambda self, plate: None)
         expected = assignment.assign_plates(moment)
@@ -231,14 +243,14 @@ def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting, fleet):
 
 
 @given(plates, ready_printers, printers, st.integers(1, 4))
-def test_starts_are_divided_into_portions_of_what_is_possible(waiting, fleet, later_fleet, limit):
-    moment, later_moment = (situation(waiting, p, None, NOW_S) for p in (fleet, later_fleet))
-    found = assignment.assign_plates(moment)
-    starts, later = assignment.divide_starts(found, moment, limit)
-    assert [*starts, *later] == found and len(starts) <= limit
-    possible, _ = assignment.divide_starts(found, later_moment, len(found) + 1)
-    free = {p.name for p in later_moment.free}
-    assert all(item in found and item.printer in free for item in possible)
-    places = {plate.job: plate.places for plate in waiting if plate.places is not None}
-    jobs = Counter(plate.job for plate in waiting if plate.id in {item.plate for item in possible})
+def test_starts_are_divided_into_portions_of_what_is_possible(waiting_plates, fleet, later_fleet, limit):
+    moment, later_moment = (situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet))
+    assignments = assignment.assign_plates(moment)
+    starts, later_situation = assignment.divide_starts(assignments, moment, limit)
+    assert [*starts, *later_situation] == assignments and len(starts) <= limit
+    possible, _ = assignment.divide_starts(assignments, later_moment, len(assignments) + 1)
+    free_names = {p.name for p in later_moment.free}
+    assert all(item in assignments and item.printer in free_names for item in possible)
+    places = {plate.job: plate.places for plate in waiting_plates if plate.places is not None}
+    jobs = Counter(plate.job for plate in waiting_plates if plate.id in {item.plate for item in possible})
     assert all(jobs[job] <= limit for job, limit in places.items())

@@ -15,8 +15,8 @@ MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HOUR = 3600.0
 
 
-def forecast(waiting, fleet, start_rules, now_s):
-    return forecast_prints(situation(waiting, fleet, start_rules, now_s))
+def forecast(waiting_plates, fleet, start_rules, now_s):
+    return forecast_prints(situation(waiting_plates, fleet, start_rules, now_s))
 
 
 fleets = st.lists(
@@ -63,65 +63,65 @@ houses = st.builds(
 @given(waiting, fleets, houses, st.floats(0, 7 * 24 * HOUR), st.randoms())
 def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, random):
     now_s = MONDAY_S + after_s
-    observed = forecast(plates, fleet, start_rules, now_s)
+    forecast_slots = forecast(plates, fleet, start_rules, now_s)
     by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
-    assert sorted([slot.plate for slot in observed.slots] + list(observed.unprintable_plates)) == sorted(
-        by_id
-    )
+    assert sorted(
+        [slot.plate for slot in forecast_slots.slots] + list(forecast_slots.unprintable_plates)
+    ) == sorted(by_id)
     for name, slots in itertools.groupby(
-        sorted(observed.slots, key=lambda s: s.printer), lambda s: s.printer
+        sorted(forecast_slots.slots, key=lambda s: s.printer), lambda s: s.printer
     ):
-        ordered = sorted(slots, key=lambda slot: slot.starts_s)
-        for item, following in itertools.pairwise(ordered):
-            assert following.starts_s >= item.ends_s + CLEARING_S
+        ordered_slots = sorted(slots, key=lambda slot: slot.starts_s)
+        for item, next_slot in itertools.pairwise(ordered_slots):
+            assert next_slot.starts_s >= item.ends_s + CLEARING_S
         on_reel = by_name[name].grams
-        assert on_reel is None or sum(by_id[slot.plate].grams for slot in ordered) <= on_reel
-    for slot in observed.slots:
+        assert on_reel is None or sum(by_id[slot.plate].grams for slot in ordered_slots) <= on_reel
+    for slot in forecast_slots.slots:
         plate_view, printer_view = by_id[slot.plate], by_name[slot.printer]
         assert plate_view.requirements.matches(printer_view.capabilities)
         assert slot.starts_s >= now_s
         assert slot.ends_s - slot.starts_s == pytest.approx(compute_seconds_on(plate_view, printer_view))
         assert start_rules.find_start(plate_view, printer_view, slot.starts_s).at_s == slot.starts_s
-        heats = [s for s in observed.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
+        heats = [s for s in forecast_slots.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
         assert start_rules.max_heating is None or len(heats) <= start_rules.max_heating
-    assert now_s <= observed.lower_bound_s <= observed.ends_s
-    for mixed in (plates, fleet):
-        random.shuffle(mixed)
-    assert forecast(plates, fleet, start_rules, now_s) == observed
+    assert now_s <= forecast_slots.lower_bound_s <= forecast_slots.ends_s
+    for items in (plates, fleet):
+        random.shuffle(items)
+    assert forecast(plates, fleet, start_rules, now_s) == forecast_slots
 
 
 @given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
 def test_bound_is_below_the_end_of_every_order(times, count):
     names = "abc"[:count]
     plates = [plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
-    observed = forecast(plates, [printer(name) for name in names], rules(), 0.0)
+    forecast_slots = forecast(plates, [printer(name) for name in names], rules(), 0.0)
     best = min(
         max(sum(t for t, place in zip(times, places, strict=True) if place == name) for name in names)
         for places in itertools.product(names, repeat=len(times))
     )
-    assert observed.lower_bound_s <= best * (1 + 1e-9)
+    assert forecast_slots.lower_bound_s <= best * (1 + 1e-9)
     rounds = -(-len(times) // count)
-    assert observed.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
-    assert rounds > 1 or observed.ends_s == pytest.approx(best)
+    assert forecast_slots.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
+    assert rounds > 1 or forecast_slots.ends_s == pytest.approx(best)
 
 
 def test_second_round_waits_for_a_cleared_bed():
     start_rules = rules(attended=("mon-fri 08:00-18:00",))
     plates = [plate("1/01", "a", expected_s=4 * HOUR), plate("1/02", "a", expected_s=2 * HOUR)]
-    observed = forecast(plates, [printer("a")], start_rules, MONDAY_S + 17 * HOUR)
-    assert [slot.starts_s - MONDAY_S for slot in observed.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
+    forecast_slots = forecast(plates, [printer("a")], start_rules, MONDAY_S + 17 * HOUR)
+    assert [slot.starts_s - MONDAY_S for slot in forecast_slots.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
 
 
 def test_heating_limit_delays_starts():
     plates = [plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
-    observed = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
-    assert [slot.starts_s for slot in observed.slots] == [0.0, 0.0, 600.0]
+    forecast_slots = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
+    assert [slot.starts_s for slot in forecast_slots.slots] == [0.0, 0.0, 600.0]
 
 
 def test_absent_printer_is_not_used():
     plates = [plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
-    observed = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
-    assert {slot.printer for slot in observed.slots} == {"a"}
+    forecast_slots = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
+    assert {slot.printer for slot in forecast_slots.slots} == {"a"}
 
 
 def test_time_of_a_plate_scales_with_the_time_factor():
@@ -131,15 +131,20 @@ def test_time_of_a_plate_scales_with_the_time_factor():
 
 
 def test_bound_includes_plates_for_some_printers_only():
-    low, tall = (Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0))
-    needs = enumerate((tall, low, low))
+    low_requirements, tall_requirements = (
+        Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0)
+    )
+    needs = enumerate((tall_requirements, low_requirements, low_requirements))
     plates = [plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]
-    observed = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
-    assert observed.lower_bound_s == pytest.approx(3 * HOUR)
+    forecast_slots = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
+    assert forecast_slots.lower_bound_s == pytest.approx(3 * HOUR)
 
 
 def test_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
     plates = [plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
     fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
-    observed = forecast(plates, fleet, rules(), 0.0)
-    assert (observed.unprintable_plates, [slot.printer for slot in observed.slots]) == ((), ["a", "b"])
+    forecast_slots = forecast(plates, fleet, rules(), 0.0)
+    assert (forecast_slots.unprintable_plates, [slot.printer for slot in forecast_slots.slots]) == (
+        (),
+        ["a", "b"],
+    )

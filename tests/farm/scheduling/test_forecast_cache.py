@@ -1,4 +1,4 @@
-"""Cached forecast: made again if it may have changed, and not more often than allowed."""
+"""Cached forecast: computed again if it may have changed, at a limited rate."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from scheduling_examples import printer, situation
 
 
 class Scene:
-    """Books and a time, whose situations are counted."""
+    """Books and a time; the made situations are counted."""
 
     scale = 2.0
 
@@ -23,11 +23,11 @@ class Scene:
 
     def _make_situation(self):
         self.situations += 1
-        waiting = describe_plates(self.books.waiting_plates(), self.books)
-        return situation(waiting, [printer("a")], now_s=self.now_s)
+        waiting_plates = describe_plates(self.books.waiting_plates(), self.books)
+        return situation(waiting_plates, [printer("a")], now_s=self.now_s)
 
     def move(self, now_s, plates):
-        """Go to a time, at which a queue has this number of plates."""
+        """Move to a time at which the queue has this number of plates."""
         self.now_s, self.books = now_s, make_printing_books(plates=plates)
 
 
@@ -37,16 +37,16 @@ def scene():
 
 
 def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(scene):
-    first = scene.cache.find_ends()
+    first_s = scene.cache.find_ends()
     # A bed is cleared between them.
-    assert first.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first.at_s == 1000.0
+    assert first_s.by_plate == {"1/01": 1100.0, "1/02": 1100.0 + 900.0 + 100.0} and first_s.at_s == 1000.0
     scene.now_s = 1050.0
-    assert scene.cache.find_ends() is first
+    assert scene.cache.find_ends() is first_s
     scene.move(1009.0, plates=1)  # 4.5 s of the wall later
-    assert scene.cache.find_ends() is first
+    assert scene.cache.find_ends() is first_s
     scene.now_s = 1011.0
     assert scene.cache.find_ends().by_plate == {"1/01": 1111.0}
-    scene.now_s = 1072.0  # nobody has come for a minute
+    scene.now_s = 1072.0  # no request for a minute
     assert scene.cache.find_ends().by_plate == {"1/01": 1172.0}
     assert scene.situations == 3
 
@@ -54,21 +54,21 @@ def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(scene)
 def test_no_caller_waits_for_the_forecast_of_a_large_queue(scene, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
     cache = scene.cache
-    assert cache.find_background_work() is None  # a small one is made when it is asked for
-    first = cache.find_ends()
-    assert first.at_s == 1000.0 and first.by_plate.keys() == {"1/01", "1/02"}
+    assert cache.find_background_work() is None  # a small forecast is computed on request
+    first_s = cache.find_ends()
+    assert first_s.at_s == 1000.0 and first_s.by_plate.keys() == {"1/01", "1/02"}
     scene.move(1089.0, plates=3)
     assert cache.find_background_work() is None
     scene.now_s = 1091.0
-    assert cache.find_ends() is first
+    assert cache.find_ends() is first_s
     work = cache.find_background_work()
-    assert cache.find_ends() is first
+    assert cache.find_ends() is first_s
     work()
-    second = cache.find_ends()
-    assert second.at_s == 1091.0 and second.by_plate.keys() == {"1/01", "1/02", "1/03"}
+    second_ends = cache.find_ends()
+    assert second_ends.at_s == 1091.0 and second_ends.by_plate.keys() == {"1/01", "1/02", "1/03"}
     scene.move(1200.0, plates=2)
-    late = cache.find_background_work()
+    background_work = cache.find_background_work()
     cache.clock_set()
-    late()  # it was made with the hours of before
+    background_work()  # it was computed with the former hours
     scene.now_s = 900.0
     assert cache.find_ends().at_s == 900.0

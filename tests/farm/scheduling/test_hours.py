@@ -1,4 +1,4 @@
-"""Windows of the week on the calendar, over changes of the clock too."""
+"""Windows of the week on the calendar, including clock changes."""
 
 import math
 from datetime import datetime, timedelta
@@ -65,8 +65,8 @@ def test_length_of_a_night_changes_with_daylight_saving():
 
 
 def test_window_edges_in_skipped_or_repeated_hours():
-    skipped = hours("01:30-04:00").span(parse_time("2026-03-29 03:00"))
-    assert skipped == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
+    skipped_span = hours("01:30-04:00").span(parse_time("2026-03-29 03:00"))
+    assert skipped_span == (parse_time("2026-03-29 02:30"), parse_time("2026-03-29 04:00"))
     twice = hours("00:30-01:30").span(parse_time("2026-10-25 01:10", fold=1))
     assert twice == (parse_time("2026-10-25 00:30"), parse_time("2026-10-25 01:30", fold=1))
     assert hours("01:15-01:45").span(parse_time("2026-03-29 02:20")) == (
@@ -85,7 +85,7 @@ def test_window_edges_in_skipped_or_repeated_hours():
     ],
 )
 def test_edges_in_a_skipped_or_repeated_hour(window, begin, end):
-    """The edges hold for attended and for quiet hours."""
+    """Check the edges of attended and of quiet hours."""
     berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
     span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))
     assert berlin.span(span[0]) == berlin.span(span[1] - 1.0) == span
@@ -109,13 +109,13 @@ windows = st.lists(
 def test_spans_keep_their_invariants(texts, moment):
     calendar = hours(*texts)
     now_s = moment.replace(tzinfo=LONDON).timestamp()
-    span, following, edge_s = calendar.span(now_s), calendar.following(now_s), calendar.edge_s(now_s)
+    span, next_span, edge_s = calendar.span(now_s), calendar.following(now_s), calendar.edge_s(now_s)
     if span is not None:
         assert span[0] <= now_s < span[1]
-    if following is not None:
-        assert now_s < following[0] < following[1]
-        assert following[0] - now_s <= timedelta(days=8).total_seconds()
-        assert span is None or span[1] < following[0]
+    if next_span is not None:
+        assert now_s < next_span[0] < next_span[1]
+        assert next_span[0] - now_s <= timedelta(days=8).total_seconds()
+        assert span is None or span[1] < next_span[0]
     if edge_s is not None:
         assert (calendar.span(edge_s) is None) is (span is not None)
         assert (calendar.span((now_s + edge_s) / 2) is None) is (span is None)

@@ -1,4 +1,4 @@
-"""Parsing of times as people write them."""
+"""Parsing of times in the notation of people."""
 
 from datetime import datetime
 from zoneinfo import ZoneInfo
@@ -17,7 +17,7 @@ NOW_S = datetime(2026, 10, 23, 17, 30, tzinfo=LONDON).timestamp()  # a Friday be
 
 
 @pytest.mark.parametrize(
-    ("text", "then"),
+    ("text", "expected_time"),
     [
         ("22:00", "2026-10-23T22:00:00+01:00"),
         ("07:15", "2026-10-24T07:15:00+01:00"),
@@ -27,8 +27,8 @@ NOW_S = datetime(2026, 10, 23, 17, 30, tzinfo=LONDON).timestamp()  # a Friday be
         ("2026-10-24T08:00:00+02:00", "2026-10-24T07:00:00+01:00"),
     ],
 )
-def test_time_is_parsed_as_its_next_occurrence(text, then):
-    assert datetime.fromtimestamp(parse_moment_s(text, NOW_S, LONDON), LONDON).isoformat() == then
+def test_time_is_parsed_as_its_next_occurrence(text, expected_time):
+    assert datetime.fromtimestamp(parse_moment_s(text, NOW_S, LONDON), LONDON).isoformat() == expected_time
 
 
 NEVER = ["9999-12-31T23:59-12:00", "9999-12-31", "0001-01-01", "2027-11-01 10:00"]
@@ -41,26 +41,26 @@ def test_past_or_invalid_time_is_refused(text):
 
 
 @pytest.mark.parametrize(
-    ("now", "then"),
+    ("now", "expected_time"),
     [
         ("2026-03-28T20:00:00+01:00", "2026-03-29T03:30:00+02:00"),  # that time is skipped
         ("2026-03-29T03:40:00+02:00", "2026-03-30T02:30:00+02:00"),
-        ("2026-10-24T20:00:00+02:00", "2026-10-25T02:30:00+02:00"),  # and here it comes twice
+        ("2026-10-24T20:00:00+02:00", "2026-10-25T02:30:00+02:00"),  # here the time occurs twice
         ("2026-10-25T02:40:00+02:00", "2026-10-25T02:30:00+01:00"),
         ("2026-10-25T02:10:00+01:00", "2026-10-25T02:30:00+01:00"),
         ("2026-10-25T02:40:00+01:00", "2026-10-26T02:30:00+01:00"),
     ],
 )
-def test_time_in_a_skipped_or_repeated_hour_is_resolved(now, then):
+def test_time_in_a_skipped_or_repeated_hour_is_resolved(now, expected_time):
     at_s = parse_moment_s("02:30", datetime.fromisoformat(now).timestamp(), BERLIN)
-    assert at_s == datetime.fromisoformat(then).timestamp()
+    assert at_s == datetime.fromisoformat(expected_time).timestamp()
 
 
 @pytest.mark.parametrize(("day", "night_h"), [("2026-03-28", 9), ("2026-10-24", 11), ("2026-11-20", 10)])
 def test_length_of_a_night_follows_daylight_saving(day, night_h):
-    """A night lasts from the end of attended hours, or from 22:00, to the same hour of the morning."""
-    attended = Hours((parse_window("08:00-21:00"),), BERLIN)
-    start_rules = StartRules(attended, Hours((), BERLIN))
+    """Compute nights from the end of attended hours, or from 22:00, to the same hour of the morning."""
+    attended_hours = Hours((parse_window("08:00-21:00"),), BERLIN)
+    start_rules = StartRules(attended_hours, Hours((), BERLIN))
     now_s = datetime.fromisoformat(f"{day} 18:00").replace(tzinfo=BERLIN).timestamp()
     begins_s, ends_s = parse_start_and_deadline_s(
         JobOptions(overnight=True, done_by="07:00"), start_rules, now_s
@@ -71,26 +71,26 @@ def test_length_of_a_night_follows_daylight_saving(day, night_h):
 
 
 @pytest.mark.parametrize(
-    ("now", "then"),
+    ("now", "expected_time"),
     [("2026-11-20 18:00", "Fri 20:00"), ("2026-11-20 20:30", "Sat 20:00"), ("2026-11-20 23:00", "Sat 20:00")],
 )
-def test_overnight_is_refused_if_first_layers_need_attendance(now, then):
-    attended = Hours((parse_window("08:00-21:00"),), BERLIN)
-    start_rules = StartRules(attended, Hours((), BERLIN), first_layers_attended=True)
+def test_overnight_is_refused_if_first_layers_need_attendance(now, expected_time):
+    attended_hours = Hours((parse_window("08:00-21:00"),), BERLIN)
+    start_rules = StartRules(attended_hours, Hours((), BERLIN), first_layers_attended=True)
     now_s = datetime.fromisoformat(now).replace(tzinfo=BERLIN).timestamp()
     with pytest.raises(
-        FarmError, match=rf"attended first layers .*give --at .*, like --at '{then}'"
+        FarmError, match=rf"attended first layers .*give --at .*, like --at '{expected_time}'"
     ) as error:
         parse_start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
     assert error.value.code is ErrorCode.SETTINGS
-    begins_s, _ = parse_start_and_deadline_s(JobOptions(at=then), start_rules, now_s)
+    begins_s, _ = parse_start_and_deadline_s(JobOptions(at=expected_time), start_rules, now_s)
     assert begins_s is not None
     assert start_rules.attended.span(begins_s) is not None
 
 
 @pytest.mark.parametrize("first_layers_attended", [False, True])
 def test_overnight_is_refused_if_attended_hours_never_end(first_layers_attended):
-    """A start at infinity cannot be formatted, and would stop all scheduling."""
+    """Refuse a start at infinity, which cannot be formatted and would stop all scheduling."""
     start_rules = StartRules(
         Hours((parse_window("00:00-24:00"),), BERLIN), Hours((), BERLIN), first_layers_attended
     )

@@ -1,4 +1,4 @@
-"""Cached descriptions of situations equal new ones."""
+"""Cached descriptions of situations, compared with new ones."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,25 +22,27 @@ from recording_controller import fleet
 
 FLEET = fleet(["ultimaker2_plus"] * 3)
 SECTIONS = FLEET.printers
-READY = {n: AgentSnapshot(printer=n, link=Link.READY, filament=FilamentState.PARKED) for n in PRINTERS}
+READY_SNAPSHOTS = {
+    n: AgentSnapshot(printer=n, link=Link.READY, filament=FilamentState.PARKED) for n in PRINTERS
+}
 STEPS = st.sampled_from(["start", "fail", "done", "clear", "pause", "go on", "lose"])
 
 
-def events_of(step, books, number):
-    opened = list(books.open_prints())
-    waiting = [plate for plate in books.waiting_plates() if not plate.paused]
-    free = [n for n in PRINTERS if books.open_print_on(n) is None]
+def make_events(step, books, number):
+    open_prints = list(books.open_prints())
+    waiting_plates = [plate for plate in books.waiting_plates() if not plate.paused]
+    free_printers = [n for n in PRINTERS if books.open_print_on(n) is None]
     print_id = f"print-{number}"
-    clear = [n for n in free if books.printer(n).bed is Bed.CLEAR]
-    if step == "start" and waiting and clear:
-        return [ev.PlateAssigned(at_s=5.0, plate=waiting[0].id, printer=clear[0], print_id=print_id)]
-    if step in ("fail", "lose") and opened:
+    clear = [n for n in free_printers if books.printer(n).bed is Bed.CLEAR]
+    if step == "start" and waiting_plates and clear:
+        return [ev.PlateAssigned(at_s=5.0, plate=waiting_plates[0].id, printer=clear[0], print_id=print_id)]
+    if step in ("fail", "lose") and open_prints:
         fault = Fault.KILL if step == "fail" else Fault.PORT_LOST
-        return [make_end_event(opened[0].id, PrintState.FAILED, fault=fault, reason="so")]
-    if step == "done" and opened:
-        return [make_end_event(opened[0].id)]
-    if step == "clear" and free:
-        return [ev.BedCleared(at_s=300.0, printer=free[0], by="ann", filament=FilamentState.PARKED)]
+        return [make_end_event(open_prints[0].id, PrintState.FAILED, fault=fault, reason="so")]
+    if step == "done" and open_prints:
+        return [make_end_event(open_prints[0].id)]
+    if step == "clear" and free_printers:
+        return [ev.BedCleared(at_s=300.0, printer=free_printers[0], by="ann", filament=FilamentState.PARKED)]
     if step in ("pause", "go on"):
         return [ev.JobPaused(at_s=6.0, job=1, wanted=step == "pause", by="ann")]
     return []
@@ -51,25 +53,29 @@ def events_of(step, books, number):
 def test_cached_description_equals_a_new_one(steps, away):
     books, builder = make_printing_books(plates=5), SituationBuilder(list_bed_boxes)
     for number, step in enumerate(steps):
-        new_events = [] if books.jobs[1].state.ended else events_of(step, books, number)
+        new_events = [] if books.jobs[1].state.ended else make_events(step, books, number)
         books, _ = apply_events(books, *new_events)
-        snapshots = {**READY, "b": READY["b"].model_copy(update={"link": Link.ABSENT})} if away else READY
-        fresh = SituationBuilder(list_bed_boxes)
-        assert builder.waiting(books) == fresh.waiting(books)
-        assert builder.printers(FLEET, books, snapshots) == fresh.printers(FLEET, books, snapshots)
-        held = find_plate_holds(books, SECTIONS, 210.0)
-        assert find_plate_holds(books, SECTIONS, 210.0, builder.may_hold_back) == held
+        snapshots = (
+            {**READY_SNAPSHOTS, "b": READY_SNAPSHOTS["b"].model_copy(update={"link": Link.ABSENT})}
+            if away
+            else READY_SNAPSHOTS
+        )
+        new_builder = SituationBuilder(list_bed_boxes)
+        assert builder.waiting(books) == new_builder.waiting(books)
+        assert builder.printers(FLEET, books, snapshots) == new_builder.printers(FLEET, books, snapshots)
+        holds = find_plate_holds(books, SECTIONS, 210.0)
+        assert find_plate_holds(books, SECTIONS, 210.0, builder.may_hold_back) == holds
         all_values = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
-        assert all_values == held
+        assert all_values == holds
         away = not away
 
 
 def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     real = PrinterSection(name="a", model="creality_ender3", port="/dev/ttyUSB0")
-    simulated = real.model_copy(update={"port": "sim://creality_ender3"})
+    simulated_section = real.model_copy(update={"port": "sim://creality_ender3"})
     plus = real.model_copy(update={"model": "ultimaker2_plus"})
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    fleets = [Fleet(printers=(item,)) for item in (real, simulated, plus)]
+    fleets = [Fleet(printers=(item,)) for item in (real, simulated_section, plus)]
     results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.unattended for item in results] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
@@ -78,46 +84,56 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    views = builder.printers(FLEET, books, READY)
-    assert [builder.printer(FLEET, name, books, READY) for name in PRINTERS] == list(views)
-    assert builder.printer(FLEET, "z", books, READY) is None
-    off = SECTIONS[0].model_copy(update={"enabled": False})
-    smaller = FLEET.model_copy(update={"printers": (off, *SECTIONS[1:])})
-    assert builder.printer(smaller, "a", books, READY) is None
-    assert builder.printers(smaller, books, READY) == views[1:]
+    views = builder.printers(FLEET, books, READY_SNAPSHOTS)
+    assert [builder.printer(FLEET, name, books, READY_SNAPSHOTS) for name in PRINTERS] == list(views)
+    assert builder.printer(FLEET, "z", books, READY_SNAPSHOTS) is None
+    disabled_section = SECTIONS[0].model_copy(update={"enabled": False})
+    smaller = FLEET.model_copy(update={"printers": (disabled_section, *SECTIONS[1:])})
+    assert builder.printer(smaller, "a", books, READY_SNAPSHOTS) is None
+    assert builder.printers(smaller, books, READY_SNAPSHOTS) == views[1:]
 
 
 def test_only_changed_entities_are_described_again():
-    first = make_plan_event(1, plates=2)
-    second = (
+    first_plan = make_plan_event(1, plates=2)
+    second_job = (
         ev.JobSubmitted(at_s=0.0, job=make_job(2)),
         ev.PlanningStarted(at_s=0.0, job=2),
         make_plan_event(2, plates=3),
     )
-    books, _ = apply_events(make_printing_books(plates=2), *second)
+    books, _ = apply_events(make_printing_books(plates=2), *second_job)
     builder = SituationBuilder(list_bed_boxes)
-    before, printers = builder.waiting(books), builder.printers(FLEET, books, READY)
-    assert [view.id for view in before] == [plate.id for plate in (*first.plates, *second[2].plates)]
-    started = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
-    books, _ = apply_events(books, started)
-    hot = {**READY, "c": READY["c"].model_copy(update={"nozzle_c": 210.0})}
-    after, then = builder.waiting(books), builder.printers(FLEET, books, hot)
-    assert [view.id for view in after] == ["1/02", "2/01", "2/02", "2/03"]
-    assert all(new is old for new, old in zip(after[1:], before[2:], strict=True))
-    assert [new is old for new, old in zip(then, printers, strict=True)] == [False, True, True]
+    old_plates, printers = builder.waiting(books), builder.printers(FLEET, books, READY_SNAPSHOTS)
+    assert [view.id for view in old_plates] == [
+        plate.id for plate in (*first_plan.plates, *second_job[2].plates)
+    ]
+    started_event = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
+    books, _ = apply_events(books, started_event)
+    hot_snapshots = {**READY_SNAPSHOTS, "c": READY_SNAPSHOTS["c"].model_copy(update={"nozzle_c": 210.0})}
+    new_plates, new_printers = builder.waiting(books), builder.printers(FLEET, books, hot_snapshots)
+    assert [view.id for view in new_plates] == ["1/02", "2/01", "2/02", "2/03"]
+    assert all(
+        new_plate is old_plate for new_plate, old_plate in zip(new_plates[1:], old_plates[2:], strict=True)
+    )
+    assert [new_plate is old_plate for new_plate, old_plate in zip(new_printers, printers, strict=True)] == [
+        False,
+        True,
+        True,
+    ]
 
 
 def test_capabilities_have_a_name_only_if_a_job_requests_it():
     books, builder = make_printing_books(plates=1), SituationBuilder(list_bed_boxes)
-    asking = make_job(2).model_copy(update={"options": JobOptions(only=("b",))})
+    asking_job = make_job(2).model_copy(update={"options": JobOptions(only=("b",))})
     for events, names in (
         ([], [None, None, None]),
-        ([ev.JobSubmitted(at_s=2.0, job=asking)], [None, "b", None]),
+        ([ev.JobSubmitted(at_s=2.0, job=asking_job)], [None, "b", None]),
         ([ev.JobCancelled(at_s=3.0, job=2, by="ann")], [None, None, None]),
     ):
         books, _ = apply_events(books, *events)
-        assert [printer.capabilities.named for printer in builder.printers(FLEET, books, READY)] == names
-    assert derive_job_requirements(asking).only == ("b",)
+        assert [
+            printer.capabilities.named for printer in builder.printers(FLEET, books, READY_SNAPSHOTS)
+        ] == names
+    assert derive_job_requirements(asking_job).only == ("b",)
 
 
 @given(st.floats(0, 200), st.floats(-300, 300), st.sampled_from(["print", "another", None]))
@@ -129,12 +145,12 @@ def test_running_print_ends_where_its_printer_is_shown_to_end(progress_s, late_s
         print_time_s=90.0, extruded=True, started_s=5.0, ended_s=None,
     )  # fmt: skip
     report = None if reported is None else report
-    snapshots = {**READY, "a": AgentSnapshot(printer="a", link=Link.BUSY, print=report)}
+    snapshots = {**READY_SNAPSHOTS, "a": AgentSnapshot(printer="a", link=Link.BUSY, print=report)}
     context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + late_s)
     builder = SituationBuilder(list_bed_boxes)
     printers = builder.printers(FLEET, books, snapshots)
     situation = Situation((), printers, StartRules.from_config(FLEET.fleet), context.now_s)
-    busy, *others = update_ends(situation, books, snapshots).printers
-    assert busy.free_s == context.now_s + context.remaining_s(books.open_print_on("a"))
-    assert replace(busy, free_s=printers[0].free_s) == printers[0]
-    assert tuple(others) == printers[1:]
+    busy_printer, *other_printers = update_ends(situation, books, snapshots).printers
+    assert busy_printer.free_s == context.now_s + context.remaining_s(books.open_print_on("a"))
+    assert replace(busy_printer, free_s=printers[0].free_s) == printers[0]
+    assert tuple(other_printers) == printers[1:]

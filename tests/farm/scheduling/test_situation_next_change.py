@@ -1,4 +1,4 @@
-"""Scheduling at `next_change_s` only gives the same decisions as at every tick."""
+"""Scheduling at `next_change_s` only, compared with scheduling at every tick."""
 
 import math
 from dataclasses import replace
@@ -55,17 +55,17 @@ def start_plates(moment):
     starts = []
     while assignments := assign_plates(moment):
         starts += assignments
-        taken = {item.printer for item in assignments}
+        taken_printers = {item.printer for item in assignments}
         moment = moment.without({item.plate for item in assignments}).with_printers(
-            tuple(replace(p, booked=True) if p.name in taken else p for p in moment.printers)
+            tuple(replace(p, booked=True) if p.name in taken_printers else p for p in moment.printers)
         )
     return moment, starts
 
 
 @given(plates, fleets, houses)
 @settings(max_examples=60, deadline=None)
-def test_no_start_changes_before_the_next_change(waiting, fleet, start_rules):
-    eager = lazy = situation(waiting, fleet, start_rules, FRIDAY)
+def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_rules):
+    eager = lazy = situation(waiting_plates, fleet, start_rules, FRIDAY)
     due_s = -math.inf
     for tick in range(TICKS):
         now_s = FRIDAY + tick * TICK_S
@@ -80,9 +80,13 @@ def test_no_start_changes_before_the_next_change(waiting, fleet, start_rules):
 @pytest.mark.parametrize(
     ("start_rules", "changes", "after_s"),
     [
-        (rules(), {}, math.inf),  # nothing but an event changes anything
+        (rules(), {}, math.inf),  # only an event changes a decision
         (rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR}, HOUR),  # the hours end
-        (rules(quiet=["22:00-06:00"]), {"expected_s": HOUR}, (5 - 1.05) * HOUR),  # too late for the plate
+        (
+            rules(quiet=["22:00-06:00"]),
+            {"expected_s": HOUR},
+            (5 - 1.05) * HOUR,
+        ),  # too late for the plate
         (rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
     ],
 )

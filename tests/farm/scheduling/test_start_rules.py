@@ -28,8 +28,8 @@ def parse_time(text):
 FRIDAY = parse_time("2026-11-20 17:00")
 
 
-def assign(waiting, fleet, start_rules, now_s, spares=0):
-    moment = situation(waiting, fleet, start_rules, now_s, spares=spares)
+def assign(waiting_plates, fleet, start_rules, now_s, spares=0):
+    moment = situation(waiting_plates, fleet, start_rules, now_s, spares=spares)
     assignments = assignment.assign_plates(moment)
     return assignments, assignment.find_holds(moment, assignments)
 
@@ -76,30 +76,33 @@ moments = st.floats(FRIDAY, FRIDAY + 7 * 24 * HOUR)
 
 
 @given(plates, fleets, rule_sets, moments, st.integers(0, 2))
-def test_forbidden_starts_are_refused(waiting, fleet, start_rules, now_s, spares):
-    assignments, holds = assign(waiting, fleet, start_rules, now_s, spares)
-    by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting}
+def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s, spares):
+    assignments, holds = assign(waiting_plates, fleet, start_rules, now_s, spares)
+    by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting_plates}
     assert len({a.printer for a in assignments}) == len(assignments)
     assert {a.plate for a in assignments} | set(holds) == set(by_id)
     if start_rules.max_heating is not None:
-        heating = sum(p.heating for p in fleet)
-        assert not assignments or heating + len(assignments) <= start_rules.max_heating
+        heating_count = sum(p.heating for p in fleet)
+        assert not assignments or heating_count + len(assignments) <= start_rules.max_heating
     for plate_view, printer_view in ((by_id[a.plate], by_name[a.printer]) for a in assignments):
         assert printer_view.bed is Bed.CLEAR
         assert printer_view.grams is None or plate_view.grams <= printer_view.grams
         assert plate_view.not_before_s is None or plate_view.not_before_s <= now_s
         quiet = start_rules.quiet.span(now_s) or start_rules.quiet.following(now_s)
         assert quiet is None or now_s + plate_view.expected_s <= quiet[0]
-        watched = start_rules.attended.span(now_s)
+        attended_span = start_rules.attended.span(now_s)
         if not printer_view.unattended:
-            assert watched is not None and now_s + plate_view.expected_s + CLEARING_RESERVE_S <= watched[1]
+            assert (
+                attended_span is not None
+                and now_s + plate_view.expected_s + CLEARING_RESERVE_S <= attended_span[1]
+            )
         elif start_rules.first_layers_attended:
-            assert watched is not None and now_s + plate_view.first_layer_s <= watched[1]
+            assert attended_span is not None and now_s + plate_view.first_layer_s <= attended_span[1]
 
 
 @given(plates, fleets, rule_sets, moments)
-def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting, fleet, start_rules, now_s):
-    _, holds = assign(waiting, fleet, start_rules, now_s)
+def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting_plates, fleet, start_rules, now_s):
+    _, holds = assign(waiting_plates, fleet, start_rules, now_s)
     now = datetime.fromtimestamp(now_s, UTC)
     for hold in holds.values():
         assert sorted(re.findall(r"\w{3} (?:\d\d \w{3} )?\d\d:\d\d", hold.text)) == sorted(
@@ -111,8 +114,8 @@ def test_every_time_in_the_sentence_of_a_hold_is_data_too(waiting, fleet, start_
 
 @given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
-def test_start_is_allowed_until_the_latest_start(waiting, fleet, start_rules, now_s):
-    for plate_view, printer_view in ((w, p) for w in waiting for p in fleet):
+def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_rules, now_s):
+    for plate_view, printer_view in ((w, p) for w in waiting_plates for p in fleet):
         at_s = start_rules.find_start(plate_view, printer_view, now_s).at_s
         if at_s is None:
             continue
@@ -131,22 +134,27 @@ def test_start_is_allowed_until_the_latest_start(waiting, fleet, start_rules, no
 
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
-    start_rules, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
-    assert start_rules.ends_by_s(alone, FRIDAY) == parse_time("2026-11-20 17:45")
-    assert start_rules.unattended_reason(alone, parse_time("2026-11-20 17:44")) is None
+    start_rules, lone_printer = (
+        rules(attended=WEEK[0]),
+        printer("a", unattended=False, why_attended="so"),
+    )
+    assert start_rules.ends_by_s(lone_printer, FRIDAY) == parse_time("2026-11-20 17:45")
+    assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
     message = "a prints only in attended hours (so): from Mon 08:00 (UTC)"
-    assert start_rules.unattended_reason(alone, parse_time("2026-11-20 17:45")) == message
-    assert start_rules.unattended_reason(alone, parse_time("2026-11-21 03:00")) == message
-    assert start_rules.ends_by_s(alone, parse_time("2026-11-21 03:00")) == parse_time("2026-11-21 03:00")
-    assert rules().unattended_reason(alone, FRIDAY) == "a prints only in attended hours (so)"
+    assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-20 17:45")) == message
+    assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-21 03:00")) == message
+    assert start_rules.ends_by_s(lone_printer, parse_time("2026-11-21 03:00")) == parse_time(
+        "2026-11-21 03:00"
+    )
+    assert rules().unattended_reason(lone_printer, FRIDAY) == "a prints only in attended hours (so)"
     assert start_rules.unattended_reason(printer("a"), parse_time("2026-11-21 03:00")) is None
-    assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
+    assert rules(attended=["00:00-24:00"]).ends_by_s(lone_printer, FRIDAY) is None
 
 
 @given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
-def test_window_allows_exactly_the_possible_starts(waiting, fleet, start_rules, now_s):
-    for plate_view, printer_view in ((w, p) for w in waiting for p in fleet):
+def test_window_allows_exactly_the_possible_starts(waiting_plates, fleet, start_rules, now_s):
+    for plate_view, printer_view in ((w, p) for w in waiting_plates for p in fleet):
         window = start_rules.start_window(printer_view.unattended, now_s)
         assert window.allows(plate_view) == (
             start_rules.find_start(plate_view, printer_view, now_s).at_s == now_s
@@ -155,51 +163,62 @@ def test_window_allows_exactly_the_possible_starts(waiting, fleet, start_rules, 
 
 @given(plates, fleets, rule_sets, moments)
 @settings(deadline=None)
-def test_every_possible_start_is_made_in_any_order(waiting, fleet, start_rules, now_s):
-    """Compare with brute force: the maximum number of plates starts, including the first of the queue."""
-    waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
+def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_rules, now_s):
+    """Compare with brute force: as many plates as possible start, including the first of the queue."""
+    waiting_plates = [replace(p, failed_on=frozenset()) for p in waiting_plates[:5]]
     start_rules = replace(start_rules, max_heating=None)
-    assignments, _ = assign(waiting, fleet, start_rules, now_s)
+    assignments, _ = assign(waiting_plates, fleet, start_rules, now_s)
 
-    def can(plate_view, printer_view):
+    def can_start(plate_view, printer_view):
         return bool(assign([plate_view], [printer_view], start_rules, now_s)[0])
 
-    def most(rest, free):
-        if not rest:
+    def count_most_starts(remaining_plates, printers_free):
+        if not remaining_plates:
             return ()
-        first, *others = rest
-        options = [most(others, free)]
-        options += [(first.id, *most(others, free - {p})) for p in free if can(first, p)]
-        return max(options, key=lambda ids: [p.id in ids for p in rest])
+        first_plate, *other_plates = remaining_plates
+        options = [count_most_starts(other_plates, printers_free)]
+        options += [
+            (first_plate.id, *count_most_starts(other_plates, printers_free - {p}))
+            for p in printers_free
+            if can_start(first_plate, p)
+        ]
+        return max(options, key=lambda ids: [p.id in ids for p in remaining_plates])
 
-    turns = sorted(waiting, key=lambda p: p.priority_key)
-    assert {a.plate for a in assignments} == set(most(turns, frozenset(fleet)))
+    ordered_plates = sorted(waiting_plates, key=lambda p: p.priority_key)
+    assert {a.plate for a in assignments} == set(count_most_starts(ordered_plates, frozenset(fleet)))
 
 
 def test_planned_printer_is_never_a_spare():
-    high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    assignments, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
+    high_plate = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
+    assignments, _ = assign([high_plate], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
     assert assignments[0].printer == "b"
-    broken = printer("b", room=TALL, attention_reason="heater")
-    assignments, _ = assign([high], [broken, printer("c", room=TALL)], rules(), FRIDAY, spares=1)
+    broken_printer = printer("b", room=TALL, attention_reason="heater")
+    assignments, _ = assign(
+        [high_plate], [broken_printer, printer("c", room=TALL)], rules(), FRIDAY, spares=1
+    )
     assert assignments[0].printer == "c"
 
 
 @given(plates, fleets, st.integers(0, 2))
-def test_every_plate_is_served_eventually(waiting, fleet, spares):
-    """Plates that fit some printer start once all prints have ended and all beds are clear."""
-    waiting = [replace(p, not_before_s=None) for p in waiting]
-    for _ in range(len(waiting) + 1):
-        _, holds = assign(waiting, fleet, rules(max_heating=4), FRIDAY, spares)
-        waiting = [p for p in waiting if p.id in holds]
+def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
+    """Check that plates that fit a printer start after all prints have ended and all beds are clear."""
+    waiting_plates = [replace(p, not_before_s=None) for p in waiting_plates]
+    for _ in range(len(waiting_plates) + 1):
+        _, holds = assign(waiting_plates, fleet, rules(max_heating=4), FRIDAY, spares)
+        waiting_plates = [p for p in waiting_plates if p.id in holds]
         fleet = [replace(p, heating=False) for p in fleet]
-    stuck = {HoldCode.NO_SUCH_PRINTER, HoldCode.BED_NOT_CLEAR, HoldCode.REEL_TOO_SHORT, HoldCode.UNATTENDED}
-    for candidate in waiting:
+    final_codes = {
+        HoldCode.NO_SUCH_PRINTER,
+        HoldCode.BED_NOT_CLEAR,
+        HoldCode.REEL_TOO_SHORT,
+        HoldCode.UNATTENDED,
+    }
+    for candidate in waiting_plates:
         if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
             planned_printer = [p for p in fleet if p.name == candidate.planned]
             assert not assign([candidate], planned_printer, rules(max_heating=4), FRIDAY)[0]
         else:
-            assert holds[candidate.id].code in stuck
+            assert holds[candidate.id].code in final_codes
 
 
 def find_printer(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
@@ -234,9 +253,9 @@ def test_hold_has_a_code_and_a_reason(plate_view, printer_view, start_rules, cod
 
 
 def test_short_reel_is_named_in_addition_to_another_hold():
-    short = printer("b", grams=10.0)
-    busy = printer("a", booked=True, free_s=FRIDAY + HOUR)
-    hold = assign([plate("1/01", "a", grams=20.0)], [busy, short], rules(), FRIDAY)[1]["1/01"]
+    short_printer = printer("b", grams=10.0)
+    busy_printer = printer("a", booked=True, free_s=FRIDAY + HOUR)
+    hold = assign([plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], rules(), FRIDAY)[1]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
     colour = Requirements("generic_pla", "white", 0.4, box(100.0))
@@ -265,23 +284,23 @@ def test_hold_of_a_large_plate_names_when_its_printers_are_free():
 
 
 def test_priority_precedes_order_of_submission():
-    early, urgent = plate("1/01", "a", job=1), plate("2/01", "a", job=2, priority=1)
-    assignments, holds = assign([early, urgent], [printer("a")], rules(), FRIDAY)
+    early_plate, urgent_plate = plate("1/01", "a", job=1), plate("2/01", "a", job=2, priority=1)
+    assignments, holds = assign([early_plate, urgent_plate], [printer("a")], rules(), FRIDAY)
     assert assignments[0].plate == "2/01"
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
 
 
 def test_plate_moves_to_an_equivalent_printer():
-    low = plate("1/01", "b", expected_s=9 * HOUR)
-    high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    assignments, _ = assign([low, high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
+    low_plate = plate("1/01", "b", expected_s=9 * HOUR)
+    high_plate = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
+    assignments, _ = assign([low_plate, high_plate], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
     assert {a.plate: a.printer for a in assignments} == {"1/01": "a", "1/02": "b"}
 
 
 def test_spares_are_kept_for_plates_that_failed():
     fleet = [printer("a"), printer("b"), printer("c", room=TALL)]
-    waiting = [plate(f"1/0{i}", "a") for i in range(3)]
-    assignments, holds = assign(waiting, fleet, rules(), FRIDAY, spares=1)
+    waiting_plates = [plate(f"1/0{i}", "a") for i in range(3)]
+    assignments, holds = assign(waiting_plates, fleet, rules(), FRIDAY, spares=1)
     assert {a.printer for a in assignments} == {"a", "b"}
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
     assignments, _ = assign([plate("1/01", "a", failed_on=frozenset("ab"))], fleet, rules(), FRIDAY, spares=1)
@@ -289,20 +308,23 @@ def test_spares_are_kept_for_plates_that_failed():
 
 
 def test_reel_with_enough_grams_is_accepted():
-    waiting, on = plate("p1", "a", grams=200.0), printer("a")
-    needed = compute_needed_grams(waiting)
-    assert find_filament_shortage(waiting, on, needed) is None
-    assert find_filament_shortage(waiting, on, needed - 0.1).code is HoldCode.REEL_TOO_SHORT
+    waiting_plates, reel_printer = plate("p1", "a", grams=200.0), printer("a")
+    needed_grams = compute_needed_grams(waiting_plates)
+    assert find_filament_shortage(waiting_plates, reel_printer, needed_grams) is None
+    assert (
+        find_filament_shortage(waiting_plates, reel_printer, needed_grams - 0.1).code
+        is HoldCode.REEL_TOO_SHORT
+    )
 
 
 def test_longest_plate_of_a_job_is_served_first():
-    short, long = plate("a", "a", expected_s=HOUR), plate("b", "a", expected_s=2 * HOUR)
-    assert situation([short, long], [printer("a")]).by_priority == (long, short)
+    short_plate, long_plate = plate("a", "a", expected_s=HOUR), plate("b", "a", expected_s=2 * HOUR)
+    assert situation([short_plate, long_plate], [printer("a")]).by_priority == (long_plate, short_plate)
 
 
 @given(st.integers(1, 30))
 def test_many_names_are_counted(count):
     text = join_names([f"um2-{number:02d}" for number in range(count)])
-    more = re.search(r"(\d+) more", text)
-    assert text.count("um2-") + (int(more[1]) if more else 0) == count
+    count_match = re.search(r"(\d+) more", text)
+    assert text.count("um2-") + (int(count_match[1]) if count_match else 0) == count
     assert text.count("um2-") >= min(count, 3)

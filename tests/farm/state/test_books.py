@@ -155,13 +155,13 @@ class RandomNight(RuleBasedStateMachine):
     @rule(data=st.data())
     def assign(self, data):
         plates = [p.id for p in self.books.waiting_plates()]
-        free = [
+        free_printers = [
             n
             for n, p in self.books.printers.items()
             if p.bed is Bed.CLEAR and not self.books.open_print_on(n)
         ]
-        if plates and free:
-            plate, printer = data.draw(st.sampled_from(plates)), data.draw(st.sampled_from(free))
+        if plates and free_printers:
+            plate, printer = data.draw(st.sampled_from(plates)), data.draw(st.sampled_from(free_printers))
             self.happen(
                 ev.PlateAssigned(at_s=self.now, plate=plate, printer=printer, print_id=str(next(self.ids)))
             )
@@ -183,9 +183,9 @@ class RandomNight(RuleBasedStateMachine):
         progress = ev.PrintProgressed(
             at_s=self.now, print_id=name, state=state, started_s=None, extruded=True
         )
-        for late in (make_end_event(name, state, self.now), progress):
+        for late_event in (make_end_event(name, state, self.now), progress):
             with pytest.raises(InvalidTransition):
-                apply(late, self.books)
+                apply(late_event, self.books)
 
     @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
     def clear(self, printer, verdict):
@@ -216,20 +216,20 @@ class RandomNight(RuleBasedStateMachine):
     @precondition(lambda self: any(not job.state.ended for job in self.books.jobs.values()))
     @rule(data=st.data())
     def cancel(self, data):
-        live = sorted(number for number, item in self.books.jobs.items() if not item.state.ended)
-        self.happen(ev.JobCancelled(at_s=self.now, job=data.draw(st.sampled_from(live))))
+        open_jobs = sorted(number for number, item in self.books.jobs.items() if not item.state.ended)
+        self.happen(ev.JobCancelled(at_s=self.now, job=data.draw(st.sampled_from(open_jobs))))
 
     @invariant()
     def check_no_printer_is_booked_twice(self):
-        booked = [p.printer for p in self.books.open_prints()]
-        assert len(booked) == len(set(booked))
+        booked_printers = [p.printer for p in self.books.open_prints()]
+        assert len(booked_printers) == len(set(booked_printers))
 
     @invariant()
     def check_no_plate_is_printed_twice(self):
         for plate in self.books.plates.values():
             states = [p.state for p in self.books.prints_of(plate)]
-            done = [p for p in self.books.prints_of(plate) if p.state is PrintState.DONE]
-            assert sum(p.verdict is not Verdict.BAD for p in done) <= 1
+            done_prints = [p for p in self.books.prints_of(plate) if p.state is PrintState.DONE]
+            assert sum(p.verdict is not Verdict.BAD for p in done_prints) <= 1
             assert sum(not s.ended for s in states) <= 1
 
     @invariant()
@@ -251,18 +251,18 @@ class RandomNight(RuleBasedStateMachine):
     def check_no_plate_is_lost(self):
         for item in self.books.jobs.values():
             stand = {self.books.plate_state(plate) for plate in self.books.plates_of(item)}
-            coming = bool(stand & {PlateState.WAITING, PlateState.PRINTING})
+            is_coming = bool(stand & {PlateState.WAITING, PlateState.PRINTING})
             match item.state:
                 case JobState.PRINTING:
-                    assert coming
+                    assert is_coming
                 case JobState.PRINTED:
-                    assert not coming and PlateState.PRINTED in stand
+                    assert not is_coming and PlateState.PRINTED in stand
                 case JobState.DONE:
                     assert PlateState.GOOD in stand and stand <= {PlateState.GOOD, PlateState.CANCELLED}
                 case JobState.FAILED:
-                    assert not coming and PlateState.OUT_OF_ATTEMPTS in stand
+                    assert not is_coming and PlateState.OUT_OF_ATTEMPTS in stand
                 case JobState.CANCELLED:
-                    assert not coming
+                    assert not is_coming
 
     @invariant()
     def check_outage_is_notified_once(self):
@@ -283,15 +283,15 @@ TestAnyNight = RandomNight.TestCase
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 2)), max_size=12), st.booleans())
 def test_changes_are_found_in_any_order(puts, is_shuffled):
-    old = {number: object() for number in range(3)}
-    new = dict(old)
+    old_items = {number: object() for number in range(3)}
+    new_items = dict(old_items)
     for number, change in puts:
         if change == 2:
-            new.pop(number, None)
+            new_items.pop(number, None)
         else:
-            new[number] = object()
+            new_items[number] = object()
     if is_shuffled:
-        new = dict(reversed(new.items()))
-    expected = {number for number, entity in new.items() if old.get(number) is not entity}
-    changed = {id(entity) for entity in _list_changes(old, new)}
-    assert changed == {id(new[number]) for number in expected}
+        new_items = dict(reversed(new_items.items()))
+    expected_numbers = {number for number, entity in new_items.items() if old_items.get(number) is not entity}
+    changed_ids = {id(entity) for entity in _list_changes(old_items, new_items)}
+    assert changed_ids == {id(new_items[number]) for number in expected_numbers}

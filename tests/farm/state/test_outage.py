@@ -42,20 +42,22 @@ def test_losses_within_the_window_are_one_outage_without_attempts():
 
 def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
-    second = lose_printer("b", 250.0)  # half a wall second after the other
+    second_loss = lose_printer("b", 250.0)  # half a wall second after the other
     real, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second
+        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second_loss
     )
     assert real.outage is None
     fast = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
-    fast, _ = apply_events(fast, *make_assigned_events(*TWO), lose_printer("a", 100.0), second)
+    fast, _ = apply_events(fast, *make_assigned_events(*TWO), lose_printer("a", 100.0), second_loss)
     assert fast.outage.printers == ("a", "b")
 
 
-@pytest.mark.parametrize("second", [lose_printer("b", 111.0), lose_printer("b", 101.0, fault="maxtemp")])
-def test_failure_counts_as_an_attempt(second):
+@pytest.mark.parametrize(
+    "second_failure", [lose_printer("b", 111.0), lose_printer("b", 101.0, fault="maxtemp")]
+)
+def test_failure_counts_as_an_attempt(second_failure):
     books, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second
+        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second_failure
     )
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]
@@ -83,20 +85,20 @@ def test_job_continues_after_failures_by_an_outage():
 
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
-def test_group_of_lost_printers_is_the_same_for_each(times):
-    printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times)]
+def test_group_of_lost_printers_is_the_same_for_each(times_s):
+    printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times_s)]
     groups = {printer.name: find_common_losses(printer.name, printers) for printer in printers}
     for name, group in groups.items():
         assert name in group
-        assert all(groups[other] == group for other in group)
-    gaps = sorted(times)
-    wide = sum(after - before > WINDOW_S for before, after in itertools.pairwise(gaps))
+        assert all(groups[other_name] == group for other_name in group)
+    gaps = sorted(times_s)
+    wide = sum(next_s - previous_s > WINDOW_S for previous_s, next_s in itertools.pairwise(gaps))
     assert len(set(groups.values())) == wide + 1
 
 
 def test_failure_before_an_outage_stays_charged():
-    """A failure before the outage still counts, so that the job stays failed."""
-    own = (
+    """Count a failure before the outage, so that the job stays failed."""
+    own_failure = (
         *make_assigned_events(("1/01", "a")),
         make_end_event("a", PrintState.FAILED, 50.0, fault="maxtemp"),
         ev.BedCleared(at_s=60.0, printer="a", by="ann"),
@@ -104,7 +106,7 @@ def test_failure_before_an_outage_stays_charged():
         *make_assigned_events(("1/02", "b")),
     )
     books, _ = apply_events(
-        make_printing_books(), *own, lose_printer("again", 100.0), lose_printer("b", 101.0)
+        make_printing_books(), *own_failure, lose_printer("again", 100.0), lose_printer("b", 101.0)
     )
     assert books.outage.printers == ("a", "b")
     assert {name: attempt.charged for name, attempt in books.prints.items()} == {

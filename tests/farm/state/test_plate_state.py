@@ -9,7 +9,7 @@ from farm.state.books import Books
 from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import apply_events, make_end_event, make_printing_books
 
-CANCELLED = {"reason": "because", "state": PrintState.CANCELLED}
+CANCELLED_FIELDS = {"reason": "because", "state": PrintState.CANCELLED}
 
 
 def make_assigned_event(plate, printer, print_id):
@@ -29,8 +29,8 @@ def make_printed_books(plates=1):
     return books
 
 
-def make_failed_books(books, times, printer="a", plate="1/01", start=0):
-    for number in range(start, start + times):
+def make_failed_books(books, count, printer="a", plate="1/01", start=0):
+    for number in range(start, start + count):
         name = f"{printer}{number}"
         books, _ = apply_events(
             books,
@@ -80,14 +80,14 @@ def test_clearing_a_bed_judges_the_last_print_only():
 
 @pytest.mark.parametrize("end", [PrintState.CANCELLED, PrintState.DONE])
 def test_print_failed_by_a_person_is_repeated(end):
-    requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
-    books, reported = apply_events(
+    requested_event = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
+    books, instructions = apply_events(
         make_printing_books(plates=1),
         make_assigned_event("1/01", "a", "x"),
-        requested,
+        requested_event,
         make_end_event("x", end),
     )
-    assert reported[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
+    assert instructions[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
     assert find_state(books) is PlateState.WAITING
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     if end is PrintState.CANCELLED:
@@ -98,10 +98,10 @@ def test_print_failed_by_a_person_is_repeated(end):
 
 
 def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
-    requested = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
-    hot = make_end_event("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
+    requested_event = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
+    hot_event = make_end_event("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
     books, _ = apply_events(
-        make_printing_books(plates=1), make_assigned_event("1/01", "a", "x"), requested, hot
+        make_printing_books(plates=1), make_assigned_event("1/01", "a", "x"), requested_event, hot_event
     )
     assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
     assert books.printers["a"].attention_reason == "it does not cool"
@@ -119,7 +119,7 @@ def test_plate_without_attempts_does_not_block_others():
 
 
 def test_reprint_of_failed_cancelled_and_good_parts():
-    repeated = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
+    repeated_event = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
         make_failed_books(make_printing_books(plates=1), ATTEMPTS),
         apply_events(make_printing_books(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
@@ -127,7 +127,7 @@ def test_reprint_of_failed_cancelled_and_good_parts():
         make_printed_books(1),
     ):
         assert books.jobs[1].state.ended
-        books, _ = apply_events(books, repeated)
+        books, _ = apply_events(books, repeated_event)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
         assert find_state(books) is PlateState.WAITING
@@ -136,14 +136,14 @@ def test_reprint_of_failed_cancelled_and_good_parts():
 
 
 def test_cancelled_part_is_not_repeated_while_others_continue():
-    cancelled = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
-    books, reported = apply_events(
+    cancelled_event = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
+    books, instructions = apply_events(
         make_printing_books(plates=2),
         make_assigned_event("1/01", "a", "x"),
         make_assigned_event("1/02", "b", "y"),
-        cancelled,
+        cancelled_event,
     )
-    assert [t for t in reported if isinstance(t, ev.SendCancel)] == [
+    assert [t for t in instructions if isinstance(t, ev.SendCancel)] == [
         ev.SendCancel(print_id="x", printer="a", reason="cancelled by ann")
     ]
     books, _ = apply_events(
@@ -152,22 +152,22 @@ def test_cancelled_part_is_not_repeated_while_others_continue():
     assert not list(books.waiting_plates())
     books, _ = apply_events(books, make_end_event("y"), make_cleared_event("b"))
     assert books.jobs[1].state is JobState.DONE
-    both, _ = apply_events(
-        make_printing_books(plates=2), cancelled, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
+    both_cancelled, _ = apply_events(
+        make_printing_books(plates=2), cancelled_event, ev.PlateCancelled(at_s=6.0, plate="1/02", by="ann")
     )
-    assert both.jobs[1].state is JobState.CANCELLED
+    assert both_cancelled.jobs[1].state is JobState.CANCELLED
 
 
 def test_paused_job_pauses_all_its_prints():
-    books, reported = apply_events(
+    books, instructions = apply_events(
         make_printing_books(plates=2),
         make_assigned_event("1/01", "a", "x"),
         ev.JobPaused(at_s=9.0, job=1, wanted=True),
     )
     assert books.jobs[1].paused
-    assert reported[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
-    books, reported = apply_events(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
-    assert (books.jobs[1].paused, reported) == (
+    assert instructions[-1] == ev.SendPause(print_id="x", printer="a", wanted=True)
+    books, instructions = apply_events(books, ev.JobPaused(at_s=9.0, job=1, wanted=False))
+    assert (books.jobs[1].paused, instructions) == (
         False,
         [ev.SendPause(print_id="x", printer="a", wanted=False)],
     )
@@ -185,7 +185,7 @@ def test_maintenance_lasts_until_ended_by_a_person():
 
 
 def test_unconfirmed_print_cancelled_elsewhere_has_failed():
-    """Its agent was cancelled before it reported the start: a person has to check the bed."""
+    """Cancel an agent before it reported the start: a person has to check the bed."""
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(
         make_printing_books(1),

@@ -32,7 +32,7 @@ def test_manual_use_makes_bed_and_filament_unknown():
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
     assert "reset" in printer.attention_reason
     assert list(observe_idle_printer(printer, message, 6.0)) == []
-    # Not even an emulator's word makes up for the look.
+    # Not even an emulator's report replaces the inspection.
     assert (
         list(observe_idle_printer(printer, message.model_copy(update={"bed_unknown_reason": None}), 7.0))
         == []
@@ -46,16 +46,16 @@ def test_agent_that_was_started_again_knows_the_filament_but_not_the_bed():
         filament=FilamentState.UNKNOWN,
         bed_unknown_reason="it was not watched before its agent was started",
     )
-    expected = message.model_copy(update={"filament": FilamentState.PARKED})
+    expected_snapshot = message.model_copy(update={"filament": FilamentState.PARKED})
     books = make_printing_books()
-    for at_s, snapshot in enumerate((message, expected, expected, expected)):
+    for at_s, snapshot in enumerate((message, expected_snapshot, expected_snapshot, expected_snapshot)):
         books, _ = apply_events(books, *observe_idle_printer(books.printers["a"], snapshot, float(at_s)))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.PARKED)
     assert "not watched" in printer.attention_reason
-    assert list(observe_idle_printer(printer, expected, 9.0)) == []
-    cleared, _ = apply_events(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
-    printer = cleared.printers["a"]  # nobody had to say where the filament is
+    assert list(observe_idle_printer(printer, expected_snapshot, 9.0)) == []
+    cleared_books, _ = apply_events(books, ev.BedCleared(at_s=10.0, printer="a", by="ann"))
+    printer = cleared_books.printers["a"]  # no person had to state the position of the filament
     assert (printer.bed, printer.filament) == (Bed.CLEAR, FilamentState.PARKED)
 
 
@@ -100,8 +100,8 @@ def test_reconciliation_yields_events_for_changes_only():
     assert books.prints["x"].started_s == 2.0
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert list(reconcile_print(books.prints["x"], report(), 4.0)) == []
-    last = report(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = apply_events(books, *reconcile_print(books.prints["x"], last, 100.0))
+    last_report = report(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    books, _ = apply_events(books, *reconcile_print(books.prints["x"], last_report, 100.0))
     assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
 
 
@@ -119,17 +119,17 @@ def test_start_is_repeated_and_a_forgotten_print_is_lost():
 
 
 def make_idle_snapshot(link=Link.READY, pid=9, **changes):
-    """Snapshot of an agent without a print."""
+    """Make a snapshot of an agent without a print."""
     return AgentSnapshot(printer="a", link=link, agent_pid=pid, **changes)
 
 
 def test_cancelled_print_ends_when_its_agent_confirms():
-    """Until then the start may be in transit together with an older snapshot of the agent."""
+    """Wait for the confirmation: the start may be in transit together with an older snapshot."""
     books, _ = apply_events(make_assigned_books(), ev.JobCancelled(at_s=3.0, job=1))
     stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile_print(books.prints["x"], make_idle_snapshot(), 4.0)) == []
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot())) == [stop]
-    # nobody would hear it
+    # no agent would receive it
     assert list(list_pending_instructions(books.prints["x"], make_idle_snapshot(Link.STARTING))) == []
     assert (
         list(reconcile_print(books.prints["x"], make_idle_snapshot(acknowledged_cancel="another"), 4.0)) == []
@@ -144,22 +144,22 @@ def test_cancelled_print_ends_when_its_agent_confirms():
 @pytest.mark.parametrize("link", [Link.FAULT, Link.ABSENT])
 def test_unstartable_print_is_reassigned_after_its_agent_confirms(link):
     books = make_assigned_books()
-    stale = make_idle_snapshot(link, reason="unplugged")
-    books, sent = apply_events(books, *reconcile_print(books.prints["x"], stale, 3.0))
-    assert sent == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
+    stale_snapshot = make_idle_snapshot(link, reason="unplugged")
+    books, instructions = apply_events(books, *reconcile_print(books.prints["x"], stale_snapshot, 3.0))
+    assert instructions == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
-    assert list(reconcile_print(books.prints["x"], stale, 4.0)) == []
-    # It began all the same, and is ended: its plate is free then, and nobody is to blame.
+    assert list(reconcile_print(books.prints["x"], stale_snapshot, 4.0)) == []
+    # It started nevertheless and is ended: its plate is free again, without a charged attempt.
     began, _ = apply_events(
         books, *reconcile_print(books.prints["x"], report(state=PrintState.HEATING, extruded=False), 5.0)
     )
     assert [
         type(item) for item in list_pending_instructions(began.prints["x"], report(state=PrintState.HEATING))
     ] == [ev.SendCancel]
-    last = report(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
-    began, _ = apply_events(began, *reconcile_print(began.prints["x"], last, 9.0))
+    last_report = report(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
+    began, _ = apply_events(began, *reconcile_print(began.prints["x"], last_report, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
-    # Or it never did.
+    # Or it never started.
     books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], make_idle_snapshot(link, acknowledged_cancel="x"), 5.0)
     )
@@ -196,12 +196,12 @@ def test_restored_books_adopt_the_print_of_an_agent(state):
         list(list_pending_instructions(books.prints["a"], make_idle_snapshot())) == []
     )  # it is not begun (again)
     message = report("a")
-    books, sent = apply_events(books, *reconcile_print(books.prints["a"], message, 51.0))
-    assert (sent, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
+    books, instructions = apply_events(books, *reconcile_print(books.prints["a"], message, 51.0))
+    assert (instructions, list(list_pending_instructions(books.prints["a"], message))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
     assert list(reconcile_print(books.prints["a"], message, 52.0)) == []
-    last = report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = apply_events(books, *reconcile_print(books.prints["a"], last, 100.0))
+    last_report = report("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    books, _ = apply_events(books, *reconcile_print(books.prints["a"], last_report, 100.0))
     assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
     books, _ = apply_events(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
@@ -216,9 +216,11 @@ def test_print_unknown_to_its_agent_is_no_outage_and_no_attempt():
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
     assert "check what became of it" in books.printers["a"].attention_reason
-    fresh = restore_books(PrintState.ASSIGNED)
-    fresh, _ = apply_events(fresh, *reconcile_print(fresh.prints["a"], make_idle_snapshot(), 51.0))
-    assert fresh.prints["a"].state is PrintState.CANCELLED
+    restored_books = restore_books(PrintState.ASSIGNED)
+    restored_books, _ = apply_events(
+        restored_books, *reconcile_print(restored_books.prints["a"], make_idle_snapshot(), 51.0)
+    )
+    assert restored_books.prints["a"].state is PrintState.CANCELLED
 
 
 def test_print_ended_in_the_books_is_cancelled_at_its_agent():
@@ -226,22 +228,24 @@ def test_print_ended_in_the_books_is_cancelled_at_its_agent():
     books, _ = apply_events(
         books, *reconcile_print(books.prints["x"], make_idle_snapshot(Link.ABSENT, None), 3.0)
     )
-    heating = report(state=PrintState.HEATING, extruded=False)
-    reported = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
-    assert [type(item) for item in reported] == [ev.SendCancel]
+    heating_report = report(state=PrintState.HEATING, extruded=False)
+    instructions = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating_report, 4.0))
+    assert [type(item) for item in instructions] == [ev.SendCancel]
     for message in (report(), report(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
-        doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], message, 4.0)
-        assert apply_events(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
+        unknown_bed_books, _ = handle_unknown_print(books.printers["a"], books.prints["x"], message, 4.0)
+        assert (
+            apply_events(books, unknown_bed_books)[0].printers["a"].bed is Bed.UNKNOWN
+        )  # the bed is no longer clear
 
 
 def test_unknown_print_continues_and_makes_the_bed_unknown():
     books, _ = apply_events(Books(), *make_fleet_events())
-    reported = list(handle_unknown_print(books.printers["a"], None, report("stranger"), 4.0))
-    assert [type(item) for item in reported] == [ev.BedBecameUnknown]
-    books, _ = apply_events(books, *reported)
+    instructions = list(handle_unknown_print(books.printers["a"], None, report("stranger"), 4.0))
+    assert [type(item) for item in instructions] == [ev.BedBecameUnknown]
+    books, _ = apply_events(books, *instructions)
     assert books.printers["a"].bed is Bed.UNKNOWN
-    last = report("stranger", state=PrintState.DONE, ended_s=9.0)
-    assert list(handle_unknown_print(books.printers["a"], None, last, 9.0)) == [
+    last_report = report("stranger", state=PrintState.DONE, ended_s=9.0)
+    assert list(handle_unknown_print(books.printers["a"], None, last_report, 9.0)) == [
         ev.SendForget(print_id="stranger", printer="a")
     ]
 
@@ -249,7 +253,7 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
 @pytest.mark.parametrize(
     ("expected", "state", "reported"),
     [
-        (True, PrintState.HEATING, None),  # it is told once it prints
+        (True, PrintState.HEATING, None),  # the agent is told when it prints
         (True, PrintState.PRINTING, True),
         (True, PrintState.PAUSED, None),
         (False, PrintState.PAUSED, False),
@@ -258,12 +262,12 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
     ],
 )
 def test_unconfirmed_pause_is_repeated(expected, state, reported):
-    books, sent = apply_events(
+    books, instructions = apply_events(
         make_assigned_books(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected)
     )
-    assert sent == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
-    repeated = list(list_pending_instructions(books.prints["x"], report(state=state)))
-    assert repeated == (
+    assert instructions == [ev.SendPause(print_id="x", printer="a", wanted=expected)]
+    repeated_instructions = list(list_pending_instructions(books.prints["x"], report(state=state)))
+    assert repeated_instructions == (
         [] if reported is None else [ev.SendPause(print_id="x", printer="a", wanted=reported)]
     )
 
@@ -272,24 +276,24 @@ def test_cancelled_print_is_not_paused():
     books, _ = apply_events(make_assigned_books(), ev.JobCancelled(at_s=3.0, job=1))
     with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
         apply_events(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
-    books, sent = apply_events(
+    books, instructions = apply_events(
         make_assigned_books(),
         ev.PlateCancelled(at_s=3.0, plate="1/01", by="ann"),
         ev.JobPaused(at_s=4.0, job=1, wanted=True),
     )
     assert books.prints["x"].pause_requested is False
-    assert not any(isinstance(item, ev.SendPause) for item in sent)
+    assert not any(isinstance(item, ev.SendPause) for item in instructions)
 
 
-@pytest.mark.parametrize("known", ["bed", "filament"])
-def test_emulator_provides_the_unknown_bed_or_filament(known):
+@pytest.mark.parametrize("known_fields", ["bed", "filament"])
+def test_emulator_provides_the_unknown_bed_or_filament(known_fields):
     message = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
-    unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
+    unknown[known_fields] = Bed.NOT_CLEAR if known_fields == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
-    (observed,) = observe_idle_printer(printer, message, 5.0)
-    books, _ = apply_events(Books.from_entities([printer]), observed)
+    (event,) = observe_idle_printer(printer, message, 5.0)
+    books, _ = apply_events(Books.from_entities([printer]), event)
     took = books.printers["a"]
-    bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR
-    filament = FilamentState.AT_NOZZLE if known == "filament" else FilamentState.PARKED
+    bed = Bed.NOT_CLEAR if known_fields == "bed" else Bed.CLEAR
+    filament = FilamentState.AT_NOZZLE if known_fields == "filament" else FilamentState.PARKED
     assert (took.bed, took.filament) == (bed, filament)

@@ -15,16 +15,18 @@ from scheduling_examples import printer
 WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
 
-def with_a_reel(**changes):
-    loaded = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE.model_copy(update=changes), by="ann")
+def load_reel(**changes):
+    loaded_event = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE.model_copy(update=changes), by="ann")
     books, _ = apply_events(
-        make_printing_books(), loaded, ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+        make_printing_books(),
+        loaded_event,
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
     )
     return books
 
 
 @pytest.mark.parametrize(
-    ("changes", "left"),
+    ("changes", "left_grams"),
     [
         ({}, 97.0),
         ({"state": PrintState.FAILED, "printed_share": 0.5}, 98.5),
@@ -33,14 +35,16 @@ def with_a_reel(**changes):
         ({"state": PrintState.CANCELLED, "started_s": None, "extruded": False}, 100.0),
     ],
 )
-def test_print_subtracts_its_grams_from_the_reel(changes, left):
-    books, _ = apply_events(with_a_reel(), make_end_event("x", **changes))
-    assert books.printer("a").reel.grams == pytest.approx(left)
-    assert books.prints["x"].grams == pytest.approx(100.0 - left), "the history says the same as the reel"
+def test_print_subtracts_its_grams_from_the_reel(changes, left_grams):
+    books, _ = apply_events(load_reel(), make_end_event("x", **changes))
+    assert books.printer("a").reel.grams == pytest.approx(left_grams)
+    assert books.prints["x"].grams == pytest.approx(100.0 - left_grams), (
+        "the history says the same as the reel"
+    )
 
 
 def test_unweighed_reel_stays_unknown():
-    books, _ = apply_events(with_a_reel(grams=None), make_end_event("x"))
+    books, _ = apply_events(load_reel(grams=None), make_end_event("x"))
     assert books.printer("a").reel.grams is None
 
 
@@ -51,12 +55,12 @@ def test_print_uses_at_most_the_grams_of_its_plate(state, extruded, share):
 
 
 def test_fleet_shows_the_loaded_reels():
-    written = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
-    fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
+    row = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
+    fleet = Fleet.model_validate({"printers": [row, {**row, "name": "b"}]})
     abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
-    now = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
-    shown = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
-    assert shown == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
+    fleet_now = apply_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    shown_fields = [(section.material, section.colour, section.nozzle_mm) for section in fleet_now.printers]
+    assert shown_fields == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
 
 
 def test_restored_reels_must_be_weighed_before_printing():

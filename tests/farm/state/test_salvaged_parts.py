@@ -13,18 +13,18 @@ from farm.state.salvaged_parts import find_possibly_complete_print, list_reprint
 from farm.views import ViewContext, list_tasks
 from make_books import apply_events, make_end_event, make_printing_books
 
-DIED = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
+AGENT_DEATH = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
 
 
 def assigned_event(plate, printer, print_id, at_s=2.0):
     return ev.PlateAssigned(at_s=at_s, plate=plate, printer=printer, print_id=print_id)
 
 
-def died(plates=1, at_s=110.0, **facts):
-    """A plate of 90 s on `a`, whose agent was found dead after so long."""
+def make_dead_agent_books(plates=1, at_s=110.0, **facts):
+    """Make a plate of 90 s on `a`, whose agent was found dead after this time."""
     start = (
         assigned_event("1/01", "a", "x"),
-        make_end_event("x", PrintState.FAILED, at_s, **{**DIED, **facts}),
+        make_end_event("x", PrintState.FAILED, at_s, **{**AGENT_DEATH, **facts}),
     )
     return apply_events(make_printing_books(plates), *start)[0]
 
@@ -42,27 +42,27 @@ def list_asked(books):
 
 
 def test_complete_part_is_good_and_not_reprinted():
-    books = died()
+    books = make_dead_agent_books()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
-    books, reported = apply_events(books, finished_part())
+    books, instructions = apply_events(books, finished_part())
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
     result = books.prints["x"]
     assert (result.state, result.verdict) == (PrintState.DONE, Verdict.GOOD)
-    assert "confirmed good by ann" in result.verdict_why and DIED["reason"] in result.verdict_why
+    assert "confirmed good by ann" in result.verdict_why and AGENT_DEATH["reason"] in result.verdict_why
     printer = books.printer("a")
     assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
-    assert reported == [ev.SendCleared(printer="a", filament=None)]
+    assert instructions == [ev.SendCleared(printer="a", filament=None)]
 
 
 def test_failed_job_is_done_if_its_last_part_is_complete():
     books = make_printing_books(plates=1)
     for attempt in range(ATTEMPTS):
         name = f"x{attempt}"
-        cleared = ev.BedCleared(at_s=1.0, printer="a", by="ann")
-        failed = make_end_event(name, PrintState.FAILED, 110.0, **DIED)
-        books, _ = apply_events(books, cleared, assigned_event("1/01", "a", name), failed)
+        cleared_event = ev.BedCleared(at_s=1.0, printer="a", by="ann")
+        failed_event = make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH)
+        books, _ = apply_events(books, cleared_event, assigned_event("1/01", "a", name), failed_event)
     assert books.jobs[1].state is JobState.FAILED
     books, _ = apply_events(books, finished_part(f"x{ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
@@ -71,8 +71,8 @@ def test_failed_job_is_done_if_its_last_part_is_complete():
 def test_salvaged_part_uses_its_full_filament():
     reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
     books, _ = apply_events(make_printing_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
-    failed = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
-    books, _ = apply_events(books, assigned_event("1/01", "a", "x"), failed)
+    failed_event = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **AGENT_DEATH)
+    books, _ = apply_events(books, assigned_event("1/01", "a", "x"), failed_event)
     assert books.printer("a").reel.grams == pytest.approx(98.5)
     books, _ = apply_events(books, finished_part())
     assert books.printer("a").reel.grams == pytest.approx(97.0)
@@ -80,10 +80,10 @@ def test_salvaged_part_uses_its_full_filament():
 
 
 def test_reprint_that_has_not_started_is_cancelled():
-    books, _ = apply_events(died(), assigned_event("1/01", "b", "y", 120.0))
-    books, reported = apply_events(books, finished_part())
-    assert [type(event) for event in reported] == [ev.SendCancel, ev.SendCleared]
-    assert (reported[0].print_id, reported[0].printer) == ("y", "b")
+    books, _ = apply_events(make_dead_agent_books(), assigned_event("1/01", "b", "y", 120.0))
+    books, instructions = apply_events(books, finished_part())
+    assert [type(event) for event in instructions] == [ev.SendCancel, ev.SendCleared]
+    assert (instructions[0].print_id, instructions[0].printer) == ("y", "b")
     assert list_reprinting_printers(books, books.prints["x"]) == []
     books, _ = apply_events(
         books, make_end_event("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False)
@@ -92,38 +92,38 @@ def test_reprint_that_has_not_started_is_cancelled():
 
 
 def test_started_reprint_continues_until_a_person_ends_it():
-    started = ev.PrintProgressed(
+    started_event = ev.PrintProgressed(
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
-    books, _ = apply_events(died(), assigned_event("1/01", "b", "y", 120.0), started)
-    books, reported = apply_events(books, finished_part())
-    assert [type(event) for event in reported] == [ev.SendCleared]
+    books, _ = apply_events(make_dead_agent_books(), assigned_event("1/01", "b", "y", 120.0), started_event)
+    books, instructions = apply_events(books, finished_part())
+    assert [type(event) for event in instructions] == [ev.SendCleared]
     assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
-    stopped, reported = apply_events(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
-    assert [(type(event), event.print_id) for event in reported] == [(ev.SendCancel, "y")]
-    assert list_reprinting_printers(stopped, stopped.prints["x"]) == []
-    assert not stopped.plates["1/01"].cancelled
+    stopped_books, instructions = apply_events(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
+    assert [(type(event), event.print_id) for event in instructions] == [(ev.SendCancel, "y")]
+    assert list_reprinting_printers(stopped_books, stopped_books.prints["x"]) == []
+    assert not stopped_books.plates["1/01"].cancelled
     for state in (PrintState.DONE, PrintState.FAILED):
-        after, _ = apply_events(books, make_end_event("y", state, 600.0))
-        assert after.jobs[1].state is JobState.DONE
-        assert after.plate_state(after.plates["1/01"]) is PlateState.GOOD
+        new_books, _ = apply_events(books, make_end_event("y", state, 600.0))
+        assert new_books.jobs[1].state is JobState.DONE
+        assert new_books.plate_state(new_books.plates["1/01"]) is PlateState.GOOD
 
 
 def test_part_recut_before_is_complete_with_all_pieces():
-    books = died()
-    old = books.plates["1/01"]
+    books = make_dead_agent_books()
+    old_plate = books.plates["1/01"]
     parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]
-    plates = [old.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
-    replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
-    books, _ = apply_events(books, replaced, assigned_event("1/01a", "b", "y", 120.0))
+    plates = [old_plate.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
+    replaced_event = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
+    books, _ = apply_events(books, replaced_event, assigned_event("1/01a", "b", "y", 120.0))
     assert find_possibly_complete_print(books, "a").id == "x"
-    books, reported = apply_events(books, finished_part())
+    books, instructions = apply_events(books, finished_part())
     assert books.jobs[1].state is JobState.DONE
-    assert reported[0].print_id == "y"
+    assert instructions[0].print_id == "y"
 
 
 def test_task_asks_for_the_verdict_with_part_and_command():
-    (item,) = list_asked(died())
+    (item,) = list_asked(make_dead_agent_books())
     assert item.printers == ["a"]
     for text in (item.text, item.brief):
         assert text.endswith("; if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`")
@@ -132,8 +132,8 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 
 def test_task_asks_for_the_verdict_after_an_outage():
     start = (assigned_event("1/01", "a", "x"), assigned_event("1/02", "b", "y"))
-    lost = (make_end_event(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
-    (item,) = list_asked(apply_events(make_printing_books(2), *start, *lost)[0])
+    lost_events = (make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH) for name in "xy")
+    (item,) = list_asked(apply_events(make_printing_books(2), *start, *lost_events)[0])
     assert item.code == "outage"
     assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
 
@@ -141,7 +141,7 @@ def test_task_asks_for_the_verdict_after_an_outage():
 @pytest.mark.parametrize(
     "facts",
     [
-        {"at_s": 60.0},  # much sooner than its plate takes
+        {"at_s": 60.0},  # much sooner than the end of its plate
         {"extruded": False},
         {"started_s": None},
         {"then": (finished_part(),)},
@@ -151,14 +151,14 @@ def test_task_asks_for_the_verdict_after_an_outage():
     ],
 )
 def test_no_verdict_is_requested_for_an_incomplete_part(facts):
-    then = facts.pop("then", ())
-    books, _ = apply_events(died(**facts), *then)
+    later_events = facts.pop("then", ())
+    books, _ = apply_events(make_dead_agent_books(**facts), *later_events)
     assert find_possibly_complete_print(books, "a") is None
 
 
 def test_print_ended_by_a_person_is_not_salvageable():
     fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
-    removed = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
-    books, _ = apply_events(make_printing_books(1), assigned_event("1/01", "a", "x"), fail, removed)
+    ended_event = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
+    books, _ = apply_events(make_printing_books(1), assigned_event("1/01", "a", "x"), fail, ended_event)
     assert books.prints["x"].state is PrintState.FAILED
     assert find_possibly_complete_print(books, "a") is None

@@ -17,61 +17,61 @@ def done():
     return apply_events(make_printing_books(), BEGUN, make_end_event("x"))[0]
 
 
-def with_entries(books, *entries):
+def add_entries(books, *entries):
     return put(books, *entries)
 
 
 BROKEN = {
     "a plate is missing": (
-        lambda b: with_entries(b, replace_fields(b.jobs[1], plates=("1/01", "1/09"))),
+        lambda b: add_entries(b, replace_fields(b.jobs[1], plates=("1/01", "1/09"))),
         "job 1: its plate 1/09 does not exist",
     ),
     "a part is missing": (
-        lambda b: with_entries(b, replace_fields(b.plates["1/01"], parts=("1/p07",))),
+        lambda b: add_entries(b, replace_fields(b.plates["1/01"], parts=("1/p07",))),
         "plate 1/01: its part 1/p07 does not exist",
     ),
     "a print is missing": (
-        lambda b: with_entries(b, replace_fields(b.plates["1/02"], prints=("lost",))),
+        lambda b: add_entries(b, replace_fields(b.plates["1/02"], prints=("lost",))),
         "plate 1/02: its print lost does not exist",
     ),
     "a printer is missing": (
-        lambda b: with_entries(b, replace_fields(b.prints["x"], printer="z")),
+        lambda b: add_entries(b, replace_fields(b.prints["x"], printer="z")),
         "print x: its printer z does not exist",
     ),
     "a replaced plate is in the job": (
-        lambda b: with_entries(b, replace_fields(b.plates["1/02"], replaced_by=("1/01",))),
+        lambda b: add_entries(b, replace_fields(b.plates["1/02"], replaced_by=("1/01",))),
         "job 1: its plate 1/02 is replaced by 1/01",
     ),
     "a job is further than its plates": (
-        lambda b: with_entries(b, replace_fields(b.jobs[1], state=JobState.DONE, ended_s=9.0)),
+        lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.DONE, ended_s=9.0)),
         "job 1: it is done, by its plates it is printing",
     ),
     "an ended job has no end": (
-        lambda b: with_entries(b, replace_fields(b.jobs[1], state=JobState.CANCELLED)),
+        lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.CANCELLED)),
         "job 1: it is cancelled and has no end",
     ),
     "a queued job has plates": (
-        lambda b: with_entries(b, replace_fields(b.jobs[1], state=JobState.QUEUED)),
+        lambda b: add_entries(b, replace_fields(b.jobs[1], state=JobState.QUEUED)),
         "job 1: it is queued and has plates",
     ),
     "a failed print is good": (
-        lambda b: with_entries(
+        lambda b: add_entries(
             b, replace_fields(b.prints["x"], state=PrintState.FAILED, verdict=Verdict.GOOD)
         ),
         "print x: it is failed and good",
     ),
     "a reel is less than empty": (
-        lambda b: with_entries(
+        lambda b: add_entries(
             b, replace_fields(b.printers["b"], reel=Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4))
         ),
         "printer b: its reel has -1 g",
     ),
     "a bed is clear with a part on it": (
-        lambda b: with_entries(b, replace_fields(b.printers["a"], bed=Bed.CLEAR)),
+        lambda b: add_entries(b, replace_fields(b.printers["a"], bed=Bed.CLEAR)),
         "printer a: its bed is clear, and print x on it is not judged",
     ),
     "a printer is booked twice": (
-        lambda b: with_entries(
+        lambda b: add_entries(
             b,
             *(
                 replace_fields(
@@ -85,7 +85,7 @@ BROKEN = {
         "printer a: it has 2 open prints",
     ),
     "a plate is printed twice at once": (
-        lambda b: with_entries(
+        lambda b: add_entries(
             b,
             *(
                 replace_fields(
@@ -98,7 +98,7 @@ BROKEN = {
         "plate 1/01: it is printed on b and c at once",
     ),
     "two outages wait": (
-        lambda b: with_entries(b, *(Outage(id=n, at_s=1.0, printers=("a", "b")) for n in (1, 2))),
+        lambda b: add_entries(b, *(Outage(id=n, at_s=1.0, printers=("a", "b")) for n in (1, 2))),
         "the farm: outages 1 and 2 are not confirmed, there can be one",
     ),
 }

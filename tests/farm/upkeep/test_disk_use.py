@@ -14,14 +14,14 @@ from farm.state.retention import list_named_files
 from farm.upkeep.disk_use import measure_disk
 from farm.upkeep.upkeep import Upkeep
 from farm.views import list_tasks
-from old_jobs import NOW_S, books_of, write_files
+from old_jobs import NOW_S, make_old_books, write_files
 from recording_controller import Farm
 
 Usage = namedtuple("Usage", "total used free")
 
 
 def test_files_of_open_jobs_are_not_counted_as_prunable(tmp_path):
-    state, books = StateFolder(tmp_path), books_of((JobState.DONE, 5), (JobState.PRINTING, 0))
+    state, books = StateFolder(tmp_path), make_old_books((JobState.DONE, 5), (JobState.PRINTING, 0))
     write_files(books, state, size=100)
     use = measure_disk(state, books, NOW_S, 1.0)
     assert use.stored_bytes == 100 * len(list_named_files(books))
@@ -38,22 +38,22 @@ def test_task_names_a_disk_that_fills_within_two_nights(tmp_path, monkeypatch):
         (state.files / f"{number}.gcode").write_bytes(b"x" * 10**6)
     run = Upkeep(farm.controller, farm.store, state, None)
 
-    def todo(free):
-        monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free))
+    def list_todo(free_bytes):
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**12, 0, free_bytes))
         asyncio.run(run.measure())
         return [task.text for task in list_tasks(farm.view_context(state)) if task.code == "farm"]
 
     with farm.store:
-        assert todo(10**9) == []  # 4 MB a day, half a GB is left free
-        (text,) = todo(507 * 10**6)
+        assert list_todo(10**9) == []  # 4 MB a day, half a GB is left free
+        (text,) = list_todo(507 * 10**6)
         assert "is full in about two nights" in text and "`farm prune`" in text
-        (text,) = todo(4 * 10**8)
+        (text,) = list_todo(4 * 10**8)
         assert "is full now" in text
-        assert todo(10**9) == []
+        assert list_todo(10**9) == []
 
 
 def test_stored_bytes_per_day_follow_the_time_scale(tmp_path):
-    state, books = StateFolder(tmp_path), books_of()
+    state, books = StateFolder(tmp_path), make_old_books()
     state.files.mkdir()
     (state.files / "a.gcode").write_bytes(b"x" * 100)
     clock = Clock(240.0, time.time())

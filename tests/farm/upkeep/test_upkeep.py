@@ -25,12 +25,12 @@ from farm.upkeep import upkeep
 from farm.upkeep.upkeep import Upkeep
 from farm.views import ViewContext, describe_job, list_history, list_tasks
 from farm.views.report import JobContents, render_page
-from old_jobs import DAY_S, NOW_S, books_of, with_prints, write_files
+from old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
 from recording_controller import PLUS, Farm, RecordedEffects, fleet
 
 AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
         (JobState.PRINTED, 300), (JobState.PRINTING, 0))  # fmt: skip
-OLD = [1, 2, 3]
+OLD_JOBS = [1, 2, 3]
 
 
 class InlineWorkers:
@@ -43,12 +43,12 @@ class InlineWorkers:
         return (self._work or work)(*args)
 
 
-def no_pictures(files, parts, folder):
+def omit_pictures(files, parts, folder):
     return {}
 
 
 class LinkingEffects(RecordedEffects):
-    """Links the files of jobs, as the daemon does."""
+    """Effects that link the files of jobs, like the daemon's."""
 
     def __init__(self, state):
         super().__init__()
@@ -67,17 +67,17 @@ def link_files(books, state, number):
 
 
 class AtNow(Clock):
-    """A clock that stands still."""
+    """Clock that does not advance."""
 
     def now(self):
         return NOW_S
 
 
 def fill(root, ages=AGES, events=40):
-    """A state folder with jobs, their files and links, and events of the last 200 days."""
+    """Make a state folder with jobs, their files and links, and events of the last 200 days."""
     state = StateFolder(root)
     state.make()
-    books = with_prints(books_of(*ages))
+    books = add_good_prints(make_old_books(*ages))
     with Store(state.books) as store:
         for number in range(events):
             at_s = NOW_S - 200 * DAY_S * (1 - number / events)
@@ -88,8 +88,8 @@ def fill(root, ages=AGES, events=40):
     return state, books
 
 
-def begin(state, work=no_pictures, **keep):
-    """A daemon's upkeep on a state folder; closes with its store."""
+def begin(state, work=omit_pictures, **keep):
+    """Open a daemon's upkeep on a state folder; close its store at the end."""
     farm = Farm(state.root, (PLUS,) * 3, clock=AtNow(), keep=keep)
     farm.controller._effects = LinkingEffects(state)
     return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
@@ -104,51 +104,51 @@ def show(state, books, number):
     return view, rows
 
 
-def check_whole(state, books, before):
-    """Every job is shown as before the prune, and no file that the books name is missing."""
+def check_whole(state, books, old_books):
+    """Check that every job is shown as before the prune, and that no file of the books is missing."""
     assert list_named_files(books) <= list_files(state.files).keys()
     for number, entry in books.jobs.items():
-        (old_view, old_rows), (view, rows) = show(state, before, number), show(state, books, number)
-        changed = {"parts", "plates", "pruned"}
+        (old_view, old_rows), (view, rows) = show(state, old_books, number), show(state, books, number)
+        changed_fields = {"parts", "plates", "pruned"}
         assert rows == old_rows
-        assert view.model_dump(exclude=changed) == old_view.model_dump(exclude=changed)
+        assert view.model_dump(exclude=changed_fields) == old_view.model_dump(exclude=changed_fields)
         assert [part.prints for part in view.parts] == [part.prints for part in old_view.parts]
         paths = [*(part.file for part in view.parts), *(plate.gcode for plate in view.plates)]
-        pruned = entry.pruned_s is not None
-        assert (view.pruned is not None) is pruned
-        assert all(path is None if pruned else Path(path).is_file() for path in paths)
+        is_pruned = entry.pruned_s is not None
+        assert (view.pruned is not None) is is_pruned
+        assert all(path is None if is_pruned else Path(path).is_file() for path in paths)
 
 
 def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
-    state, before = fill(tmp_path)
+    state, old_books = fill(tmp_path)
     farm, run = begin(state)
     with farm.store:
         answer = asyncio.run(run.prune("ann", dry_run=False))
         books = farm.controller.books
-    assert [job.id for job in answer.jobs] == OLD
-    assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD
+    assert [job.id for job in answer.jobs] == OLD_JOBS
+    assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
     assert answer.freed_bytes == 3 * 6 * 1000  # all but the picture
     assert list_files(state.files).keys() == list_named_files(books)
     assert answer.stored_bytes == 1000 * len(list_named_files(books))
     assert [path.name for path in state.job(1).iterdir()] == ["assembly.png"]
     assert len(list(state.job(4).iterdir())) > 4
-    check_whole(state, books, before)
+    check_whole(state, books, old_books)
     assert len(list_backups(state)) == 1
     with Store(state.books) as store:
         assert store.load() == books
-        pruned = [body for _, kind, body in store.events() if kind == "JobPruned"]
-    assert len(pruned) == 3 and all('"by":"ann"' in body for body in pruned)
+        pruned_events = [body for _, kind, body in store.events() if kind == "JobPruned"]
+    assert len(pruned_events) == 3 and all('"by":"ann"' in body for body in pruned_events)
 
 
 def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
-    state, before = fill(tmp_path)
+    state, old_books = fill(tmp_path)
     farm, run = begin(state)
     with farm.store:
         preview = asyncio.run(run.prune("ann", dry_run=True))
-        assert farm.controller.books == before and not list_backups(state)
-        assert len(list_files(state.files)) == len(list_named_files(before))
-        done = asyncio.run(run.prune("ann", dry_run=False))
-    assert preview == done.model_copy(update={"dry_run": True})
+        assert farm.controller.books == old_books and not list_backups(state)
+        assert len(list_files(state.files)) == len(list_named_files(old_books))
+        result = asyncio.run(run.prune("ann", dry_run=False))
+    assert preview == result.model_copy(update={"dry_run": True})
 
 
 def test_full_store_deletes_the_oldest_files_first(tmp_path):
@@ -161,7 +161,7 @@ def test_full_store_deletes_the_oldest_files_first(tmp_path):
 
 
 def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
-    state, before = fill(tmp_path, ages=((JobState.DONE, 100),))
+    state, old_books = fill(tmp_path, ages=((JobState.DONE, 100),))
     for name in ("1-p01.stl", "1-p02.stl"):
         trimesh.creation.box((10, 20, 30)).export(state.files / name)
         os.utime(state.files / name, (1000.0, 1000.0))
@@ -172,13 +172,13 @@ def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
     view, _ = show(state, books, 1)
     assert all(Path(part.picture).read_bytes().startswith(b"\x89PNG") for part in view.parts)
     assert {path.name for path in state.job(1).iterdir()} == {"assembly.png", "p01.png", "p02.png"}
-    check_whole(state, books, before)
+    check_whole(state, books, old_books)
 
 
 def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
-    """A person may have moved the database away, and put it back."""
-    state, before = fill(tmp_path)
-    for name in list_named_files(before):
+    """Keep files, as a person may have moved the database and put it back."""
+    state, old_books = fill(tmp_path)
+    for name in list_named_files(old_books):
         stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
         os.utime(state.files / name, (stored_s, stored_s))
     state.books.rename(tmp_path / "moved.db")
@@ -186,7 +186,7 @@ def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
     with farm.store:
         asyncio.run(finish(run))
     assert list_files(state.files).keys() == {
-        name for name in list_named_files(before) if name.endswith("gcode")
+        name for name in list_named_files(old_books) if name.endswith("gcode")
     }
 
 
@@ -211,8 +211,8 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
 
 
 def test_backup_from_before_a_compaction_is_restored(tmp_path):
-    """Its jobs that were pruned since count as pruned again, and nothing that it names is missing."""
-    state, before = fill(tmp_path)
+    """Mark the jobs that were pruned since the backup as pruned again; none of its files is missing."""
+    state, old_books = fill(tmp_path)
     farm, run = begin(state)
     with farm.store:
         asyncio.run(run.prune("ann", dry_run=False))
@@ -220,7 +220,7 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
     for suffix in ("-wal", "-shm"):
         state.books.with_name(state.books.name + suffix).unlink(missing_ok=True)
     store, copied_s = open_books(state, NOW_S)
-    assert copied_s == NOW_S and store.load() == before
+    assert copied_s == NOW_S and store.load() == old_books
     store.close()
     farm, run = begin(state)
     with farm.store:
@@ -229,8 +229,8 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
             farm.controller.handle(ev.BedCleared(at_s=NOW_S, printer=name, by="ann"))
         asyncio.run(run.prune("ann", dry_run=False))
         books = farm.controller.books
-    assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD
-    assert validate_books(books) == validate_books(before)
+    assert [number for number, job in books.jobs.items() if job.pruned_s is not None] == OLD_JOBS
+    assert validate_books(books) == validate_books(old_books)
     assert list_named_files(books) <= list_files(state.files).keys()
 
 
@@ -251,8 +251,8 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
 
     async def nights():
         backup = back_up(state, NOW_S)
-        with monkeypatch.context() as broken:
-            broken.setattr(upkeep, "delete_files", fail)
+        with monkeypatch.context() as patch:
+            patch.setattr(upkeep, "delete_files", fail)
             run.clean_up(backup)
             await asyncio.gather(*run._tasks)
         context = farm.view_context(state)
@@ -270,7 +270,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
 
 
 def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatch):
-    """A full disk prevents the backup, which must not keep the prune from making room."""
+    """Prune although a full disk prevents the backup."""
     state, _ = fill(tmp_path)
     back_up(state, NOW_S - 97 * DAY_S)
 
@@ -289,16 +289,16 @@ def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatc
 
 
 def run_until_killed(state, step):
-    """Prune in a process that is killed before its n-th change; return whether it finished."""
+    """Prune in a process that is killed before its n-th change; return True if it finished."""
     child = os.fork()
     if child == 0:
         try:
-            left = step
+            calls_left = step
 
             def die_at_call(function, *args, **kwargs):
-                nonlocal left
-                left -= 1
-                if left < 0:
+                nonlocal calls_left
+                calls_left -= 1
+                if calls_left < 0:
                     os.kill(os.getpid(), signal.SIGKILL)
                 return function(*args, **kwargs)
 
@@ -324,24 +324,24 @@ CHANGES = (
 
 def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
     for step in range(200):
-        state, before = fill(tmp_path / str(step), events=10)
-        done = run_until_killed(state, step)
+        state, old_books = fill(tmp_path / str(step), events=10)
+        is_done = run_until_killed(state, step)
         farm, run = begin(state)
         with farm.store:
-            check_whole(state, farm.controller.books, before)  # before anything is finished
+            check_whole(state, farm.controller.books, old_books)  # before any change is complete
             asyncio.run(finish(run))
             books = farm.controller.books
             assert list_files(state.files).keys() == list_named_files(books)
-            dead = [link for link in state.jobs.glob("*/*") if not link.exists()]
-            assert not dead
+            dead_links = [link for link in state.jobs.glob("*/*") if not link.exists()]
+            assert not dead_links
             asyncio.run(run.prune("ann", dry_run=False))
-            check_whole(state, farm.controller.books, before)
+            check_whole(state, farm.controller.books, old_books)
             jobs = farm.controller.books.jobs.values()
-            assert sorted(job.id for job in jobs if job.pruned_s is not None) == OLD
+            assert sorted(job.id for job in jobs if job.pruned_s is not None) == OLD_JOBS
             assert min(at_s for at_s, _, _ in farm.store.events()) >= NOW_S - 90 * DAY_S
-        if done:
+        if is_done:
             break
-    assert done and step > 30
+    assert is_done and step > 30
 
 
 async def finish(run):

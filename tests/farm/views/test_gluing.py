@@ -1,4 +1,4 @@
-"""Gluing in the views: the order of parts, the time that it takes, and the beds to clear first."""
+"""Gluing in the views: the order of parts, its duration, and the beds to clear first."""
 
 import csv
 import io
@@ -28,7 +28,7 @@ FLEET = Fleet.model_validate(
 
 @pytest.fixture
 def books():
-    """Three parts, glued in the order 3, 1, 2; their prints have not begun."""
+    """Make books with three parts, glued in the order 3, 1, 2, whose prints have not begun."""
     books = make_printing_books(plates=3)
     ranks = {"1/p01": 2, "1/p02": 3, "1/p03": 1}
     parts = (replace_fields(books.parts[name], glue_rank=rank) for name, rank in ranks.items())
@@ -42,8 +42,8 @@ def describe(books, now_s=10.0):
 
 def print_parts(books):
     for number, name in enumerate(PRINTERS, 1):
-        assigned = ev.PlateAssigned(at_s=2.0, plate=f"1/{number:02d}", printer=name, print_id=name)
-        books, _ = apply_events(books, assigned, make_end_event(name, at_s=200.0 + number))
+        assigned_event = ev.PlateAssigned(at_s=2.0, plate=f"1/{number:02d}", printer=name, print_id=name)
+        books, _ = apply_events(books, assigned_event, make_end_event(name, at_s=200.0 + number))
     return books
 
 
@@ -95,8 +95,10 @@ def test_gluing_is_in_the_lists_of_jobs_and_prints_once_it_is_reported(books):
 
 
 def test_reported_times_correct_those_expected_of_a_later_job(books):
-    later = make_job(2).model_copy(update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0})
-    books = put(print_parts(books), later)
+    later_job = make_job(2).model_copy(
+        update={"assembly_s": 1000.0, "state": JobState.PRINTED, "ended_s": 400.0}
+    )
+    books = put(print_parts(books), later_job)
     assert describe_job(describe(books), books.jobs[2]).assembly_s == pytest.approx(1000.0)
     books, _ = apply_events(
         books, ev.JobAssembled(at_s=5000.0, job=1, minutes=90.0, by="ann")
@@ -112,12 +114,15 @@ def test_page_of_a_job_names_its_instructions(books):
 
 
 def test_other_jobs_take_as_long_as_people_reported():
-    other = make_job().model_copy(update={"assembly_s": 1000.0})
-    assert measure_assembly(other, 50.0, 1.2).end_s == pytest.approx(1250.0)
-    failed = other.model_copy(update={"state": JobState.FAILED})
-    assert measure_assembly(failed, 50.0, 1.2).end_s is None
-    glued = other.model_copy(update={"gluing": Gluing(minutes=10.0, at_s=70.0, by="ann")})
-    assert (measure_assembly(glued, 50.0, 9.0).work_s, measure_assembly(glued, 50.0, 9.0).end_s) == (600, 70)
+    other_job = make_job().model_copy(update={"assembly_s": 1000.0})
+    assert measure_assembly(other_job, 50.0, 1.2).end_s == pytest.approx(1250.0)
+    failed_job = other_job.model_copy(update={"state": JobState.FAILED})
+    assert measure_assembly(failed_job, 50.0, 1.2).end_s is None
+    glued_job = other_job.model_copy(update={"gluing": Gluing(minutes=10.0, at_s=70.0, by="ann")})
+    assert (measure_assembly(glued_job, 50.0, 9.0).work_s, measure_assembly(glued_job, 50.0, 9.0).end_s) == (
+        600,
+        70,
+    )
     assert measure_assembly(make_job(), 50.0, 1.0).work_s is None
 
 
@@ -127,9 +132,9 @@ def test_of_plates_that_take_as_long_the_one_glued_first_is_served_first(books):
             plate.model_copy(update={"expected_s": seconds})
             for plate, seconds in zip(books.plates.values(), expected_s, strict=True)
         ]
-        waiting = describe_plates(plates, books)
-        return [plate.id for plate in sorted(waiting, key=lambda plate: plate.priority_key)]
+        waiting_plates = describe_plates(plates, books)
+        return [plate.id for plate in sorted(waiting_plates, key=lambda plate: plate.priority_key)]
 
     assert serve(3600.0, 3604.0, 3596.0) == ["1/03", "1/01", "1/02"]
     assert serve(3600.0, 9000.0, 3596.0) == ["1/02", "1/03", "1/01"]
-    assert serve(3600.0, 3700.0, 3590.0) == ["1/02", "1/01", "1/03"]  # none ends later by over ten seconds
+    assert serve(3600.0, 3700.0, 3590.0) == ["1/02", "1/01", "1/03"]  # none ends more than ten seconds later

@@ -1,4 +1,4 @@
-"""Lost hosts: one task, and one notice for all that were lost together."""
+"""Lost hosts: one task, and one notice for all hosts lost at the same time."""
 
 from pathlib import Path
 
@@ -22,16 +22,16 @@ LATER_S = 1e6
 
 def make_fleet(hosts, printers_each=2):
     rows = [
-        {"name": f"{host}-{at}", "model": MODEL, "port": f"sim://{MODEL}", "host": host}
+        {"name": f"{host}-{index}", "model": MODEL, "port": f"sim://{MODEL}", "host": host}
         for host in hosts
-        for at in range(1, printers_each + 1)
+        for index in range(1, printers_each + 1)
     ]
     return Fleet.model_validate({"printers": rows})
 
 
 def make_fleet_books(fleet):
-    added = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in fleet.names)
-    return apply_events(Books(), *added)[0]
+    added_events = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in fleet.names)
+    return apply_events(Books(), *added_events)[0]
 
 
 def list_printers(fleet, host):
@@ -72,7 +72,7 @@ def test_lost_host_is_one_task_and_one_notice_until_it_is_back():
 def test_hosts_that_are_lost_together_are_one_notice_that_waits_for_all():
     names = [f"pc-{number:02d}" for number in range(1, 26)]
     fleet = make_fleet(names)
-    events = [make_loss(fleet, host, 100.0 + at * WINDOW_S / 25) for at, host in enumerate(names)]
+    events = [make_loss(fleet, host, 100.0 + index * WINDOW_S / 25) for index, host in enumerate(names)]
     books, _ = apply_events(make_fleet_books(fleet), *events)
     assert list_due_notices(books, 100.0 + WINDOW_S / 2, 0.0, ()) == []
     (notice,) = list_due_notices(books, 100.0 + WINDOW_S, 0.0, ())
@@ -84,14 +84,16 @@ def test_hosts_that_are_lost_together_are_one_notice_that_waits_for_all():
 
 @given(st.lists(st.floats(0.0, 100.0), min_size=1, max_size=12))
 def test_no_loss_joins_a_notice_that_was_sent(at_s):
-    names, sent = [f"pc-{number}" for number in range(len(at_s))], set()
+    names, sent_keys = [f"pc-{number}" for number in range(len(at_s))], set()
     fleet = make_fleet(names, printers_each=1)
     books = make_fleet_books(fleet)
     for host, lost_s in zip(names, sorted(at_s), strict=True):
         books, _ = apply_events(books, make_loss(fleet, host, lost_s))
         loss = books.printer(f"{host}-1").host_loss
-        assert f"hosts {loss.at_s:.0f}" in {due.key for due in list_due_notices(books, LATER_S, 0.0, sent)}
-        sent |= {notice.key for notice in list_due_notices(books, lost_s, 0.0, sent)}
+        assert f"hosts {loss.at_s:.0f}" in {
+            due.key for due in list_due_notices(books, LATER_S, 0.0, sent_keys)
+        }
+        sent_keys |= {notice.key for notice in list_due_notices(books, lost_s, 0.0, sent_keys)}
 
 
 def test_a_printer_that_was_moved_to_another_host_is_not_missed():

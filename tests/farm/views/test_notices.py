@@ -11,17 +11,17 @@ from make_books import apply_events, make_end_event, make_fleet_events, make_job
 LATER_S = 1000.0
 
 
-def list_texts(books, now_s=LATER_S, since_s=0.0, before=()):
-    return [notice.text for notice in list_due_notices(books, now_s, since_s, before)]
+def list_texts(books, now_s=LATER_S, since_s=0.0, known_notices=()):
+    return [notice.text for notice in list_due_notices(books, now_s, since_s, known_notices)]
 
 
 def begin_prints(plates=2):
     names = zip("xyz", "abc", range(1, plates + 1), strict=False)
-    assigned = (
+    assigned_event = (
         ev.PlateAssigned(at_s=2.0, plate=f"1/0{i}", printer=printer, print_id=name)
         for name, printer, i in names
     )
-    return apply_events(make_printing_books(plates), *assigned)[0]
+    return apply_events(make_printing_books(plates), *assigned_event)[0]
 
 
 def test_no_notice_without_a_problem():
@@ -33,21 +33,31 @@ def test_printed_job_and_empty_queue_are_notified_once():
     texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "all jobs have ended"]
     assert list_texts(books) == texts
     assert (
-        list_texts(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
+        list_texts(books, known_notices={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())})
+        == []
     )
     assert list_texts(books, since_s=301.0) == []
     assert list_texts(books, now_s=300.0 + WINDOW_S / 2) == []
-    judged, _ = apply_events(books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab"))
-    keys = [{notice.key for notice in list_due_notices(some, LATER_S, 0.0, ())} for some in (books, judged)]
+    judged_books, _ = apply_events(
+        books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab")
+    )
+    keys = [
+        {notice.key for notice in list_due_notices(books_shown, LATER_S, 0.0, ())}
+        for books_shown in (books, judged_books)
+    ]
     assert keys[0] == keys[1]  # a verdict is no news
-    more, _ = apply_events(books, ev.JobSubmitted(at_s=400.0, job=make_job(2)))
-    assert list_texts(more) == texts[:1]
+    more_books, _ = apply_events(books, ev.JobSubmitted(at_s=400.0, job=make_job(2)))
+    assert list_texts(more_books) == texts[:1]
 
 
 def test_failure_is_notified_but_not_a_cancel():
-    failed = make_end_event("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
+    failed_event = make_end_event(
+        "x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm"
+    )
     books, _ = apply_events(
-        begin_prints(), failed, ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann")
+        begin_prints(),
+        failed_event,
+        ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann"),
     )
     books, _ = apply_events(books, make_end_event("y", PrintState.CANCELLED))
     assert list_texts(books) == ["1/p01 failed on a: it does not get warm"]
@@ -65,8 +75,8 @@ def test_failed_job_is_notified():
 
 
 def test_lost_printer_is_notified_with_its_part():
-    lost = make_end_event("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
-    books, _ = apply_events(begin_prints(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
+    lost_event = make_end_event("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
+    books, _ = apply_events(begin_prints(), lost_event, ev.PrinterLost(at_s=500.0, printer="c"))
     assert list_texts(books) == [
         "1/p01 failed on a: its port is gone",
         "c is lost: the connection to its board is gone",
@@ -74,10 +84,13 @@ def test_lost_printer_is_notified_with_its_part():
 
 
 def test_outage_is_notified_once_for_all_printers():
-    removed = {"fault": "port_lost", "reason": "its port is gone"}
+    failure_fields = {"fault": "port_lost", "reason": "its port is gone"}
     books, _ = apply_events(
         begin_prints(3),
-        *(make_end_event(name, PrintState.FAILED, 200.0 + i, **removed) for i, name in enumerate("xyz")),
+        *(
+            make_end_event(name, PrintState.FAILED, 200.0 + i, **failure_fields)
+            for i, name in enumerate("xyz")
+        ),
     )
     assert list_texts(books) == ["a b c were lost at the same time; nothing starts before `farm resume`"]
     books, _ = apply_events(
@@ -87,11 +100,11 @@ def test_outage_is_notified_once_for_all_printers():
 
 
 def test_ended_dry_run_is_not_notified():
-    attempted = make_job(2).model_copy(
+    dry_run_job = make_job(2).model_copy(
         update={"options": make_job().options.model_copy(update={"dry_run": True})}
     )
     books, _ = apply_events(
-        make_printing_books(), ev.JobSubmitted(at_s=3.0, job=attempted), ev.JobCancelled(at_s=4.0, job=2)
+        make_printing_books(), ev.JobSubmitted(at_s=3.0, job=dry_run_job), ev.JobCancelled(at_s=4.0, job=2)
     )
     assert list_texts(books) == []
 
@@ -101,5 +114,6 @@ def test_restored_database_is_notified_once():
     (text,) = list_texts(books)
     assert text.startswith("the database was damaged and restored")
     assert (
-        list_texts(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
+        list_texts(books, known_notices={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())})
+        == []
     )

@@ -37,7 +37,7 @@ def test_form_does_what_the_api_does_and_says_so_once(farm):
 
 
 @pytest.mark.parametrize(
-    ("path", "fields", "expected"),
+    ("path", "fields", "expected_note"),
     [
         ("/printers/a/pause", {}, "a is not printing"),
         ("/printers/<i>/cleared", {}, "&lt;i&gt;"),
@@ -50,14 +50,16 @@ def test_form_does_what_the_api_does_and_says_so_once(farm):
         ("/outage/confirm", {}, "there is no outage"),
     ],
 )
-def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, expected):
+def test_refusal_is_a_note_on_the_page_and_changes_nothing(farm, path, fields, expected_note):
     session = farm.open_session()
-    before = len(farm.store.events())
+    event_count = len(farm.store.events())
     assert send(farm, session, path, fields) == "/"
     page = farm.browse("GET", "/", session).text
-    assert expected in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
+    assert (
+        expected_note in page[page.index('<p class="problem">') : page.index("</p>", page.index("problem"))]
+    )
     assert "<i>" not in page
-    assert len(farm.store.events()) == before
+    assert len(farm.store.events()) == event_count
 
 
 @pytest.mark.parametrize(

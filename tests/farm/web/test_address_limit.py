@@ -43,7 +43,7 @@ def test_any_address_has_a_group_that_is_its_own(address):
 
 
 async def answer(scope, receive, send):
-    """Answer at once, or to a request that asks for it, never."""
+    """Answer immediately, or never if the request says so."""
     if (b"x-slow", b"yes") in scope["headers"]:
         await asyncio.Event().wait()
     await send({"type": "http.response.start", "status": 200, "headers": []})
@@ -54,21 +54,21 @@ def serve(scenario, limit=16):
     """Serve on loopback, whose addresses 127.0.0.X are clients of their own here."""
 
     async def run():
-        with socket.socket() as listening:
-            listening.bind(("127.0.0.1", 0))
-            listening.listen(64)
-            listening.setblocking(False)
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", 0))
+            listener.listen(64)
+            listener.setblocking(False)
             config = uvicorn.Config(
                 answer, http=PeerProtocol, log_config=None, lifespan="off", timeout_graceful_shutdown=0
             )
             server = AddressLimitedServer(config, limit)
-            serving = asyncio.create_task(server.serve([listening]))
+            serve_task = asyncio.create_task(server.serve([listener]))
             try:
                 async with asyncio.timeout(30.0):
-                    await scenario(server, listening.getsockname())
+                    await scenario(server, listener.getsockname())
             finally:
                 server.should_exit = True
-                await serving
+                await serve_task
 
     asyncio.run(run())
 
@@ -78,9 +78,9 @@ def loopback_addresses_are_clients(monkeypatch):
     monkeypatch.setattr(address_limit, "group_address", lambda host: host)
 
 
-async def connect(at, host, sent=b""):
-    reader, writer = await asyncio.open_connection(*at, local_addr=(host, 0))
-    writer.write(sent)
+async def connect(address, host, sent_bytes=b""):
+    reader, writer = await asyncio.open_connection(*address, local_addr=(host, 0))
+    writer.write(sent_bytes)
     return reader, writer
 
 
@@ -90,33 +90,33 @@ async def wait_until(condition):
 
 
 def test_idle_connections_are_closed_for_their_own_client_only():
-    async def scenario(server, at):
-        other = await connect(at, "127.0.0.2", INCOMPLETE_REQUEST)
+    async def scenario(server, address):
+        other_client = await connect(address, "127.0.0.2", INCOMPLETE_REQUEST)
         await wait_until(lambda: len(server.connections) == 1)
-        flood = [await connect(at, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
-        reader, writer = await connect(at, "127.0.0.1", COMPLETE_REQUEST)
+        flood = [await connect(address, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
+        reader, writer = await connect(address, "127.0.0.1", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
         assert len(server._list_own("127.0.0.1")) <= 4
-        other[1].write(b"Connection: close\r\n\r\n")  # it was not closed for them
-        assert b"well" in await other[0].read()
-        for _, connection in (*flood, (reader, writer), other):
+        other_client[1].write(b"Connection: close\r\n\r\n")  # it was not closed in favour of them
+        assert b"well" in await other_client[0].read()
+        for _, connection in (*flood, (reader, writer), other_client):
             connection.close()
 
     serve(scenario)
 
 
 def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
-    async def scenario(server, at):
-        busy = [await connect(at, "127.0.0.1", SLOW) for _ in range(4)]
+    async def scenario(server, address):
+        busy_clients = [await connect(address, "127.0.0.1", SLOW) for _ in range(4)]
         await wait_until(
             lambda: sum(connection.waiting_since_s is None for connection in server.connections) == 4
         )
-        reader, refused = await connect(at, "127.0.0.1")
+        reader, refused_writer = await connect(address, "127.0.0.1")
         assert await reader.read() == b""
-        reader, writer = await connect(at, "127.0.0.2", COMPLETE_REQUEST)
+        reader, writer = await connect(address, "127.0.0.2", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
         assert len(server._list_own("127.0.0.1")) == 4
-        for _, connection in (*busy, (reader, writer), (reader, refused)):
+        for _, connection in (*busy_clients, (reader, writer), (reader, refused_writer)):
             connection.close()
 
     serve(scenario)
@@ -125,12 +125,12 @@ def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
 def test_client_with_too_many_handshakes_abandons_its_own_oldest():
     config = uvicorn.Config(answer, http=PeerProtocol, log_config=None, lifespan="off")
     server = AddressLimitedServer(config, 16)
-    with ExitStack() as opened:
-        listening = opened.enter_context(closing(socket.create_server(("127.0.0.1", 0))))
+    with ExitStack() as stack:
+        listener = stack.enter_context(closing(socket.create_server(("127.0.0.1", 0))))
 
         def accept(host):
-            opened.enter_context(closing(socket.create_connection(listening.getsockname(), 30, (host, 0))))
-            return opened.enter_context(closing(listening.accept()[0]))
+            stack.enter_context(closing(socket.create_connection(listener.getsockname(), 30, (host, 0))))
+            return stack.enter_context(closing(listener.accept()[0]))
 
         handshakes = {"other": accept("127.0.0.2")}
         handshakes |= {number: accept("127.0.0.1") for number in range(4)}
@@ -141,8 +141,8 @@ def test_client_with_too_many_handshakes_abandons_its_own_oldest():
 
 
 def test_long_head_is_refused():
-    long = [(b"cookie", b"x" * MAX_HEAD_BYTES)]
-    assert check_head(b"/", long).status == 431
+    long_headers = [(b"cookie", b"x" * MAX_HEAD_BYTES)]
+    assert check_head(b"/", long_headers).status == 431
     assert check_head(b"/" * (MAX_HEAD_BYTES + 1), []).status == 431
     assert check_head(b"/", [(b"x", b"y")] * MAX_HEAD_BYTES).status == 431
     assert check_head(b"/", [(b"cookie", b"x" * 8000)]) is None

@@ -58,27 +58,27 @@ def test_route_without_a_role_is_not_served(farm):
     assert farm.went_down == []
 
 
-def list_callers(farm, needed):
+def list_callers(farm, needed_role):
     """List callers of every kind: their headers, and the status with which a route refuses them, or None."""
     keys = {role: farm.add(role).text for role in Role}
-    revoked, expired = farm.add(OPERATE, "gone"), farm.add(OPERATE, "old", days=1.0)
-    farm.keys.revoke(revoked.id, "ann")
-    ended, unused = farm.open_session(user="bob"), farm.open_session(user="eve")
-    farm.keys.revoke(ended.split("_")[1], "bob")
+    revoked_key, expired_key = farm.add(OPERATE, "gone"), farm.add(OPERATE, "old", days=1.0)
+    farm.keys.revoke(revoked_key.id, "ann")
+    ended_session, unused_session = farm.open_session(user="bob"), farm.open_session(user="eve")
+    farm.keys.revoke(ended_session.split("_")[1], "bob")
     farm.clock.now_s += 13 * HOUR_S
     sessions = {role: farm.open_session(role) for role in Role}
     farm.clock.now_s += 11.5 * HOUR_S
-    wrong = ("nonsense", keys[OPERATE][:-1], "ü", revoked.text, expired.text, sessions[OPERATE])
+    wrong_texts = ("nonsense", keys[OPERATE][:-1], "ü", revoked_key.text, expired_key.text, sessions[OPERATE])
     yield "nobody", {}, 401
-    for text in wrong:
+    for text in wrong_texts:
         yield f"key {text}", {"x-api-key": text.encode()}, 401
-    for text in ("nonsense", sessions[OPERATE][:-1], ended, unused, keys[OPERATE]):
+    for text in ("nonsense", sessions[OPERATE][:-1], ended_session, unused_session, keys[OPERATE]):
         yield f"session {text}", OWN_PAGE | farm.hold(text), 401
     operator, session = {"x-api-key": keys[OPERATE]}, farm.hold(sessions[OPERATE])
     yield "other host", operator | {"host": "evil.example"}, 421
     yield "other host, session", OWN_PAGE | session | {"host": "evil.example"}, 421
     for role in Role:
-        status = None if role.allows(needed) else 403
+        status = None if role.allows(needed_role) else 403
         yield f"key {role}", {"x-api-key": keys[role]}, status
         yield f"bearer {role}", {"authorization": f"Bearer {keys[role]}"}, status
         yield f"session {role}", OWN_PAGE | farm.hold(sessions[role]), status
@@ -95,33 +95,35 @@ OTHER_SITES = (
 
 @pytest.mark.parametrize(("method", "path"), ROLES)
 def test_route_for_every_kind_of_caller(farm, method, path):
-    needed, at = ROLES[method, path], fill(path)
-    callers = list(list_callers(farm, needed))
+    needed_role, path_filled = ROLES[method, path], fill(path)
+    callers = list(list_callers(farm, needed_role))
 
     def ask(headers):
-        return farm.ask(method, at, headers=headers, json={"why": "x"}).status_code
+        return farm.ask(method, path_filled, headers=headers, json={"why": "x"}).status_code
 
     def count_events():
         return len(farm.store.events())
 
-    before = count_events()
+    event_count = count_events()
     for name, headers, status in callers:
         if status is not None:
             assert ask(headers) == status, name
-            farm.clock.now_s += 60.0  # or ten wrong ones have to wait
-    held = [headers for name, headers, _ in callers if name in ("key operate", "session operate")]
-    assert len(held) == 2
+            farm.clock.now_s += 60.0  # or ten wrong keys have to wait
+    operator_headers = [headers for name, headers, _ in callers if name in ("key operate", "session operate")]
+    assert len(operator_headers) == 2
     if method == "POST":
-        for headers in held:
+        for headers in operator_headers:
             for site in OTHER_SITES:
                 without = {name: value for name, value in headers.items() if name != "origin"}
                 assert ask(without | site) == 403, site
-        assert ask({"cookie": held[1]["cookie"]}) == 403  # no browser sends a form without its origin
-    assert count_events() == before  # whatever was refused changed nothing
+        assert (
+            ask({"cookie": operator_headers[1]["cookie"]}) == 403
+        )  # no browser sends a form without its origin
+    assert count_events() == event_count  # refused requests changed nothing
     for name, headers, status in callers:
         if status is None and (method, path) != ("POST", "/logout"):
             assert ask(headers) not in REFUSALS, name
-    assert ask(held[1]) not in REFUSALS
+    assert ask(operator_headers[1]) not in REFUSALS
 
 
 def test_event_log_has_the_name_of_a_key_and_never_its_text(farm, tmp_path):
@@ -149,15 +151,15 @@ def test_model_is_submitted_by_a_key_that_may_print(farm):
 
 
 def test_oversized_body_is_refused(farm):
-    long = farm.ask(
+    long_answer = farm.ask(
         "POST", f"{NETWORK_PREFIX}/printers/a/cleared", farm.add(OPERATE).text, content=b"x" * 200_000
     )
-    assert long.status_code == 413
+    assert long_answer.status_code == 413
 
 
 def test_long_headers_are_refused(farm):
-    long = {"x-long": "x" * 20_000}
-    assert farm.ask("GET", LIVENESS, headers=long).status_code == 431
+    long_headers = {"x-long": "x" * 20_000}
+    assert farm.ask("GET", LIVENESS, headers=long_headers).status_code == 431
 
 
 def test_ten_wrong_keys_are_delayed_but_a_valid_key_is_not(farm):

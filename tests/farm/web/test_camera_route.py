@@ -1,4 +1,4 @@
-"""A printer's camera, as callers on the network see it."""
+"""A printer's camera for callers on the network."""
 
 import pytest
 

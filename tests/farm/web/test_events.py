@@ -1,4 +1,4 @@
-"""Streams of the event log: complete, without secrets, and ended with the daemon or the key."""
+"""Streams of the event log: complete, without secrets, and ended by the daemon or with the key."""
 
 import asyncio
 import json
@@ -12,9 +12,9 @@ from farm.http.event_streams import EventStreams, NoEvents
 from farm.model import JobOptions, Role
 from farm.state.event_rows import EventRow
 from recording_controller import MODEL
-from web_farm import HOST, WebFarm, on_network
+from web_farm import HOST, WebFarm, get_network_path
 
-EVENTS = on_network("/events")
+EVENTS = get_network_path("/events")
 
 
 @pytest.fixture
@@ -43,18 +43,20 @@ def test_stream_has_all_events_after_a_number(farm):
     events = read_stream(answer.text)
     assert [number for number, _ in events] == list(range(1, farm.store.find_last_event() + 1))
     assert [event["kind"] for _, event in events] == [kind for _, kind, _ in farm.store.events()]
-    later = farm.ask("GET", EVENTS, key, params={"since": 2, "wait": "false"})
-    assert read_stream(later.text) == events[2:]
-    again = farm.ask("GET", EVENTS, key, headers={"Last-Event-ID": "3"}, params={"since": 0, "wait": "false"})
-    assert read_stream(again.text) == events[3:]
+    later_answer = farm.ask("GET", EVENTS, key, params={"since": 2, "wait": "false"})
+    assert read_stream(later_answer.text) == events[2:]
+    repeated_answer = farm.ask(
+        "GET", EVENTS, key, headers={"Last-Event-ID": "3"}, params={"since": 0, "wait": "false"}
+    )
+    assert read_stream(repeated_answer.text) == events[3:]
     assert read_stream(farm.ask("GET", EVENTS, key, params={"wait": "false"}).text) == []
 
 
 def test_event_names_job_and_person_but_no_file_and_no_hash(farm):
     key = farm.add_key(Role.LOOK)
     text = farm.ask("GET", EVENTS, key, params={"since": 0, "wait": "false"}).text
-    submitted = next(event for _, event in read_stream(text) if event["kind"] == "JobSubmitted")
-    assert (submitted["job"], submitted["by"]) == (1, "ann")
+    submitted_event = next(event for _, event in read_stream(text) if event["kind"] == "JobSubmitted")
+    assert (submitted_event["job"], submitted_event["by"]) == (1, "ann")
     assert farm.controller.books.keys[key.id].digest not in text
     assert MODEL.file not in text
     assert "r" * 8 not in text
@@ -66,8 +68,8 @@ def test_number_that_the_log_does_not_have_yet_is_refused(farm):
     answer = farm.ask("GET", EVENTS, key, params={"since": 1000})
     assert answer.status_code == 409
     assert f"since={farm.store.find_last_event()}" in answer.json()["error"]
-    for wrong in ("x", "-1", str(2**63)):
-        assert farm.ask("GET", EVENTS, key, headers={"Last-Event-ID": wrong}).status_code == 400
+    for number in ("x", "-1", str(2**63)):
+        assert farm.ask("GET", EVENTS, key, headers={"Last-Event-ID": number}).status_code == 400
 
 
 def follow_stream(farm, key, react):
@@ -103,8 +105,8 @@ def test_stream_shows_a_new_event_and_ends_when_the_key_is_revoked(farm):
             farm.keys.revoke(key.id, "ann")
 
     text = follow_stream(farm, key, react)
-    cancelled = next(event for _, event in read_stream(text) if event["kind"] == "JobCancelled")
-    assert (cancelled["job"], cancelled["by"]) == (1, "bob")
+    cancelled_event = next(event for _, event in read_stream(text) if event["kind"] == "JobCancelled")
+    assert (cancelled_event["job"], cancelled_event["by"]) == (1, "bob")
     assert "KeyRevoked" not in text
 
 

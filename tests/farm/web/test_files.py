@@ -8,9 +8,9 @@ from farm.model import JobOptions, Role
 from farm.planning.plan import Plan
 from make_books import make_plan_event
 from recording_controller import MODEL
-from web_farm import WebFarm, on_network
+from web_farm import WebFarm, get_network_path
 
-FILES = on_network("/jobs/1/files")
+FILES = get_network_path("/jobs/1/files")
 
 
 @pytest.fixture
@@ -18,11 +18,11 @@ def farm(tmp_path):
     farm = WebFarm(tmp_path)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     content = b"solid part"
-    stored = f"{hashlib.sha256(content).hexdigest()}.stl"
-    (farm.state.files / stored).write_bytes(content)
+    file_name = f"{hashlib.sha256(content).hexdigest()}.stl"
+    (farm.state.files / file_name).write_bytes(content)
     (farm.state.files / "secret.txt").write_text("secret")
     event = make_plan_event(1, 2)
-    parts = (event.parts[0].model_copy(update={"file": stored}), *event.parts[1:])
+    parts = (event.parts[0].model_copy(update={"file": file_name}), *event.parts[1:])
     farm.controller.on_plan(1, Plan(parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     yield farm
     farm.store.close()
@@ -30,16 +30,16 @@ def farm(tmp_path):
 
 def test_existing_files_are_listed_and_sent_with_their_hash(farm):
     key = farm.add_key(Role.LOOK)
-    (listed,) = farm.ask("GET", FILES, key).json()["files"]
-    assert listed["name"] == "p01.stl"
+    (file_view,) = farm.ask("GET", FILES, key).json()["files"]
+    assert file_view["name"] == "p01.stl"
     answer = farm.ask("GET", f"{FILES}/p01.stl", key)
     assert answer.status_code == 200
-    assert hashlib.sha256(answer.content).hexdigest() == listed["sha256"]
-    assert len(answer.content) == listed["size"]
+    assert hashlib.sha256(answer.content).hexdigest() == file_view["sha256"]
+    assert len(answer.content) == file_view["size"]
     assert answer.headers["content-disposition"].startswith("attachment")
     part = farm.ask("GET", f"{FILES}/p01.stl", key, headers={"range": "bytes=6-"})
     assert (part.status_code, part.content) == (206, b"part")
-    assert farm.ask_socket("GET", "/jobs/1/files").json()["files"] == [listed]
+    assert farm.ask_socket("GET", "/jobs/1/files").json()["files"] == [file_view]
 
 
 @pytest.mark.parametrize(
@@ -55,4 +55,4 @@ def test_other_file_names_are_not_found(farm, name):
 
 
 def test_files_of_an_unknown_job_are_not_found(farm):
-    assert farm.ask("GET", on_network("/jobs/7/files"), farm.add_key(Role.LOOK)).status_code == 404
+    assert farm.ask("GET", get_network_path("/jobs/7/files"), farm.add_key(Role.LOOK)).status_code == 404

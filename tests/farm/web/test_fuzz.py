@@ -28,24 +28,24 @@ def farm(tmp_path):
 
 async def fuzz(farm, requests):
     """Send requests to a server, several at once. Returns each with its statuses."""
-    listening = socket.create_server(("127.0.0.1", 0))
-    listening.setblocking(False)
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.setblocking(False)
     config = uvicorn.Config(
         farm.web, http=PeerProtocol, ws="none", log_config=None, lifespan="off", access_log=False
     )
     server = BoundedServer(config, 64)
-    serving = asyncio.create_task(server.serve(sockets=[listening]))
-    port, waiting, answers = listening.getsockname()[1], list(requests), []
+    serve_task = asyncio.create_task(server.serve(sockets=[listener]))
+    port, waiting_requests, answers = listener.getsockname()[1], list(requests), []
 
     async def work():
-        while waiting:
-            request = waiting.pop()
+        while waiting_requests:
+            request = waiting_requests.pop()
             answers.append((request, await send(port, request, ANSWER_S)))
 
     await asyncio.gather(*(work() for _ in range(AT_ONCE)))
     server.should_exit = True
-    await asyncio.wait_for(serving, PATIENCE_S)
-    listening.close()
+    await asyncio.wait_for(serve_task, PATIENCE_S)
+    listener.close()
     return answers
 
 
@@ -68,17 +68,19 @@ def is_guarded(request):
 
 
 def test_requests_with_the_role_look_change_nothing(farm):
-    revoked = farm.add(Role.OPERATE, "revoked")
-    farm.keys.revoke(revoked.id, "ann")
+    revoked_key = farm.add(Role.OPERATE, "revoked")
+    farm.keys.revoke(revoked_key.id, "ann")
     look = farm.add(Role.LOOK).text
-    keys = {"": "", "wrong": "farm_key_x", "revoked": revoked.text, "look": look}
+    keys = {"": "", "wrong": "farm_key_x", "revoked": revoked_key.text, "look": look}
     events = farm.store.events()
     answers = run(farm, keys, 250, seed=1)
     assert list_failures(answers) == []
     assert farm.store.events() == events
     assert farm.controller.books.jobs == {} and not list(farm.state.work.iterdir())
-    served = {request.caller for request, statuses in answers if 200 in statuses and is_guarded(request)}
-    assert served == {"look"}
+    callers_served = {
+        request.caller for request, statuses in answers if 200 in statuses and is_guarded(request)
+    }
+    assert callers_served == {"look"}
 
 
 def test_requests_with_every_role_do_not_fail(farm):
@@ -86,14 +88,14 @@ def test_requests_with_every_role_do_not_fail(farm):
     events = len(farm.store.events())
     answers = run(farm, keys, 250, seed=2)
     assert list_failures(answers) == []
-    changed = sum(200 <= status < 300 for request, statuses in answers for status in statuses if
+    change_count = sum(200 <= status < 300 for request, statuses in answers for status in statuses if
                   request.method != "GET")  # fmt: skip
-    assert 0 < len(farm.store.events()) - events <= 5 * changed
+    assert 0 < len(farm.store.events()) - events <= 5 * change_count
     assert farm.went_down == [] and not list(farm.state.work.iterdir())
 
 
 def test_a_stream_is_read_until_its_first_event():
-    """Streams do not end: the first whole run of the bench waited for one forever."""
+    """Stop reading a stream at its first event, as streams do not end."""
 
     async def stream(reader, writer):
         await reader.readuntil(b"\r\n\r\n")

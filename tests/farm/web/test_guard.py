@@ -40,7 +40,7 @@ def test_any_host_is_accepted_or_refused(host):
 
 
 @pytest.mark.parametrize(
-    ("method", "origin", "site", "allowed"),
+    ("method", "origin", "site", "is_allowed"),
     [
         ("POST", None, None, True),  # a program
         ("POST", "http://pc-b:8467", None, True),  # a browser on a plain-HTTP name sends no Sec-Fetch-Site
@@ -55,32 +55,32 @@ def test_any_host_is_accepted_or_refused(host):
         ("GET", "http://evil.example", "cross-site", True),  # changes nothing, and shows nothing without CORS
     ],
 )
-def test_change_never_comes_from_another_site(method, origin, site, allowed):
-    assert (check_origin(method, "pc-b:8467", origin, site) is None) is allowed
+def test_change_never_comes_from_another_site(method, origin, site, is_allowed):
+    assert (check_origin(method, "pc-b:8467", origin, site) is None) is is_allowed
 
 
 def test_address_with_ten_wrong_keys_waits_for_a_minute():
-    wrong = WrongKeys()
+    wrong_keys = WrongKeys()
     for number in range(WRONG_KEYS):
-        assert wrong.check("10.0.0.9", number) is None
-        wrong.add("10.0.0.9", number)
+        assert wrong_keys.check("10.0.0.9", number) is None
+        wrong_keys.add("10.0.0.9", number)
     last_s = WRONG_KEYS - 1
-    assert wrong.check("10.0.0.9", last_s + WAIT_S - 0.1).status == 429
-    assert wrong.check("10.0.0.8", last_s) is None
-    assert wrong.check("10.0.0.9", last_s + WAIT_S) is None
-    wrong.add("10.0.0.9", last_s + WAIT_S)
-    assert wrong.check("10.0.0.9", last_s + WAIT_S) is None
+    assert wrong_keys.check("10.0.0.9", last_s + WAIT_S - 0.1).status == 429
+    assert wrong_keys.check("10.0.0.8", last_s) is None
+    assert wrong_keys.check("10.0.0.9", last_s + WAIT_S) is None
+    wrong_keys.add("10.0.0.9", last_s + WAIT_S)
+    assert wrong_keys.check("10.0.0.9", last_s + WAIT_S) is None
 
 
 def test_memory_of_counted_addresses_is_limited():
-    wrong = WrongKeys()
+    wrong_keys = WrongKeys()
     for number in range(5000):
-        wrong.add(f"address {number}", 0.0)
-    assert len(wrong._counts) == 1000
+        wrong_keys.add(f"address {number}", 0.0)
+    assert len(wrong_keys._counts) == 1000
 
 
 @pytest.mark.parametrize(
-    ("method", "origin", "site", "allowed"),
+    ("method", "origin", "site", "is_allowed"),
     [
         ("GET", None, None, True),
         ("POST", "http://pc-b:8467", None, True),
@@ -89,5 +89,5 @@ def test_memory_of_counted_addresses_is_limited():
         ("DELETE", None, None, False),
     ],
 )
-def test_change_in_a_session_names_the_page_that_it_comes_from(method, origin, site, allowed):
-    assert (check_page(method, origin, site) is None) is allowed
+def test_change_in_a_session_names_the_page_that_it_comes_from(method, origin, site, is_allowed):
+    assert (check_page(method, origin, site) is None) is is_allowed

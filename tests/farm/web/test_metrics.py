@@ -19,23 +19,23 @@ def read(text):
     }
 
 
-def totals(samples):
+def sum_totals(samples):
     return {key: value for key, value in samples.items() if key[0].endswith("_total")}
 
 
 def test_prints_are_counted_by_outcome_and_never_fall_over_a_restart(tmp_path):
     farm = ScrapedFarm(tmp_path)
-    before = {}
+    old_totals = {}
     for state in (DONE, FAILED, DONE):
         farm.print_plate(state)
-        now = totals(read(farm.scrape()))
-        assert all(now[key] >= value for key, value in before.items())
-        before = now
-    assert before["farm_prints_total", "a", "done"] == 2
-    assert before["farm_prints_total", "a", "failed"] == 1
-    assert before["farm_print_seconds_total", "a", "done"] == pytest.approx(200.0, abs=1.0)
+        new_totals = sum_totals(read(farm.scrape()))
+        assert all(new_totals[key] >= value for key, value in old_totals.items())
+        old_totals = new_totals
+    assert old_totals["farm_prints_total", "a", "done"] == 2
+    assert old_totals["farm_prints_total", "a", "failed"] == 1
+    assert old_totals["farm_print_seconds_total", "a", "done"] == pytest.approx(200.0, abs=1.0)
     farm.restart()
-    assert totals(read(farm.scrape())) == before
+    assert sum_totals(read(farm.scrape())) == old_totals
 
 
 def test_each_printer_has_one_state_and_an_absent_reading_has_no_sample(tmp_path):

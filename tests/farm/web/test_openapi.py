@@ -6,7 +6,7 @@ import pytest
 
 from farm.model import Role
 from farm.web.access import LIVENESS, METRICS, ROLES, SCHEMA, SCHEMA_PAGE, find_role
-from web_farm import WebFarm, on_network
+from web_farm import WebFarm, get_network_path
 
 OWN_DESCRIPTION = {("GET", SCHEMA), ("GET", SCHEMA_PAGE)}
 
@@ -39,11 +39,13 @@ def list_references(value):
 
 def test_every_served_route_is_described_with_its_role_and_no_other(document):
     operations = list_operations(document)
-    described = {place for place in ROLES if place[1].startswith(on_network("/"))} - OWN_DESCRIPTION
-    assert operations.keys() == described | {("GET", METRICS), ("GET", LIVENESS)}
+    described_routes = {
+        place for place in ROLES if place[1].startswith(get_network_path("/"))
+    } - OWN_DESCRIPTION
+    assert operations.keys() == described_routes | {("GET", METRICS), ("GET", LIVENESS)}
     for (verb, path), operation in operations.items():
         assert (verb, path) == ("GET", LIVENESS) or operation["x-role"] == find_role(verb, path)
-    assert on_network("/down") not in document["paths"]
+    assert get_network_path("/down") not in document["paths"]
     ids = [operation["operationId"] for operation in operations.values()]
     assert len(set(ids)) == len(ids)
 
@@ -61,9 +63,9 @@ def test_every_answer_has_a_schema_and_every_reference_is_there(document):
 
 def test_refusal_and_an_answer_have_the_fields_that_are_described(farm, document):
     schemas = document["components"]["schemas"]
-    refusal = farm.ask("GET", on_network("/status")).json()
+    refusal = farm.ask("GET", get_network_path("/status")).json()
     assert refusal.keys() == set(schemas["Problem"]["required"])
-    status = farm.ask("GET", on_network("/status"), farm.add_key(Role.LOOK, "two")).json()
+    status = farm.ask("GET", get_network_path("/status"), farm.add_key(Role.LOOK, "two")).json()
     assert set(schemas["Status"]["required"]) <= status.keys() <= schemas["Status"]["properties"].keys()
 
 

@@ -1,4 +1,4 @@
-"""A farm on the network, as another host reaches it: real daemon, real TLS, real keys."""
+"""Farm on the network, used from another host: real daemon, real TLS, real keys."""
 
 import json
 import os
@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 from bench.web_load import list_incomplete_requests
-from real_farm import RealFarm, free_port, wait_for
+from real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = pytest.mark.system
 HALF = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
@@ -58,9 +58,9 @@ def open_session(link, origin, context):
     """Press the button of a link; return the cookie."""
     opener = urllib.request.build_opener(urllib.request.HTTPSHandler(context=context), KeepRedirect)
     request = urllib.request.Request(link, method="POST", data=b"", headers={"Origin": origin})
-    with pytest.raises(urllib.error.HTTPError, match="303") as raised:
+    with pytest.raises(urllib.error.HTTPError, match="303") as error:
         opener.open(request, timeout=30)
-    with raised.value as answer:
+    with error.value as answer:
         return answer.headers["Set-Cookie"].partition(";")[0]
 
 
@@ -72,7 +72,7 @@ def farm(tmp_path):
 
 
 def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_path):
-    port = free_port()
+    port = find_free_port()
     cert, key = make_certificate(tmp_path)
     farm.fleet.write_text(
         farm.fleet.read_text() + f"web: {{listen: '0.0.0.0:{port}', tls: {{cert: {cert}, key: {key}}}}}\n"
@@ -81,21 +81,21 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     assert "it has no key yet" in farm.ok("key")
     with closing(socket.socket()) as probe:  # nothing listens before there is a key
         assert probe.connect_ex(("127.0.0.1", port)) != 0
-    added = farm.ok("key", "add", "laptop", "--role", "look").strip()
+    added_key = farm.ok("key", "add", "laptop", "--role", "look").strip()
     context = ssl.create_default_context(cafile=cert)
     wait_for("the server", lambda: "closed" not in farm.ok("key").splitlines()[0], 30.0)
     assert reach(port, "/healthz", context) == (200, b'{"status":"ok"}')
     assert reach(port, "/api/v1/status", context)[0] == 401
-    assert reach(port, "/status", context, added)[0] == 404
+    assert reach(port, "/status", context, added_key)[0] == 404
 
     file = tmp_path / "key"
     file.touch(mode=0o600)
-    file.write_text(added + "\n")
+    file.write_text(added_key + "\n")
     url = f"https://localhost:{port}"
     environment = {"FARM_URL": url, "FARM_KEY_FILE": str(file), "SSL_CERT_FILE": str(cert)}
     assert json.loads(farm.ok("status", "--json", **environment))["printers"][0]["name"] == "um2-01"
-    refused = farm.run("cleared", "um2-01", **environment)
-    assert (refused.returncode, "needs a key with the role operate; laptop has look" in refused.stderr) == (
+    result = farm.run("cleared", "um2-01", **environment)
+    assert (result.returncode, "needs a key with the role operate; laptop has look" in result.stderr) == (
         5,
         True,
     )
@@ -107,8 +107,8 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     assert answer["job"]["submitted_by"] == "key ann"
     file.chmod(0o644)
     assert "chmod 600" in farm.run("status", **environment).stderr
-    listed = json.loads(farm.ok("key", "--json"))["keys"]
-    assert [(listed_key["name"], listed_key["used"] is not None) for listed_key in listed] == [
+    listed_keys = json.loads(farm.ok("key", "--json"))["keys"]
+    assert [(listed_key["name"], listed_key["used"] is not None) for listed_key in listed_keys] == [
         ("laptop", True),
         ("ann", True),
     ]
@@ -117,15 +117,15 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
     session = open_session(url + "/login/" + link["url"].rpartition("/")[2], url, context)
     assert session.startswith(f"__Host-farm-{port}=session_")
     page = urllib.request.Request(url, headers={"Cookie": session})
-    with urllib.request.urlopen(page, timeout=30, context=context) as shown:
-        assert f"{link['user']} (operate)" in shown.read().decode()
+    with urllib.request.urlopen(page, timeout=30, context=context) as response:
+        assert f"{link['user']} (operate)" in response.read().decode()
     assert farm.ok("web", "--end-all") == "1 session ended\n"
-    with pytest.raises(urllib.error.HTTPError, match="401") as ended:
+    with pytest.raises(urllib.error.HTTPError, match="401") as error:
         urllib.request.urlopen(page, timeout=30, context=context)
-    ended.value.close()
-    farm.ok("key", "revoke", listed[0]["id"])
-    assert reach(port, "/api/v1/status", context, added)[0] == 401
-    # a client that never begins its handshake does not keep others waiting
+    error.value.close()
+    farm.ok("key", "revoke", listed_keys[0]["id"])
+    assert reach(port, "/api/v1/status", context, added_key)[0] == 401
+    # a client that never begins its handshake does not delay others
     with ExitStack() as idle:
         for _ in range(100):
             idle.enter_context(socket.create_connection(("127.0.0.1", port), 30))
@@ -133,8 +133,8 @@ def test_another_host_sees_and_submits_over_tls_as_its_role_allows(farm, tmp_pat
 
 
 def test_slow_network_clients_do_not_delay_the_socket(farm):
-    with closing(socket.create_server(("127.0.0.1", 0))) as other:
-        port = other.getsockname()[1]
+    with closing(socket.create_server(("127.0.0.1", 0))) as other_listener:
+        port = other_listener.getsockname()[1]
         farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
         farm.up()
         assert "Address already in use" in farm.ok("key")
@@ -152,14 +152,14 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
 
 
 def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_path):
-    port = free_port()
+    port = find_free_port()
     farm.fleet.write_text(farm.fleet.read_text() + f"web: {{listen: '127.0.0.1:{port}'}}\n")
     farm.up()
     key = farm.ok("key", "add", "ann", "--role", "print").strip()
     beginnings = list_incomplete_requests(key)
-    with ExitStack() as hanging:
+    with ExitStack() as stack:
         for number in range(150):
-            client = hanging.enter_context(socket.create_connection(("127.0.0.1", port), 30))
+            client = stack.enter_context(socket.create_connection(("127.0.0.1", port), 30))
             client.send(beginnings[number % len(beginnings)])
         status = farm.status()
         agent = status["printers"][0]["agent_pid"]
@@ -175,7 +175,7 @@ def test_daemon_ends_in_time_with_hanging_clients_and_half_uploads(farm, tmp_pat
 
 
 def is_running(pid):
-    """Return whether a process runs; one that has ended and is not waited for does not."""
+    """Check whether a process runs and is no zombie."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
     except FileNotFoundError:

@@ -9,7 +9,7 @@ from farm.http import NetworkState
 from farm.web import NetworkServer
 
 
-def free_address():
+def find_free_address():
     with closing(socket.socket()) as probe:
         probe.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{probe.getsockname()[1]}"
@@ -37,7 +37,7 @@ def run(section, has_key, until):
 
 def test_missing_certificate_is_named(tmp_path):
     tls = {"cert": tmp_path / "cert.pem", "key": tmp_path / "key.pem"}
-    section = WebSection.model_validate({"listen": free_address(), "tls": tls})
+    section = WebSection.model_validate({"listen": find_free_address(), "tls": tls})
     problem = run(section, lambda: True, lambda state: state.problem)
     assert f"the certificate {tmp_path / 'cert.pem'} with the key {tmp_path / 'key.pem'}" in problem
     assert "No such file" in problem

@@ -1,4 +1,4 @@
-"""Sessions in a browser: the link, the cookie, the pages, and who did what."""
+"""Sessions in a browser: link, cookie, pages, and names in the event log."""
 
 import asyncio
 import grp
@@ -14,7 +14,7 @@ from farm.model import Role
 from farm.state.storage import StoreError
 from farm.web.cookies import SessionCookie
 from farm.web.pages.static_files import find_address
-from http_caller import DAEMON_USER, called_by
+from http_caller import DAEMON_USER, call_as
 from network_farm import HOST, OWN_PAGE, NetworkFarm
 
 TLS = {"tls": {"cert": "c.pem", "key": "k.pem"}}
@@ -40,23 +40,23 @@ def read_cookie(answer):
 
 def test_link_is_used_by_its_button_only_and_once(farm):
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
-    for _ in range(3):  # as the preview of a chat program does
+    for _ in range(3):  # like the preview of a chat program
         page = farm.ask("GET", link)
         assert page.status_code == 200
         assert "Log in as ann" in page.text
         assert "set-cookie" not in page.headers
     assert list_sessions(farm) == []
-    opened = farm.browse("POST", link)
-    assert (opened.status_code, opened.headers["location"]) == (303, "/")
-    text, attributes = read_cookie(opened)
+    log_in_answer = farm.browse("POST", link)
+    assert (log_in_answer.status_code, log_in_answer.headers["location"]) == (303, "/")
+    text, attributes = read_cookie(log_in_answer)
     assert {"httponly", "samesite=lax", "path=/"} <= attributes
     assert "secure" not in attributes
     assert farm.browse("GET", "/", text).status_code == 200
     for method in ("GET", "POST"):
-        used = farm.browse(method, link)
-        assert used.status_code == 404
-        assert "was used or has expired" in used.text
-        assert "set-cookie" not in used.headers
+        answer = farm.browse(method, link)
+        assert answer.status_code == 404
+        assert "was used or has expired" in answer.text
+        assert "set-cookie" not in answer.headers
     assert len(list_sessions(farm)) == 1
 
 
@@ -80,9 +80,9 @@ def test_page_of_another_site_opens_no_session(farm, headers):
 def test_cookie_over_https_is_secure_and_of_this_host_alone(tmp_path, web):
     farm = NetworkFarm(tmp_path, web)
     link = f"/login/{farm.sessions.make_link('ann', Role.PRINT)}"
-    opened = farm.browse("POST", link)
-    assert opened.headers["set-cookie"].startswith("__Host-farm-8467=session_")
-    text, attributes = read_cookie(opened)
+    log_in_answer = farm.browse("POST", link)
+    assert log_in_answer.headers["set-cookie"].startswith("__Host-farm-8467=session_")
+    text, attributes = read_cookie(log_in_answer)
     assert {"secure", "path=/"} <= attributes
     assert not any(attribute.startswith("domain") for attribute in attributes)
     assert farm.browse("GET", "/", text).status_code == 200
@@ -156,20 +156,20 @@ def test_static_files_need_no_session_and_are_kept_by_their_version(farm):
 
 
 def test_browser_without_a_session_gets_a_page_and_a_program_gets_json(farm):
-    for status, path, more in ((401, "/", {}), (421, "/", {"host": "evil.example"}), (401, "/x", {})):
-        page = farm.ask("GET", path, headers={"accept": "text/html,*/*"}, **more)
+    for status, path, headers in ((401, "/", {}), (421, "/", {"host": "evil.example"}), (401, "/x", {})):
+        page = farm.ask("GET", path, headers={"accept": "text/html,*/*"}, **headers)
         assert (page.status_code, page.headers["content-type"]) == (status, "text/html; charset=utf-8")
-        assert farm.ask("GET", path, **more).json()["exit_code"] == 5
-    missing = farm.browse("GET", "/<i>", farm.open_session())
-    assert missing.status_code == 404
-    assert "/&lt;i&gt;" in missing.text
+        assert farm.ask("GET", path, **headers).json()["exit_code"] == 5
+    missing_page = farm.browse("GET", "/<i>", farm.open_session())
+    assert missing_page.status_code == 404
+    assert "/&lt;i&gt;" in missing_page.text
 
 
 def ask_socket(farm, person, path):
     """Send a request over the Unix socket as a person."""
 
     async def call():
-        transport = httpx.ASGITransport(called_by(person, farm.unix))
+        transport = httpx.ASGITransport(call_as(person, farm.unix))
         async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
             return await client.post(path, json={})
 
@@ -180,8 +180,8 @@ def test_event_log_names_every_kind_of_caller(farm):
     farm.browse("POST", CLEARED, farm.open_session(Role.OPERATE, "ann"), json={})
     farm.ask("POST", CLEARED, farm.add(Role.OPERATE, "panel").text, json={})
     assert ask_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
-    cleared = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
-    assert cleared == ["ann", "key panel", DAEMON_USER.name]
+    cleared_event = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
+    assert cleared_event == ["ann", "key panel", DAEMON_USER.name]
 
 
 STRANGER = Person(uid=54321, gid=54321)
@@ -198,8 +198,8 @@ STRANGER = Person(uid=54321, gid=54321)
 )
 def test_link_is_for_the_user_whom_the_kernel_names(tmp_path, group, person, role):
     farm = NetworkFarm(tmp_path, fleet={"operators": group})
-    off = ask_socket(farm, person, "/sessions/link")
-    assert (off.status_code, "write `web: {}` into fleet.yaml" in off.text) == (409, True)
+    refusal = ask_socket(farm, person, "/sessions/link")
+    assert (refusal.status_code, "write `web: {}` into fleet.yaml" in refusal.text) == (409, True)
     network = farm.services.network
     network.browser_url, network.problem = "https://farm.lab:1", "Address already in use"
     assert "Address already in use" in ask_socket(farm, person, "/sessions/link").text
@@ -252,8 +252,8 @@ def test_session_does_no_more_than_its_user_may_now(farm):
     text = farm.open_session(Role.OPERATE, "ann")
     assert farm.browse("POST", CLEARED, text, json={}).status_code == 200
     farm.user_roles["ann"] = Role.PRINT
-    refused = farm.browse("POST", CLEARED, text, json={})
-    assert (refused.status_code, "needs a key with the role operate; ann has print" in refused.text) == (
+    answer = farm.browse("POST", CLEARED, text, json={})
+    assert (answer.status_code, "needs a key with the role operate; ann has print" in answer.text) == (
         403,
         True,
     )
@@ -266,7 +266,7 @@ def test_session_does_no_more_than_its_user_may_now(farm):
 
 
 def test_session_does_no_more_than_it_was_opened_for(farm):
-    text = farm.open_session(Role.PRINT, "ann")  # who becomes an operator logs in again
+    text = farm.open_session(Role.PRINT, "ann")  # a user who becomes an operator logs in again
     assert farm.browse("POST", CLEARED, text, json={}).status_code == 403
 
 
@@ -290,26 +290,26 @@ def test_key_opens_a_session_of_its_role_and_name(farm, role):
     assert 'action="/login"' in farm.browse("GET", "/login").text
     assert 'action="/login"' in farm.browse("GET", "/").text
     key = farm.add(role, "panel")
-    opened = farm.log_in(f" {key.text}\n")  # as pasted
-    assert (opened.status_code, opened.headers["location"]) == (303, "/")
-    text, attributes = read_cookie(opened)
+    log_in_answer = farm.log_in(f" {key.text}\n")  # as pasted
+    assert (log_in_answer.status_code, log_in_answer.headers["location"]) == (303, "/")
+    text, attributes = read_cookie(log_in_answer)
     assert {"httponly", "samesite=lax", "path=/"} <= attributes
     assert f"key panel ({role})" in farm.browse("GET", "/", text).text
-    changed = farm.browse("POST", CLEARED, text, json={})
-    assert changed.status_code == (200 if role is Role.OPERATE else 403)
+    change_answer = farm.browse("POST", CLEARED, text, json={})
+    assert change_answer.status_code == (200 if role is Role.OPERATE else 403)
     if role is Role.OPERATE:
         assert json.loads(farm.read_last_event()[1])["by"] == "key panel"
     assert farm.services.key_uses_s[key.id] == farm.clock.now_s
 
 
 def test_session_of_a_key_ends_with_the_key(farm):
-    lasting, short = farm.add(Role.LOOK, "a"), farm.add(Role.LOOK, "b", days=0.25)
-    texts = [read_cookie(farm.log_in(key.text))[0] for key in (lasting, short)]
+    lasting_key, short_key = farm.add(Role.LOOK, "a"), farm.add(Role.LOOK, "b", days=0.25)
+    texts = [read_cookie(farm.log_in(key.text))[0] for key in (lasting_key, short_key)]
     farm.clock.now_s += 5 * 3600.0
     assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 200]
     farm.clock.now_s += 3600.0  # the second key has expired, though its session is in use
     assert [farm.browse("GET", "/", text).status_code for text in texts] == [200, 401]
-    farm.keys.revoke(lasting.id, "ann")
+    farm.keys.revoke(lasting_key.id, "ann")
     assert farm.browse("GET", "/", texts[0]).status_code == 401
     assert all(session.revoked_s or session.expires_s <= farm.clock.now_s for session in list_sessions(farm))
 

@@ -1,4 +1,4 @@
-"""Weight of the pages as they are sent, and what they load."""
+"""Size of the sent pages, and the files that they load."""
 
 import gzip
 
@@ -26,16 +26,16 @@ def test_first_page_of_a_hundred_printers_is_light(tmp_path):
     )
     printers = [
         status.printers[0].model_copy(
-            update={"name": f"um2-{at:03d}", "print": progress, "nozzle_c": 180.0 + at, "bed_c": 60.0}
+            update={"name": f"um2-{index:03d}", "print": progress, "nozzle_c": 180.0 + index, "bed_c": 60.0}
         )
-        for at in range(100)
+        for index in range(100)
     ]
     page = publish_page(
         render_home(status.model_copy(update={"printers": printers}), Reader("a", Role.OPERATE))
     )
-    loaded = [file for name, file in load_static_files().items() if f"/static/{name}?" in page]
-    assert len(loaded) >= 4  # style sheet, icon and scripts
-    weight = len(gzip.compress(page.encode())) + sum(len(file.compressed) for file in loaded)
+    loaded_files = [file for name, file in load_static_files().items() if f"/static/{name}?" in page]
+    assert len(loaded_files) >= 4  # style sheet, icon and scripts
+    weight = len(gzip.compress(page.encode())) + sum(len(file.compressed) for file in loaded_files)
     assert weight < FIRST_PAGE_BYTES
 
 
@@ -52,10 +52,10 @@ def test_page_is_compressed_for_clients_that_read_it(tmp_path):
     page = network.browse("GET", "/", session)
     assert page.headers["content-encoding"] == "gzip"
     assert page.headers["vary"].lower() == "accept-encoding"
-    plain = network.browse("GET", "/", session, {"accept-encoding": "identity"})
-    assert "content-encoding" not in plain.headers
-    assert int(plain.headers["content-length"]) == len(plain.content)
-    assert plain.text == page.text
+    plain_page = network.browse("GET", "/", session, {"accept-encoding": "identity"})
+    assert "content-encoding" not in plain_page.headers
+    assert int(plain_page.headers["content-length"]) == len(plain_page.content)
+    assert plain_page.text == page.text
     assert "content-encoding" not in network.ask("GET", "/healthz").headers
     network.store.close()
 

@@ -1,4 +1,4 @@
-"""Printed outlines against the model: drawn by hand, and by the real engine."""
+"""Printed outlines compared with the model: written by the test, and by the real engine."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -31,18 +31,18 @@ TUBE = trimesh.boolean.difference([BOX, trimesh.creation.cylinder(5, 20, section
 FIN = trimesh.boolean.union([BOX, trimesh.creation.box((0.3, 12, 9), MOVE((4, 0, 9)))])
 
 
-def rings(shape, lines=LINES):
-    """The middles of the outer wall of a shape."""
-    inside = shape.buffer(-lines.width_mm / 2 - lines.inset_mm, join_style="mitre")
-    for part in shapely.get_parts(inside):
+def draw_rings(shape, lines=LINES):
+    """Yield the centre lines of the outer wall of a shape."""
+    inner_shape = shape.buffer(-lines.width_mm / 2 - lines.inset_mm, join_style="mitre")
+    for part in shapely.get_parts(inner_shape):
         if part.is_empty:
             continue
         yield from (part.exterior.coords, *(hole.coords for hole in part.interiors))
 
 
 def draw_gcode(layers, lines=LINES):
-    """G-code of an outer wall: for each layer its rings, each a list of points."""
-    text, fed = [";LAYER_COUNT:9"], 0.0
+    """Write G-code of an outer wall: for each layer its rings, each a list of points."""
+    text, fed_mm = [";LAYER_COUNT:9"], 0.0
     for number, paths in enumerate(layers):
         text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
         height = lines.compute_top_mm(number)
@@ -50,9 +50,9 @@ def draw_gcode(layers, lines=LINES):
         for points in paths:
             points = np.asarray(points)[:, :2] + 100.0
             text.append(f"G0 F9000 X{points[0][0]:.3f} Y{points[0][1]:.3f} Z{height:.3f}")
-            for before, after in pairwise(points):
-                fed += np.hypot(*(after - before)) * lines.width_mm * thick / MM2
-                text.append(f"G1 F1800 X{after[0]:.3f} Y{after[1]:.3f} E{fed:.5f}")
+            for start, end_points in pairwise(points):
+                fed_mm += np.hypot(*(end_points - start)) * lines.width_mm * thick / MM2
+                text.append(f"G1 F1800 X{end_points[0]:.3f} Y{end_points[1]:.3f} E{fed_mm:.5f}")
     return "\n".join(text).encode()
 
 
@@ -61,8 +61,8 @@ def count_of(mesh, lines=LINES):
 
 
 def circle(radius_mm):
-    turn = np.arange(64) * 2 * np.pi / 64
-    return shapely.Polygon(radius_mm * np.column_stack((np.cos(turn), np.sin(turn))))
+    angles = np.arange(64) * 2 * np.pi / 64
+    return shapely.Polygon(radius_mm * np.column_stack((np.cos(angles), np.sin(angles))))
 
 
 RECTANGLE = shapely.box(-15, -10, 15, 10)
@@ -74,8 +74,8 @@ SHAPES = {
 }
 
 
-def shapes_of(mesh, lines=LINES):
-    """The sections of one of the models above."""
+def list_shapes(mesh, lines=LINES):
+    """Return the sections of one of the models above."""
     return [SHAPES[id(mesh)](z_mm) for z_mm in lines.compute_section_heights_mm(count_of(mesh, lines))]
 
 
@@ -92,20 +92,22 @@ def check(mesh, layers, lines=LINES, removed_layers=0):
 
 @pytest.mark.parametrize("mesh", [BOX, TUBE], ids=["box", "tube"])
 def test_wall_along_the_outline_passes(mesh):
-    good = [list(rings(shape)) for shape in shapes_of(mesh)]
-    assert check(mesh, good) == ()
-    turned = [[np.asarray(ring)[::-1] for ring in layer] for layer in good]  # as Cura 5 goes round
-    assert check(mesh, turned) == ()
+    layers = [list(draw_rings(shape)) for shape in list_shapes(mesh)]
+    assert check(mesh, layers) == ()
+    reversed_layers = [
+        [np.asarray(ring)[::-1] for ring in layer] for layer in layers
+    ]  # the direction of Cura 5
+    assert check(mesh, reversed_layers) == ()
     inside_out = mesh.copy()
     inside_out.invert()
-    assert check(inside_out, good) == ()
+    assert check(inside_out, layers) == ()
 
 
 def test_model_is_grown_as_the_settings_say():
     lines = replace(LINES, offset_mm=0.4, offset_0_mm=-0.3)
     grown = [
-        list(rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
-        for number, shape in enumerate(shapes_of(BOX))
+        list(draw_rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
+        for number, shape in enumerate(list_shapes(BOX))
     ]
     assert check(BOX, grown, lines) == ()
     with pytest.raises(SliceRejected, match="layer 0"):
@@ -113,8 +115,8 @@ def test_model_is_grown_as_the_settings_say():
 
 
 def break_layer(change):
-    """The tube with its fifth layer changed."""
-    layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
+    """Return the tube with its fifth layer changed."""
+    layers = [list(draw_rings(shape)) for shape in list_shapes(TUBE)]
     layers[5] = change(layers[5])
     return layers
 
@@ -134,14 +136,14 @@ def break_layer(change):
     ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],
 )
 def test_layer_that_differs_from_the_model_is_refused(change, message):
-    with pytest.raises(SliceRejected, match=message) as refused:
+    with pytest.raises(SliceRejected, match=message) as error:
         check(TUBE, break_layer(change))
-    assert refused.value.rule is Rule.OUTLINE
-    assert "repair the mesh" in str(refused.value)
+    assert error.value.rule is Rule.OUTLINE
+    assert "repair the mesh" in str(error.value)
 
 
 def test_missing_top_is_refused():
-    layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
+    layers = [list(draw_rings(shape)) for shape in list_shapes(TUBE)]
     with pytest.raises(SliceRejected, match="leaves out"):
         check(TUBE, layers[:20])
     with pytest.raises(SliceRejected, match="% of the model is missing"):
@@ -149,7 +151,7 @@ def test_missing_top_is_refused():
 
 
 def test_short_gap_without_flow_does_not_open_a_ring():
-    layers = [list(rings(shape)) for shape in shapes_of(BOX)]
+    layers = [list(draw_rings(shape)) for shape in list_shapes(BOX)]
     outer = np.asarray(layers[5][0])
     gap_end = outer[2] + (outer[3] - outer[2]) / 20
     layers[5] = [outer[:3], np.vstack((gap_end, outer[3:]))]
@@ -157,7 +159,7 @@ def test_short_gap_without_flow_does_not_open_a_ring():
 
 
 def test_removed_bottom_layers_are_considered():
-    layers = [list(rings(shape)) for shape in shapes_of(CONE)]
+    layers = [list(draw_rings(shape)) for shape in list_shapes(CONE)]
     assert check(CONE, layers) == ()
     assert check(CONE, layers[2:], removed_layers=2) == ()
     assert check(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed_layers=2) == ()
@@ -166,7 +168,7 @@ def test_removed_bottom_layers_are_considered():
 
 
 def test_unprintable_wall_is_reported_with_its_size_and_position():
-    layers = [list(rings(shape)) for shape in shapes_of(FIN)]
+    layers = [list(draw_rings(shape)) for shape in list_shapes(FIN)]
     (wall,) = check(FIN, layers)
     assert wall.area_mm2 == pytest.approx(12 * 7.5, rel=0.05)
     assert (wall.x_mm, wall.y_mm) == pytest.approx((4, 0), abs=0.1)
@@ -175,7 +177,7 @@ def test_unprintable_wall_is_reported_with_its_size_and_position():
 
 
 def test_wall_of_one_line_is_printed():
-    layers = [list(rings(shape)) for shape in shapes_of(FIN)]
+    layers = [list(draw_rings(shape)) for shape in list_shapes(FIN)]
     layers = [layer or [[(4, -5.8), (4, 5.8)]] for layer in layers]
     assert check(FIN, layers) == ()
 
@@ -231,5 +233,5 @@ def test_thin_fins_of_a_real_slice_are_reported(request_for, tmp_path):
     assert all(
         (wall.from_z_mm, wall.to_z_mm) == pytest.approx((5, 13.5), abs=0.2) for wall in result.unprinted
     )
-    repeated = slice_plate(request)
-    assert repeated == replace(result, cached=True)
+    second_result = slice_plate(request)
+    assert second_result == replace(result, cached=True)

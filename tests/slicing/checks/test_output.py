@@ -1,4 +1,4 @@
-"""Facts of a G-code file, and each rule that refuses one."""
+"""Facts of a G-code file, and violations of each rule."""
 
 import pickle
 
@@ -74,7 +74,7 @@ def test_facts_of_a_valid_file():
 
 
 @pytest.mark.parametrize(
-    ("rule", "old", "new"),
+    ("rule", "old_text", "new_text"),
     [
         (Rule.FLAVOUR, ";FLAVOR:Marlin", ";FLAVOR:UltiGCode"),
         (Rule.FLAVOUR, "G1 F1500 E-3.5", "G1 F1500 E-3.5\nG10"),
@@ -90,25 +90,25 @@ def test_facts_of_a_valid_file():
         (Rule.OUTSIDE_BED, "X100 Y90", "X100 Y-90"),
     ],
 )
-def test_each_rule_refuses_a_violation(rule, old, new):
-    assert old.encode() in GOOD
-    with pytest.raises(SliceRejected) as refused:
-        check(GOOD.replace(old.encode(), new.encode()))
-    assert refused.value.rule is rule
-    assert "\n" not in str(refused.value)
-    assert "; " in str(refused.value)  # what was found; what to do
+def test_each_rule_refuses_a_violation(rule, old_text, new_text):
+    assert old_text.encode() in GOOD
+    with pytest.raises(SliceRejected) as error:
+        check(GOOD.replace(old_text.encode(), new_text.encode()))
+    assert error.value.rule is rule
+    assert "\n" not in str(error.value)
+    assert "; " in str(error.value)  # the finding; the action
 
 
 def test_file_without_extrusion_is_refused():
-    start, _, rest = GOOD.partition(b";LAYER_COUNT")
-    end = rest.partition(b"G1 F1500 E-3.5")[2]
-    with pytest.raises(SliceRejected) as refused:
+    start, _, gcode_end = GOOD.partition(b";LAYER_COUNT")
+    end = gcode_end.partition(b"G1 F1500 E-3.5")[2]
+    with pytest.raises(SliceRejected) as error:
         check(start + end)
-    assert refused.value.rule is Rule.NOTHING_PRINTED
+    assert error.value.rule is Rule.NOTHING_PRINTED
 
 
 @pytest.mark.parametrize(
-    ("height_mm", "cut_mm", "is_top_checked", "good"),
+    ("height_mm", "cut_mm", "is_top_checked", "is_good"),
     [
         (0.3, 0.0, True, True),
         (0.2, 0.0, True, False),
@@ -120,20 +120,20 @@ def test_file_without_extrusion_is_refused():
         (2.5, 2.0, True, False),
     ],
 )
-def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, good):
-    if good:
+def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, is_good):
+    if is_good:
         check(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
         return
-    with pytest.raises(SliceRejected) as refused:
+    with pytest.raises(SliceRejected) as error:
         check(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
-    assert refused.value.rule is Rule.HEIGHT
+    assert error.value.rule is Rule.HEIGHT
 
 
 def test_one_rectangle_of_the_bed_must_contain_the_print():
-    left, right = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
+    left_box, right_box = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
     with pytest.raises(SliceRejected, match="build volume"):
-        check(GOOD, bed=(left, right))
-    check(GOOD, bed=(left, right, *BED))
+        check(GOOD, bed=(left_box, right_box))
+    check(GOOD, bed=(left_box, right_box, *BED))
     with pytest.raises(SliceRejected, match="build volume"):
         check(GOOD, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
 
@@ -142,9 +142,9 @@ def test_one_rectangle_of_the_bed_must_contain_the_print():
     "line", ["[WARNING] Mesh has disconnected faces!", "[WARNING] Face count reported: 1"]
 )
 def test_warnings_of_an_incomplete_mesh_refuse_the_slice(line):
-    with pytest.raises(SliceRejected) as refused:
+    with pytest.raises(SliceRejected) as error:
         check_log(f"Starting slice...\n{line}\nPrint time (s): 3\n")
-    assert refused.value.rule is Rule.BROKEN_MESH
+    assert error.value.rule is Rule.BROKEN_MESH
     check_log("Starting slice...\nPrint time (s): 3\n")
 
 
@@ -152,9 +152,9 @@ def test_true_header_replaces_the_placeholder():
     log = (
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
-    headed = replace_header(GOOD, log)
-    assert headed.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
-    assert headed.partition(b"M82")[2] == GOOD.partition(b"M82")[2]
+    gcode = replace_header(GOOD, log)
+    assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
+    assert gcode.partition(b"M82")[2] == GOOD.partition(b"M82")[2]
     assert replace_header(GOOD, "no header here") == GOOD
 
 
@@ -164,5 +164,5 @@ def test_number_of_removed_layers_is_read_from_the_log():
 
 
 def test_refusal_can_be_sent_between_processes():
-    refused = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
-    assert (refused.rule, str(refused)) == (Rule.COLD, "the slice was rejected (cold): why")
+    rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
+    assert (rejection.rule, str(rejection)) == (Rule.COLD, "the slice was rejected (cold): why")

@@ -1,4 +1,4 @@
-"""Sections of closed meshes: area, length and moments against what is known of them."""
+"""Sections of closed meshes: area, length and moments compared with known values."""
 
 import numpy as np
 import pytest
@@ -43,5 +43,5 @@ def test_plane_through_corners_leaves_closed_rings():
         pieces = list(cut_sections(np.asarray(mesh.triangles, float), np.array([z_mm])))
         start = np.concatenate([piece[1] for piece in pieces])
         end = np.concatenate([piece[2] for piece in pieces])
-        long = (start != end).any(axis=1)
-        assert sorted(map(tuple, start[long])) == sorted(map(tuple, end[long]))
+        is_long = (start != end).any(axis=1)
+        assert sorted(map(tuple, start[is_long])) == sorted(map(tuple, end[is_long]))

@@ -1,4 +1,4 @@
-"""Start times of features, by the slicer's layer times and against the firmware's planner."""
+"""Start times of features, by the slicer's layer times and compared with the firmware's planner."""
 
 import numpy as np
 import pytest
@@ -30,12 +30,12 @@ G28
 
 
 def test_time_is_distributed_by_the_duration_of_moves():
-    timed = add_times(TWO_LAYERS, read_toolpath(TWO_LAYERS))
-    assert b";TIME_ELAPSED:2.000000\n;TYPE:WALL-OUTER\n" in timed
-    assert b";TIME_ELAPSED:8.800000\n;TYPE:FILL\n" in timed
-    assert timed.count(b"TIME_ELAPSED") == 4
-    left = [line for line in timed.splitlines() if b"TIME" not in line]
-    assert left == [line for line in TWO_LAYERS.splitlines() if b"TIME" not in line]
+    timed_gcode = add_times(TWO_LAYERS, read_toolpath(TWO_LAYERS))
+    assert b";TIME_ELAPSED:2.000000\n;TYPE:WALL-OUTER\n" in timed_gcode
+    assert b";TIME_ELAPSED:8.800000\n;TYPE:FILL\n" in timed_gcode
+    assert timed_gcode.count(b"TIME_ELAPSED") == 4
+    other_lines = [line for line in timed_gcode.splitlines() if b"TIME" not in line]
+    assert other_lines == [line for line in TWO_LAYERS.splitlines() if b"TIME" not in line]
 
 
 def test_file_without_times_is_unchanged():
@@ -43,17 +43,17 @@ def test_file_without_times_is_unchanged():
     assert add_times(bare, read_toolpath(bare)) == bare
 
 
-def queued_s(path):
-    """(n,) When a planner that is fed as fast as it has room takes each move in."""
+def compute_start_times_s(path):
+    """Compute the times (n,) at which a planner that is always kept full accepts each move."""
     planner = Planner(Limits.from_profile(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
-    place, now_s, times = np.zeros(4), 0.0, []
+    place, now_s, times_s = np.zeros(4), 0.0, []
     for move, feed in zip(path.end - path.start, path.feed_mm_min / 60, strict=True):
         place = place + move
         now_s = max(now_s, planner.free_s())
         planner.advance(now_s)
         planner.add(tuple(place), max(feed, 1.0), now_s)
-        times.append(now_s)
-    return np.array(times)
+        times_s.append(now_s)
+    return np.array(times_s)
 
 
 def test_times_within_layers_are_those_of_the_firmwares_planner(request_for):
@@ -71,10 +71,10 @@ def test_times_within_layers_are_those_of_the_firmwares_planner(request_for):
     assert seconds == sorted(seconds)
 
     path = read_toolpath(result.gcode.read_bytes())
-    queued = queued_s(path)
-    first = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
-    # A move begins when the queue has taken in as many more as it holds.
-    began = queued[CAPACITY:] - queued[first + CAPACITY]
+    planned_s = compute_start_times_s(path)
+    first_move = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    # A move begins when the queue has accepted as many more moves as fit into it.
+    began = planned_s[CAPACITY:] - planned_s[first_move + CAPACITY]
     marks = [(n.move, float(n.text[13:])) for n in path.comments if n.text.startswith("TIME_ELAPSED:")]
     error_s = np.array([seconds - began[move] for move, seconds in marks if move < len(began)])
     assert len(error_s) > 100

@@ -1,4 +1,4 @@
-"""A G-code file as columns of numbers."""
+"""Moves of a G-code file as columns of numbers."""
 
 import tracemalloc
 
@@ -63,9 +63,9 @@ def test_empty_and_tiny_files_are_read(text):
 
 @pytest.mark.parametrize("line", [b"g1 is no command here", b"G1X7Y8E2", b"G1 X", b"\xff", b"M104 S2e5 x"])
 def test_line_that_the_firmware_misreads_is_refused_with_its_number(line):
-    with pytest.raises(SliceRejected, match="line 3: ") as refused:
+    with pytest.raises(SliceRejected, match="line 3: ") as error:
         read_toolpath(b"G28\nG1 X1\n" + line + b"\nG1 X2\n")
-    assert refused.value.rule is Rule.FLAVOUR
+    assert error.value.rule is Rule.FLAVOUR
 
 
 NUMBERS = st.integers(-99_999, 99_999).map(lambda n: n / 1000)
@@ -74,8 +74,8 @@ OTHER_LINES = st.sampled_from([";TYPE:SKIN", ";LAYER:3", "M107", "", "G92 X1 E0"
 
 
 @given(st.lists(st.one_of(MOVES, OTHER_LINES), max_size=40), st.booleans())
-def test_columns_equal_those_of_a_line_reader(lines, spaced):
-    text, expected = [], []
+def test_columns_equal_those_of_a_line_reader(lines, has_spaces):
+    text, expected_rows = [], []
     position = dict.fromkeys("XYZE", 0.0)
     for line in lines:
         if isinstance(line, str):
@@ -85,22 +85,22 @@ def test_columns_equal_those_of_a_line_reader(lines, spaced):
             continue
         line_words = [f"{letter}{number:.3f}" for letter, number in line.items()]
         text.append(
-            " ".join(["G1", *line_words]) if spaced else "G1" + "".join(line_words).replace("E", " E")
+            " ".join(["G1", *line_words]) if has_spaces else "G1" + "".join(line_words).replace("E", " E")
         )
         position |= {letter: number for letter, number in line.items() if letter != "F"}
-        expected.append(list(position.values()))
-    after = read_toolpath("\n".join(text).encode()).end
-    assert after == pytest.approx(np.array(expected).reshape(-1, 4))
+        expected_rows.append(list(position.values()))
+    ends = read_toolpath("\n".join(text).encode()).end
+    assert ends == pytest.approx(np.array(expected_rows).reshape(-1, 4))
 
 
 def test_block_of_moves_without_an_end_takes_little_memory():
-    """The engine of `re` keeps 50 bytes of backtracking state for each byte of a block."""
+    """Limit the memory: the engine of `re` keeps 50 bytes of backtracking state per byte of a block."""
     text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
     tracemalloc.start()
     try:
         path = read_toolpath(text)
-        most = tracemalloc.get_traced_memory()[1]
+        peak_bytes = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
     assert len(path.end) == 40_000
-    assert most < 20 * len(text)
+    assert peak_bytes < 20 * len(text)

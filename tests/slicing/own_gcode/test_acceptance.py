@@ -11,40 +11,40 @@ from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
 from farm.planning.inspection.own_gcode import FirmwareTime
-from make_gcode import FILAMENT_MM2, PURGE, marlin, square, ultigcode
-from own_gcode import body, fed, followed, refused, safe, take
+from make_gcode import FILAMENT_MM2, PURGE, make_marlin, make_square, make_ultigcode
+from own_gcode import accept, assert_refused, check_rules, extract_body, list_moves, select_extrusions
 from slicing.errors import GcodeRefused
 
 
 def test_start_and_end_of_a_marlin_file_are_replaced():
-    accepted = take(marlin())
-    safe(accepted)
-    lines = body(accepted)
-    printed = [(x, y, z, e) for layer in square() for x, y, z, e in layer if e]
-    assert fed(followed(lines)) == [pytest.approx(move, abs=2e-5) for move in printed]
+    result = accept(make_marlin())
+    check_rules(result)
+    lines = extract_body(result)
+    extrusions = [(x, y, z, e) for layer in make_square() for x, y, z, e in layer if e]
+    assert select_extrusions(list_moves(lines)) == [pytest.approx(move, abs=2e-5) for move in extrusions]
     assert not any("X5.000" in line for line in lines)  # the purge
-    assert (accepted.nozzle_c, accepted.bed_c, accepted.layers) == (205.0, 60.0, 3)
-    assert accepted.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
-    assert accepted.min_mm == pytest.approx((100, 100, 0.2))
-    assert accepted.max_mm == pytest.approx((120, 120, 0.6))
+    assert (result.nozzle_c, result.bed_c, result.layers) == (205.0, 60.0, 3)
+    assert result.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
+    assert result.min_mm == pytest.approx((100, 100, 0.2))
+    assert result.max_mm == pytest.approx((120, 120, 0.6))
 
 
 def test_head_approaches_the_first_point_from_above():
-    moves = followed(body(take(marlin())))
+    moves = list_moves(extract_body(accept(make_marlin())))
     assert [move[2] for move in moves[:2]] == [20.0, pytest.approx(0.2)]
     assert moves[0][:2] == moves[1][:2] == (100.0, 100.0)
 
 
 def test_position_after_the_start_script_is_irrelevant():
-    """PrusaSlicer raises the head, then retracts, before it moves to the first point."""
-    lines = marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
-    at = lines.index(";LAYER:0") + 1
-    lines[at:at] = ["G1 Z0.2", "G1 E-2 F2400"]
-    lines.insert(at + 3, "G1 E2")
-    accepted = take(lines)
-    safe(accepted)
-    assert accepted.min_mm == accepted.reach_min_mm == pytest.approx((100, 100, 0.2))
-    assert followed(body(accepted))[:4] == [
+    """Raise the head and retract before the move to the first point, as PrusaSlicer does."""
+    lines = make_marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
+    index = lines.index(";LAYER:0") + 1
+    lines[index:index] = ["G1 Z0.2", "G1 E-2 F2400"]
+    lines.insert(index + 3, "G1 E2")
+    result = accept(lines)
+    check_rules(result)
+    assert result.min_mm == result.reach_min_mm == pytest.approx((100, 100, 0.2))
+    assert list_moves(extract_body(result))[:4] == [
         (5.0, 50.0, 20.0, -2.0),
         (100.0, 100.0, 20.0, 0.0),
         (100.0, 100.0, 0.2, 0.0),
@@ -53,13 +53,13 @@ def test_position_after_the_start_script_is_irrelevant():
 
 
 def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
-    accepted = take(ultigcode())
-    safe(accepted)
-    assert (accepted.nozzle_mm, accepted.nozzle_c, accepted.bed_c) == (0.4, 210.0, 65.0)
-    moves = followed(body(accepted))
-    assert accepted.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
+    result = accept(make_ultigcode())
+    check_rules(result)
+    assert (result.nozzle_mm, result.nozzle_c, result.bed_c) == (0.4, 210.0, 65.0)
+    moves = list_moves(extract_body(result))
+    assert result.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
     assert [m[3] for m in moves if m[3] < 0] == [pytest.approx(-6.5, abs=1e-4)] * 3
-    assert sum(m[3] for m in moves) == pytest.approx(accepted.filament_mm, abs=1e-3)
+    assert sum(m[3] for m in moves) == pytest.approx(result.filament_mm, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -67,26 +67,28 @@ def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
     [("prusaslicer", 19.61, 78), ("slic3r", 20.04, None), ("ultigcode", 246 / FILAMENT_MM2, 104.9)],
 )
 def test_output_of_slicers_has_their_stated_filament_and_time(slicer, filament_mm, seconds):
-    """Recorded on Debian 12: a tile of 10 x 10 x 1 mm by PrusaSlicer 2.5.0, Slic3r 1.3.0, CuraEngine 4.13."""
-    recorded = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
-    accepted = take(
-        gzip.decompress(recorded.read_bytes()).splitlines(keepends=True),
+    """Read a tile of 10 x 10 x 1 mm of PrusaSlicer 2.5.0, Slic3r 1.3.0 and CuraEngine 4.13 on Debian 12."""
+    recording_path = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
+    result = accept(
+        gzip.decompress(recording_path.read_bytes()).splitlines(keepends=True),
         FirmwareTime(PROFILES["ultimaker2_plus"]),
     )
-    safe(accepted)
-    assert (accepted.nozzle_mm, accepted.layers) == (0.4, 5)
-    assert accepted.filament_mm == pytest.approx(filament_mm, rel=0.003)
-    assert accepted.print_time_s == pytest.approx(seconds or accepted.print_time_s, rel=0.06)
+    check_rules(result)
+    assert (result.nozzle_mm, result.layers) == (0.4, 5)
+    assert result.filament_mm == pytest.approx(filament_mm, rel=0.003)
+    assert result.print_time_s == pytest.approx(seconds or result.print_time_s, rel=0.06)
 
 
-def rewritten(lines, notation):
+def rewrite_lines(lines, notation):
     match notation:
         case "lower case":
             return [line if line.startswith(";") else line.lower() for line in lines]
         case "numbered":
-            plain = [f"N{n} {line}" for n, line in enumerate(line for line in lines if line[0] != ";")]
-            plain = [f"{line}*{xor(line)}" for line in plain]
-            return [line if line[0] == ";" else plain.pop(0) for line in lines]
+            numbered_lines = [
+                f"N{n} {line}" for n, line in enumerate(line for line in lines if line[0] != ";")
+            ]
+            numbered_lines = [f"{line}*{xor(line)}" for line in numbered_lines]
+            return [line if line[0] == ";" else numbered_lines.pop(0) for line in lines]
         case "commented":
             return [f"{line} ; and (so) on" if line[0] != ";" else line for line in lines]
         case "aside":
@@ -105,13 +107,15 @@ def xor(line):
 
 @pytest.mark.parametrize("notation", ["lower case", "numbered", "commented", "aside", "indented"])
 def test_lines_are_read_in_any_notation(notation):
-    assert body(take(rewritten(marlin(), notation))) == body(take(marlin()))
-    assert body(take(rewritten(marlin(), notation), end=b"\r\n")) == body(take(marlin()))
+    assert extract_body(accept(rewrite_lines(make_marlin(), notation))) == extract_body(accept(make_marlin()))
+    assert extract_body(accept(rewrite_lines(make_marlin(), notation), end=b"\r\n")) == extract_body(
+        accept(make_marlin())
+    )
 
 
 @st.composite
-def prints(draw):
-    """Layers of moves on the bed, each line of a plausible width."""
+def draw_layers(draw):
+    """Draw layers of moves on the bed, each line of a plausible width."""
     layers = []
     for number in range(draw(st.integers(1, 4))):
         z = 0.2 * (number + 1)
@@ -124,42 +128,57 @@ def prints(draw):
     return layers
 
 
-@given(prints())
+@given(draw_layers())
 @settings(max_examples=40, deadline=None)
 def test_print_is_the_same_in_every_dialect_of_gcode(layers):
-    expected = [move for layer in layers for move in layer if move[3]]
-    no_comments = marlin(layers, comments=False)
-    for lines in (marlin(layers), marlin(layers, relative=True), ultigcode(layers), no_comments):
-        accepted = take(lines)
-        safe(accepted)
-        moves = followed(body(accepted))
-        printed = [m for m, before in zip(moves[1:], moves, strict=False) if m[3] > 0 and m[:3] != before[:3]]
-        assert printed == [pytest.approx(move, abs=5e-5) for move in expected]
-        assert accepted.layers == len(layers)
+    extruding_moves = [move for layer in layers for move in layer if move[3]]
+    no_comments = make_marlin(layers, comments=False)
+    for lines in (
+        make_marlin(layers),
+        make_marlin(layers, relative=True),
+        make_ultigcode(layers),
+        no_comments,
+    ):
+        result = accept(lines)
+        check_rules(result)
+        moves = list_moves(extract_body(result))
+        extrusions = [
+            m for m, previous in zip(moves[1:], moves, strict=False) if m[3] > 0 and m[:3] != previous[:3]
+        ]
+        assert extrusions == [pytest.approx(move, abs=5e-5) for move in extruding_moves]
+        assert result.layers == len(layers)
 
 
 def test_relative_moves_become_absolute():
-    there = ["G91", "G1 X10 E0.12 F1800", "G1 Y10 E0.12", "G90", "G92 E0.5019"]
-    lines = marlin(square(layers=1), tail=[*there, "M104 S0"])
-    assert [m[:2] for m in fed(followed(body(take(lines))))[-2:]] == [(110.0, 100.0), (110.0, 110.0)]
+    relative_lines = ["G91", "G1 X10 E0.12 F1800", "G1 Y10 E0.12", "G90", "G92 E0.5019"]
+    lines = make_marlin(make_square(layers=1), tail=[*relative_lines, "M104 S0"])
+    assert [m[:2] for m in select_extrusions(list_moves(extract_body(accept(lines))))[-2:]] == [
+        (110.0, 100.0),
+        (110.0, 110.0),
+    ]
 
 
 def test_low_move_over_clips_counts_as_printed():
-    low, high = take(marlin(body=["G0 X1 Y2 Z0.5"])), take(marlin(body=["G0 Z12", "G0 X1 Y2"]))
-    assert low.min_mm == pytest.approx((1, 2, 0.2))
-    assert high.min_mm == pytest.approx((100, 100, 0.2))
-    assert low.reach_min_mm[:2] == high.reach_min_mm[:2] == (1, 2)
+    low_result, high_result = (
+        accept(make_marlin(body=["G0 X1 Y2 Z0.5"])),
+        accept(make_marlin(body=["G0 Z12", "G0 X1 Y2"])),
+    )
+    assert low_result.min_mm == pytest.approx((1, 2, 0.2))
+    assert high_result.min_mm == pytest.approx((100, 100, 0.2))
+    assert low_result.reach_min_mm[:2] == high_result.reach_min_mm[:2] == (1, 2)
 
 
 def test_factors_of_speed_and_flow_are_multiplied_out():
-    full, half = take(marlin()), take(marlin(body=["M221 S50", "M220 S200"]))
-    assert half.filament_mm == pytest.approx(full.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
-    assert "G1 F3600 X120.000" in "\n".join(body(half))
+    full_result, half_result = accept(make_marlin()), accept(make_marlin(body=["M221 S50", "M220 S200"]))
+    assert half_result.filament_mm == pytest.approx(full_result.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
+    assert "G1 F3600 X120.000" in "\n".join(extract_body(half_result))
 
 
 def test_arc_becomes_straight_moves_on_its_circle():
     arc = ["G3 F1800 X100 Y140 I0 J20 E0.8", "M104 S0"]
-    moves = fed(followed(body(take(marlin([square(layers=1)[0][:1]], tail=arc)))))
+    moves = select_extrusions(
+        list_moves(extract_body(accept(make_marlin([make_square(layers=1)[0][:1]], tail=arc))))
+    )
     assert len(moves) > 50
     assert all(abs(((x - 100) ** 2 + (y - 120) ** 2) ** 0.5 - 20) < 2e-3 for x, y, _, _ in moves)
     assert max(x for x, *_ in moves) == pytest.approx(120, abs=0.02)
@@ -168,25 +187,25 @@ def test_arc_becomes_straight_moves_on_its_circle():
 
 def test_retraction_of_the_start_is_kept_before_the_first_layer():
     start = [";FLAVOR:Marlin", "G28", "M109 S200", *PURGE, "G92 E0", "G1 E-4 F1500"]
-    lines = marlin(start=start, relative=True)
+    lines = make_marlin(start=start, relative=True)
     lines.insert(lines.index(";LAYER:0") + 2, "G1 E4 F1500")
-    moves = followed(body(take(lines)))
+    moves = list_moves(extract_body(accept(lines)))
     assert moves[0] == (5.0, 50.0, 20.0, pytest.approx(-4.0))
     assert [m[3] for m in moves if m[3]][1] == pytest.approx(4.0)
 
 
 def test_file_must_name_its_nozzle_if_printers_differ():
     with pytest.raises(GcodeRefused, match=r"nozzle_diameter = 0\.4"):
-        take(marlin(), nozzle_mm=None)
-    assert take(["; nozzle_diameter = 0.4", *marlin()], nozzle_mm=None).nozzle_mm == 0.4
-    safe(take(ultigcode(), nozzle_mm=None))
+        accept(make_marlin(), nozzle_mm=None)
+    assert accept(["; nozzle_diameter = 0.4", *make_marlin()], nozzle_mm=None).nozzle_mm == 0.4
+    check_rules(accept(make_ultigcode(), nozzle_mm=None))
 
 
-def spiral(section_mm, turns=20, layer_mm=0.2):
-    """A vase without a floor: `section_mm` of E on each mm of its wall."""
+def make_spiral(section_mm, turn_count=20, layer_mm=0.2):
+    """Make a vase without a floor, with `section_mm` of E for each mm of its wall."""
     points, radius_mm = 60, 20.0
     moves = [(130.0, 110.0, layer_mm, 0.0)]
-    for n in range(turns * points):
+    for n in range(turn_count * points):
         angle = math.tau * (n + 1) / points
         x, y = 110 + radius_mm * math.cos(angle), 110 + radius_mm * math.sin(angle)
         moves.append((x, y, layer_mm * (1 + (n + 1) / points), math.tau * radius_mm / points * section_mm))
@@ -196,15 +215,17 @@ def spiral(section_mm, turns=20, layer_mm=0.2):
 
 
 def test_spiral_is_accepted_with_the_limit_on_line_width():
-    accepted = take(spiral(0.4 * 0.2 / FILAMENT_MM2))
-    assert accepted.max_mm[2] == pytest.approx(4.2)
-    safe(accepted)
-    refused(spiral(0.4 * 0.2), "mm3")
+    result = accept(make_spiral(0.4 * 0.2 / FILAMENT_MM2))
+    assert result.max_mm[2] == pytest.approx(4.2)
+    check_rules(result)
+    assert_refused(make_spiral(0.4 * 0.2), "mm3")
 
 
 def test_fan_and_temperatures_of_the_print_are_kept():
     start = [";FLAVOR:Marlin", "G28", "M109 R200", "M106 S100"]
-    lines = body(take(marlin(start=start, body=["M104 S195", "M140 S55", "M106 S255", "G4 P500"])))
+    lines = extract_body(
+        accept(make_marlin(start=start, body=["M104 S195", "M140 S55", "M106 S255", "G4 P500"]))
+    )
     assert lines[0] == "M106 S100"
     assert [line for line in lines if line[0] == "M" or line.startswith("G4")] == [
         *("M106 S100", "M104 S195", "M140 S55", "M106 S255", "G4 P500")
@@ -212,27 +233,29 @@ def test_fan_and_temperatures_of_the_print_are_kept():
 
 
 def test_e_is_reset_before_its_resolution_drops():
-    long = [[(50.0, 50.0, 2.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 2.0, 10.0) for n in range(1, 241)]]
-    accepted = take(marlin(long))
-    assert "G92 E0" in body(accepted)
-    assert sum(m[3] for m in followed(body(accepted))) == pytest.approx(2400.0, abs=0.01)
-    safe(accepted)
+    long_layer = [[(50.0, 50.0, 2.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 2.0, 10.0) for n in range(1, 241)]]
+    result = accept(make_marlin(long_layer))
+    assert "G92 E0" in extract_body(result)
+    assert sum(m[3] for m in list_moves(extract_body(result))) == pytest.approx(2400.0, abs=0.01)
+    check_rules(result)
 
 
 def test_progress_has_marks_from_the_stopwatch_not_from_the_file():
-    lines = [line.replace(";LAYER:1", ";TIME_ELAPSED:99999\n;LAYER:1") for line in marlin()]
-    program = safe(take([part for line in lines for part in line.split("\n")]))
+    lines = [line.replace(";LAYER:1", ";TIME_ELAPSED:99999\n;LAYER:1") for line in make_marlin()]
+    program = check_rules(accept([part for line in lines for part in line.split("\n")]))
     assert {mark.layer for mark in program.timeline} == {0, 1, 2}
     assert 8 < program.time_s < 30
 
 
 def test_slow_layer_has_more_than_one_mark():
-    slow = [line.replace("F1800", "F30") for line in marlin()]
-    assert len(safe(take(slow)).timeline) > 6
+    slow = [line.replace("F1800", "F30") for line in make_marlin()]
+    assert len(check_rules(accept(slow)).timeline) > 6
 
 
 def test_type_comments_are_kept():
-    lines = body(take(marlin(body=[";TYPE:WALL-OUTER", ";TYPE:External perimeter", ";MESH:a.stl"])))
+    lines = extract_body(
+        accept(make_marlin(body=[";TYPE:WALL-OUTER", ";TYPE:External perimeter", ";MESH:a.stl"]))
+    )
     assert [line for line in lines if line.startswith((";TYPE", ";MESH"))] == [";TYPE:WALL-OUTER"]
 
 
@@ -251,23 +274,23 @@ def test_commands_forbidden_in_a_print_are_allowed_in_an_end_script():
         "G92 X0 Y0 E0",
         "G1 X-50 Z400 F0.1",
     ]
-    accepted = take(marlin(tail=tail))
-    safe(accepted)
-    assert accepted.reach_min_mm == accepted.min_mm
-    assert take(marlin(tail=["M84", "G1 E90"])).filament_mm == accepted.filament_mm
+    result = accept(make_marlin(tail=tail))
+    check_rules(result)
+    assert result.reach_min_mm == result.min_mm
+    assert accept(make_marlin(tail=["M84", "G1 E90"])).filament_mm == result.filament_mm
 
 
 def test_omitted_commands_are_reported():
-    notices = take(marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
+    notices = accept(make_marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
     assert notices[-1] == (
         "Left out, because the printer has its own: M204 (acceleration), M900 (linear advance)."
     )
 
 
 def test_display_text_and_byte_order_mark_are_ignored():
-    plain, lines = marlin(), marlin(body=["M117 Größe (50 %: N5*7", "m118 née"])
+    plain_lines, lines = make_marlin(), make_marlin(body=["M117 Größe (50 %: N5*7", "m118 née"])
     lines[0] = "\ufeff" + lines[0]
-    assert body(take(lines)) == body(take(plain))
+    assert extract_body(accept(lines)) == extract_body(accept(plain_lines))
 
 
 @pytest.mark.parametrize(
@@ -287,4 +310,6 @@ def test_display_text_and_byte_order_mark_are_ignored():
     ],
 )
 def test_printer_settings_of_a_start_are_left_out(line):
-    assert body(take([";FLAVOR:Marlin", line, *marlin()[1:]])) == body(take(marlin()))
+    assert extract_body(accept([";FLAVOR:Marlin", line, *make_marlin()[1:]])) == extract_body(
+        accept(make_marlin())
+    )

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from make_gcode import FILAMENT_MM2, after, as_bytes, marlin, square, ultigcode
-from own_gcode import body, followed, refused, safe, take
+from make_gcode import FILAMENT_MM2, encode_lines, make_marlin, make_square, make_ultigcode, print_in_sequence
+from own_gcode import accept, assert_refused, check_rules, extract_body, list_moves
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES
 
@@ -13,9 +13,11 @@ from slicing.own_gcode import MAX_LINE_BYTES
 @pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])
 def test_start_that_retracts_the_filament_out_of_the_hot_end_is_refused(tail):
     start = [";FLAVOR:Marlin", "G28", "M109 S200", "G92 E0", "G1 E-60 F1500", "M82", "G92 E-60"]
-    lines = marlin(start=start)
-    at = lines.index(";LAYER:0")
-    refused([*lines[: at - 2], ";LAYER:0", *tail, *lines[at + 1 :]], "60.0 mm back, out of the hot end")
+    lines = make_marlin(start=start)
+    index = lines.index(";LAYER:0")
+    assert_refused(
+        [*lines[: index - 2], ";LAYER:0", *tail, *lines[index + 1 :]], "60.0 mm back, out of the hot end"
+    )
 
 
 @pytest.mark.parametrize(
@@ -23,15 +25,15 @@ def test_start_that_retracts_the_filament_out_of_the_hot_end_is_refused(tail):
 )
 def test_start_that_leaves_the_head_in_the_bed_is_refused(z, message):
     tail = [f"G1 X100 Y100 Z{z}", ";LAYER:0", "G1 F1800 X120 Z0.2 E0.25", "G1 X140 E0.5"]
-    refused(marlin([], tail=tail), message)
+    assert_refused(make_marlin([], tail=tail), message)
 
 
 def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
     def make_two_towers(layers):
-        return marlin(after(square(layers=layers), square(at_mm=170.0, layers=2)))
+        return make_marlin(print_in_sequence(make_square(layers=layers), make_square(at_mm=170.0, layers=2)))
 
-    safe(take(make_two_towers(layers=50)))
-    refused(make_two_towers(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
+    check_rules(accept(make_two_towers(layers=50)))
+    assert_refused(make_two_towers(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
 
 
 @pytest.mark.parametrize(
@@ -93,7 +95,7 @@ def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
     ],
 )
 def test_forbidden_command_of_a_print_is_refused_with_its_line(line, message):
-    refused(marlin(body=[line]), message)
+    assert_refused(make_marlin(body=[line]), message)
 
 
 @pytest.mark.parametrize(
@@ -101,66 +103,72 @@ def test_forbidden_command_of_a_print_is_refused_with_its_line(line, message):
     ["M500", "M92 E400", "M302 P1", "M0", "T1", "G20", "M206 X5", "M200 D2.85", "G92 Z0", "M104 S200 T1"],
 )
 def test_command_that_changes_the_meaning_is_refused_in_the_start_too(line):
-    refused([";FLAVOR:Marlin", line, *marlin()[1:]], f"line 2: {line.split()[0]} ")
+    assert_refused([";FLAVOR:Marlin", line, *make_marlin()[1:]], f"line 2: {line.split()[0]} ")
 
 
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
         ([], "start of its print"),
-        ([";FLAVOR:Griffin", *marlin()[1:]], "flavour is 'Griffin'.*Marlin"),
-        ([";FLAVOR:Marlin(Volumetric)", *marlin()[1:]], "Marlin"),
-        (["; filament_diameter = 1.75", *marlin()], "1.75 mm"),
-        (["; use_volumetric_e = 1", *marlin()], "Use volumetric E"),
+        ([";FLAVOR:Griffin", *make_marlin()[1:]], "flavour is 'Griffin'.*Marlin"),
+        ([";FLAVOR:Marlin(Volumetric)", *make_marlin()[1:]], "Marlin"),
+        (["; filament_diameter = 1.75", *make_marlin()], "1.75 mm"),
+        (["; use_volumetric_e = 1", *make_marlin()], "Use volumetric E"),
         (["G28", "G1 X10 Y10 Z0.2 E1"], "start of its print"),
         (["G28", "M109 S200"], "prints nothing"),
         ([";LAYER:0", "G28", "M109 S200"], "nozzle's temperature"),
-        (marlin(start=["G28", "M190 S60"]), "nozzle's temperature"),
-        (marlin([], start=["G28", "M109 S200"], tail=[]), "prints nothing"),
-        (marlin([[(100.0, 100.0, 0.0, 0.0), (120.0, 100.0, 0.0, 0.25)]]), "above the bed"),
-        ([*marlin(start=["G28", "M109 S200"])[:5], "G1 X10 E1", "M104 S0"], "has set X, Y and Z"),
-        (marlin(square(e_per_mm=0.4 * 0.2)), "mm3"),
-        (marlin(square(e_per_mm=0.4 * 0.2 / 2.405)), "diameter"),
-        (ultigcode(square(e_per_mm=0.4 * 0.2 / FILAMENT_MM2**2)), "mm3"),
-        ([line for line in ultigcode() if "LAYER" not in line], "start of its print"),
+        (make_marlin(start=["G28", "M190 S60"]), "nozzle's temperature"),
+        (make_marlin([], start=["G28", "M109 S200"], tail=[]), "prints nothing"),
+        (make_marlin([[(100.0, 100.0, 0.0, 0.0), (120.0, 100.0, 0.0, 0.25)]]), "above the bed"),
+        ([*make_marlin(start=["G28", "M109 S200"])[:5], "G1 X10 E1", "M104 S0"], "has set X, Y and Z"),
+        (make_marlin(make_square(e_per_mm=0.4 * 0.2)), "mm3"),
+        (make_marlin(make_square(e_per_mm=0.4 * 0.2 / 2.405)), "diameter"),
+        (make_ultigcode(make_square(e_per_mm=0.4 * 0.2 / FILAMENT_MM2**2)), "mm3"),
+        ([line for line in make_ultigcode() if "LAYER" not in line], "start of its print"),
     ],
 )
 def test_file_with_another_meaning_is_refused(lines, message):
-    refused(lines, message)
+    assert_refused(lines, message)
 
 
 LINES = st.one_of(
     st.sampled_from(
-        as_bytes([*marlin(), *ultigcode(), "G91", "G90", "M83", "G10", "G11", "M221 S95", "G4 P9"])
+        encode_lines(
+            [*make_marlin(), *make_ultigcode(), "G91", "G90", "M83", "G10", "G11", "M221 S95", "G4 P9"]
+        )
     ),
     st.sampled_from(
-        as_bytes(["G1 Z-3", "G1 Z0", "G1 E-60", "G1 E-6", "G1 X5 Y5 Z0.3", "G92 E0", "G1 E30", ";LAYER:0"])
+        encode_lines(
+            ["G1 Z-3", "G1 Z0", "G1 E-60", "G1 E-6", "G1 X5 Y5 Z0.3", "G92 E0", "G1 E30", ";LAYER:0"]
+        )
     ),
     st.from_regex(rb"[GMTN][0-9]{1,3}( [XYZEFSPIJRT]-?[0-9]{1,5}(\.[0-9]{0,3})?){0,4}\n", fullmatch=True),
     st.binary(max_size=30),
 )
 
 
-@given(st.lists(LINES, max_size=12), st.lists(LINES, max_size=12), st.sampled_from([marlin, ultigcode]))
-@example([], [b"G91\n", b"G1 E-1 X3 Z1\n"], marlin)
-@example([b";LAYER:0\n"], [], ultigcode)
+@given(
+    st.lists(LINES, max_size=12), st.lists(LINES, max_size=12), st.sampled_from([make_marlin, make_ultigcode])
+)
+@example([], [b"G91\n", b"G1 E-1 X3 Z1\n"], make_marlin)
+@example([b";LAYER:0\n"], [], make_ultigcode)
 @settings(max_examples=300, deadline=None)
-def test_any_file_is_refused_or_safe(before, inside, dialect):
-    good = as_bytes(dialect())
-    middle = len(good) - 8
+def test_any_file_is_refused_or_safe(lines_before, lines_inside, dialect):
+    good_lines = encode_lines(dialect())
+    middle = len(good_lines) - 8
     try:
-        accepted = take([*before, *good[:middle], *inside, *good[middle:]])
+        result = accept([*lines_before, *good_lines[:middle], *lines_inside, *good_lines[middle:]])
     except GcodeRefused as error:
         assert "\n" not in str(error)
     else:
-        safe(accepted)
-        assert accepted.min_mm[2] > 0
+        check_rules(result)
+        assert result.min_mm[2] > 0
         back_mm = 0.0
-        for x, y, z, e in followed(body(accepted)):
+        for x, y, z, e in list_moves(extract_body(result)):
             assert z >= 0
             back_mm = max(0.0, back_mm - e)
             assert back_mm <= 20.5 + 1e-4
             if z < 10:
-                inside = zip(accepted.min_mm[:2], (x, y), accepted.max_mm[:2], strict=True)
-                assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in inside)
+                lines_inside = zip(result.min_mm[:2], (x, y), result.max_mm[:2], strict=True)
+                assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in lines_inside)
         assert back_mm == pytest.approx(0.0, abs=1e-4)

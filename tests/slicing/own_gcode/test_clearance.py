@@ -6,19 +6,19 @@ import subprocess
 import pytest
 import trimesh
 
-from make_gcode import after, marlin, square
-from make_stl import stl_bytes
-from own_gcode import refused, safe, take
+from make_gcode import make_marlin, make_square, print_in_sequence
+from make_stl import write_stl_bytes
+from own_gcode import accept, assert_refused, check_rules
 from slicing.engine import EngineLimits, run_engine
 from slicing.own_gcode.clearance import Clearance
 from slicing_printers import UM2_PLUS
 
-AT = trimesh.transformations.translation_matrix
-TOWER_18 = square(layers=90)
+translate = trimesh.transformations.translation_matrix
+TOWER_18 = make_square(layers=90)
 
 
 @pytest.mark.parametrize(
-    ("moves", "hit"),
+    ("moves", "collides"),
     [
         (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle
         (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # slanting
@@ -31,68 +31,90 @@ TOWER_18 = square(layers=90)
         (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the head is wide
     ],
 )
-def test_move_through_printed_lines_is_refused(moves, hit):
-    lines = marlin(TOWER_18)
-    at = lines.index(";LAYER:89") + 1
-    lines[at:at] = moves
-    if hit:
-        refused(lines, rf"line {at + hit}: moves at Z .* into what is printed up to Z 17.8")
+def test_move_through_printed_lines_is_refused(moves, collides):
+    lines = make_marlin(TOWER_18)
+    index = lines.index(";LAYER:89") + 1
+    lines[index:index] = moves
+    if collides:
+        assert_refused(lines, rf"line {index + collides}: moves at Z .* into what is printed up to Z 17.8")
     else:
-        safe(take(lines))
+        check_rules(accept(lines))
 
 
 def test_extent_of_the_head_matches_the_definition_of_cura():
     clearance = Clearance(slack_mm=0.4, head=UM2_PLUS.head)
     clearance.add_line([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
-    def hits(x, y, z=3.0):
+    def collides_at(x, y, z=3.0):
         return clearance.find_obstacle_mm([x, y, z], [x, y, z]) is not None
 
-    assert hits(100, 100, 8.0) and not hits(100, 100, 8.7)
-    assert hits(102, 100) and not hits(102, 100, 4.0)
+    assert collides_at(100, 100, 8.0) and not collides_at(100, 100, 8.7)
+    assert collides_at(102, 100) and not collides_at(102, 100, 4.0)
     # the head covers 44 mm left of the nozzle, 64 mm right, 34 mm in front and 14 mm behind
-    assert [hits(*at) for at in ((143, 100), (146, 100), (37, 100), (34, 100))] == [True, False, True, False]
-    assert [hits(*at) for at in ((100, 133), (100, 136), (100, 87), (100, 84))] == [True, False, True, False]
+    assert [collides_at(*offset_mm) for offset_mm in ((143, 100), (146, 100), (37, 100), (34, 100))] == [
+        True,
+        False,
+        True,
+        False,
+    ]
+    assert [collides_at(*offset_mm) for offset_mm in ((100, 133), (100, 136), (100, 87), (100, 84))] == [
+        True,
+        False,
+        True,
+        False,
+    ]
 
 
 def test_sequential_objects_need_the_width_of_the_head_between_them():
     def make_two_towers(at_mm, layers):
-        return marlin(after(square(layers=layers), square(at_mm=at_mm, layers=2)))
+        return make_marlin(print_in_sequence(make_square(layers=layers), make_square(at_mm=at_mm, layers=2)))
 
-    safe(take(make_two_towers(170.0, layers=45)))
-    safe(take(make_two_towers(135.0, layers=25)))  # 5 mm high: below the head
-    refused(make_two_towers(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
+    check_rules(accept(make_two_towers(170.0, layers=45)))
+    check_rules(accept(make_two_towers(135.0, layers=25)))  # 5 mm high: below the head
+    assert_refused(make_two_towers(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
 
 
 def test_later_lines_are_obstacles_too():
-    """The third object meets the second, which was low when the ways there were computed."""
-    first, second, third = square(layers=40), square(at_mm=20.0, layers=40), square(at_mm=50.0, layers=1)
-    refused(marlin(after(after(first, second), third)), r"Z 0\.2 into what is printed up to Z 8")
+    """Let the third object collide with the second, which was low when the travels were computed."""
+    first_object, second_object, third_object = (
+        make_square(layers=40),
+        make_square(at_mm=20.0, layers=40),
+        make_square(at_mm=50.0, layers=1),
+    )
+    assert_refused(
+        make_marlin(print_in_sequence(print_in_sequence(first_object, second_object), third_object)),
+        r"Z 0\.2 into what is printed up to Z 8",
+    )
 
 
 def test_total_pause_time_is_limited():
     def waits(seconds, layers):
-        lines = marlin(square(layers=layers))
+        lines = make_marlin(make_square(layers=layers))
         for number in range(layers):
-            at = lines.index(f";LAYER:{number}") + 2
-            lines[at:at] = [f"G4 S{seconds}"]
+            index = lines.index(f";LAYER:{number}") + 2
+            lines[index:index] = [f"G4 S{seconds}"]
         return lines
 
-    safe(take(waits(30, 100)))
-    refused(waits(40, 100), r"waits 3640 s in all so far: at most 3600")
-    refused(marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60")
+    check_rules(accept(waits(30, 100)))
+    assert_refused(waits(40, 100), r"waits 3640 s in all so far: at most 3600")
+    assert_refused(
+        make_marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60"
+    )
 
 
 MODELS = {
     "towers": trimesh.util.concatenate(
         [
-            trimesh.creation.box((12, 12, 12), AT((0, 0, 6))),
-            trimesh.creation.cone(6, 8, transform=AT((25, 0, 0))),
+            trimesh.creation.box((12, 12, 12), translate((0, 0, 6))),
+            trimesh.creation.cone(6, 8, transform=translate((25, 0, 0))),
         ]
     ),
     "spire": trimesh.creation.cone(1.5, 20),
     "bridge": trimesh.boolean.union(
-        [trimesh.creation.box((8, 8, 8), AT((0, 0, 4))), trimesh.creation.box((24, 8, 2), AT((0, 0, 9)))]
+        [
+            trimesh.creation.box((8, 8, 8), translate((0, 0, 4))),
+            trimesh.creation.box((24, 8, 2), translate((0, 0, 9))),
+        ]
     ),
 }
 STYLES = {
@@ -113,25 +135,27 @@ STYLES = {
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("model", MODELS)
 def test_output_of_cura_is_accepted(model, style, engine, settings_of, tmp_path):
-    stl, own = tmp_path / "model.stl", settings_of()
-    stl.write_bytes(stl_bytes(MODELS[model]))
-    reported = [{**settings, **STYLES[style]} for settings in (own.global_, own.extruder)]
-    result = run_engine(engine, stl, *reported, EngineLimits(200, 60.0))
-    safe(take(result.gcode.splitlines(keepends=True)))
+    stl, settings_by_scope = tmp_path / "model.stl", settings_of()
+    stl.write_bytes(write_stl_bytes(MODELS[model]))
+    settings_reported = [
+        {**settings, **STYLES[style]} for settings in (settings_by_scope.global_, settings_by_scope.extruder)
+    ]
+    result = run_engine(engine, stl, *settings_reported, EngineLimits(200, 60.0))
+    check_rules(accept(result.gcode.splitlines(keepends=True)))
 
 
 @pytest.mark.parametrize(("apart_mm", "clear"), [(150.0, True), (25.0, False)])
 def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     apart_mm, clear, engine, settings_of, tmp_path
 ):
-    """The second object's coordinates are from the bed's centre, which the engine adds only from it on."""
-    own = settings_of()
-    for scope, values in (("global", own.global_), ("extruder", own.extruder)):
-        reported = {**values, "print_sequence": "one_at_a_time"}
-        entries = {key: {"default_value": value} for key, value in reported.items()}
+    """Move the second object by the bed's centre, which the engine adds only from that object on."""
+    settings_by_scope = settings_of()
+    for scope, values in (("global", settings_by_scope.global_), ("extruder", settings_by_scope.extruder)):
+        settings_reported = {**values, "print_sequence": "one_at_a_time"}
+        entries = {key: {"default_value": value} for key, value in settings_reported.items()}
         (tmp_path / f"{scope}.json").write_text(json.dumps({"settings": entries}))
     for name, x, centre in (("a", -apart_mm / 2, 111.5), ("b", apart_mm / 2, 0.0)):
-        post = trimesh.creation.cylinder(5, 8, transform=AT((centre + x, centre, 4)))
+        post = trimesh.creation.cylinder(5, 8, transform=translate((centre + x, centre, 4)))
         (tmp_path / f"{name}.stl").write_bytes(post.export(file_type="stl"))
     command = [engine, "slice", "-j", "global.json", "-e0", "-j", "extruder.json", "-o", "out.gcode"]
     command += ["-l", "a.stl", "--next", "-l", "b.stl"]
@@ -139,6 +163,6 @@ def test_one_at_a_time_output_is_accepted_with_room_for_the_head(
     lines = (tmp_path / "out.gcode").read_bytes().splitlines(keepends=True)
     assert sum(line.startswith(b";LAYER:0") for line in lines) == 2
     if clear:
-        safe(take(lines))
+        check_rules(accept(lines))
     else:
-        refused(lines, r"Z 0\.27 into what is printed up to Z 8")
+        assert_refused(lines, r"Z 0\.27 into what is printed up to Z 8")

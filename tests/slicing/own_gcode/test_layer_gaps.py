@@ -4,43 +4,45 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from make_gcode import FILAMENT_MM2, marlin, square, ultigcode
-from own_gcode import refused, safe, take
+from make_gcode import FILAMENT_MM2, make_marlin, make_square, make_ultigcode
+from own_gcode import accept, assert_refused, check_rules
 from slicing.own_gcode.completeness import LayerGaps
 
-SMALL = square(side_mm=2.0, layers=20)  # 0.1 mm of filament in a layer
-WRITERS = pytest.mark.parametrize("write", [marlin, ultigcode])
+SMALL_TOWER = make_square(side_mm=2.0, layers=20)  # 0.1 mm of filament in a layer
+WRITERS = pytest.mark.parametrize("write", [make_marlin, make_ultigcode])
 
 
 def remove_layers(lines, *numbers):
-    """Take layers out of the text of a file."""
-    starts = [at for at, line in enumerate(lines) if line.startswith(";LAYER:")]
-    printed = [at for at, line in enumerate(lines) if line.startswith(("G1 F1800", ";TIME_ELAPSED"))]
-    bounds = [*starts, printed[-1] + 1]
-    lost = {at for number in numbers for at in range(bounds[number], bounds[number + 1])}
-    return [line for at, line in enumerate(lines) if at not in lost]
+    """Remove layers from the text of a file."""
+    starts = [index for index, line in enumerate(lines) if line.startswith(";LAYER:")]
+    print_indices = [
+        index for index, line in enumerate(lines) if line.startswith(("G1 F1800", ";TIME_ELAPSED"))
+    ]
+    bounds = [*starts, print_indices[-1] + 1]
+    removed_indices = {index for number in numbers for index in range(bounds[number], bounds[number + 1])}
+    return [line for index, line in enumerate(lines) if index not in removed_indices]
 
 
-def renumber(lines, first, by):
-    """Shift the numbers of the layers from `first` on, as if those between were empty."""
-    numbers = {f";LAYER:{n}": f";LAYER:{n + by}" for n in range(first, 20)}
+def renumber(lines, first_number, step):
+    """Shift the numbers of the layers from `first_number` on, as if those between were empty."""
+    numbers = {f";LAYER:{n}": f";LAYER:{n + step}" for n in range(first_number, 20)}
     return [numbers.get(line, line) for line in lines]
 
 
 @WRITERS
-@pytest.mark.parametrize("lost", [(0,), (7,), (3, 4, 5), (2, 9, 18)])
-def test_missing_thin_layers_are_detected_by_their_numbers(write, lost):
-    complete = write(SMALL)
-    assert take(complete).layers == 20
-    refused(
-        remove_layers(complete, *lost),
+@pytest.mark.parametrize("lost_layers", [(0,), (7,), (3, 4, 5), (2, 9, 18)])
+def test_missing_thin_layers_are_detected_by_their_numbers(write, lost_layers):
+    complete = write(SMALL_TOWER)
+    assert accept(complete).layers == 20
+    assert_refused(
+        remove_layers(complete, *lost_layers),
         r"line \d+: the first move that feeds after ;LAYER:.*lines are missing",
     )
 
 
 @WRITERS
 def test_layers_that_were_empty_leave_a_gap_and_no_filament(write):
-    assert safe(take(renumber(write(SMALL), 8, 3)))
+    assert check_rules(accept(renumber(write(SMALL_TOWER), 8, 3)))
 
 
 @pytest.mark.parametrize(("missing_mm", "is_lost"), [(0.0, False), (0.002, True)])
@@ -60,61 +62,71 @@ def add_header(lines, *figures):
 
 @pytest.mark.parametrize("relative", [False, True])
 def test_lowest_and_highest_layer_match_the_figures_of_the_slicer(relative):
-    complete = add_header(marlin(SMALL, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
-    assert safe(take(complete))
-    refused(remove_layers(complete, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
-    refused(remove_layers(complete, 19), "up to Z 4, and it ends at Z 3.8: lines are missing")
+    complete = add_header(make_marlin(SMALL_TOWER, relative=relative), "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:4")
+    assert check_rules(accept(complete))
+    assert_refused(remove_layers(complete, 0), "Z 0.2, and it begins at Z 0.4|the first move that feeds")
+    assert_refused(remove_layers(complete, 19), "up to Z 4, and it ends at Z 3.8: lines are missing")
     for placeholder in ("TIME:6666", "MINZ:2.14748e+06"):
-        assert take(
+        assert accept(
             remove_layers([*complete[:2], f";{placeholder}", *complete[2:]], 5) if relative else complete
         )
 
 
 def test_hop_above_the_highest_layer_is_not_a_layer():
-    lines = marlin(SMALL)
+    lines = make_marlin(SMALL_TOWER)
     lines[lines.index(";LAYER:19") + 1 : lines.index(";LAYER:19") + 1] = ["G0 Z5"]
     complete = add_header(lines, "LAYER_COUNT:20", "MINZ:0.2", "MAXZ:5")
-    assert safe(take(complete))
-    refused(remove_layers(complete, 18, 19), "up to Z 5, and it ends at Z 3.6")
+    assert check_rules(accept(complete))
+    assert_refused(remove_layers(complete, 18, 19), "up to Z 5, and it ends at Z 3.6")
 
 
 def test_end_of_the_last_layer_matches_the_time_of_the_slicer():
-    figures = f"TIME:200 MATERIAL:{round(take(ultigcode(SMALL)).filament_mm * FILAMENT_MM2)}".split()
-    complete = [line for line in ultigcode(SMALL) if not line.startswith((";TIME:", ";MATERIAL:"))]
+    figures = (
+        f"TIME:200 MATERIAL:{round(accept(make_ultigcode(SMALL_TOWER)).filament_mm * FILAMENT_MM2)}".split()
+    )
+    complete = [line for line in make_ultigcode(SMALL_TOWER) if not line.startswith((";TIME:", ";MATERIAL:"))]
     complete[1:1] = [f";{figure}" for figure in figures]
-    assert safe(take(complete))
-    assert take([line.replace("ED:200.0", "ED:200.9") for line in complete])
-    refused(remove_layers(complete, 19), "takes 200 s, and its last layer ends after 190 s")
+    assert check_rules(accept(complete))
+    assert accept([line.replace("ED:200.0", "ED:200.9") for line in complete])
+    assert_refused(remove_layers(complete, 19), "takes 200 s, and its last layer ends after 190 s")
 
 
-def tear(lines, number, to):
-    """Take the lines from the middle of a layer to the middle of another one."""
-    lines_of = [lines.index(f";LAYER:{layer}") for layer in (number, to)]
-    middles = [[at for at in range(start, len(lines)) if "G1 F1800" in lines[at]][1] for start in lines_of]
-    return lines[: middles[0]] + lines[middles[1] + (number == to) :]
+def remove_lines(lines, number, end):
+    """Remove the lines from the middle of a layer to the middle of another one."""
+    lines_of = [lines.index(f";LAYER:{layer}") for layer in (number, end)]
+    middles = [
+        [index for index in range(start, len(lines)) if "G1 F1800" in lines[index]][1] for start in lines_of
+    ]
+    return lines[: middles[0]] + lines[middles[1] + (number == end) :]
 
 
 @WRITERS
-@pytest.mark.parametrize("to", [7, 9])
-def test_missing_layers_are_detected_by_their_numbers(write, to):
-    refused(tear(write(SMALL), 6, to), r"line \d+: the move feeds 0\.\d+ mm of filament more than its line")
+@pytest.mark.parametrize("end", [7, 9])
+def test_missing_layers_are_detected_by_their_numbers(write, end):
+    assert_refused(
+        remove_lines(write(SMALL_TOWER), 6, end),
+        r"line \d+: the move feeds 0\.\d+ mm of filament more than its line",
+    )
 
 
 @WRITERS
 def test_large_loss_within_a_layer_is_detected(write):
-    complete = write(square(side_mm=30.0, layers=20))
-    refused(tear(complete, 6, 6), r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes")
-    assert take(complete).layers == 20
+    complete = write(make_square(side_mm=30.0, layers=20))
+    assert_refused(
+        remove_lines(complete, 6, 6),
+        r"line \d+: the move feeds 0\.2\d+ mm of filament more than its line takes",
+    )
+    assert accept(complete).layers == 20
 
 
 def test_thick_line_among_thin_ones_is_accepted():
-    """Lines of variable width do not show that anything is missing."""
+    """Accept lines of variable width, which are no sign of missing layers."""
     for fed_mm, is_lost in ((0.3, False), (0.6, True)):
         gaps = LayerGaps(0.1)
         for number in range(4):
             gaps.begin_layer(number)
-            for at in range(5):
-                gaps.record_feed(20.0, fed_mm if (number, at) == (2, 3) else 0.2, at)
+            for index in range(5):
+                gaps.record_feed(20.0, fed_mm if (number, index) == (2, 3) else 0.2, index)
         assert (gaps.describe_loss() is not None) == is_lost
 
 
@@ -125,21 +137,21 @@ lengths_mm = st.floats(0.05, 100.0)
 @given(
     flow=flows,
     layers=st.lists(st.lists(lengths_mm, min_size=2, max_size=5), min_size=3, max_size=6),
-    lost=st.integers(1, 4),
+    lost_layer=st.integers(1, 4),
 )
-def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost):
-    """E is written to 1e-5 mm, and one layer is left out: with its filament, or without."""
-    lost = min(lost, len(layers) - 2)
-    missing_mm = flow * sum(layers[lost])
+def test_gap_is_a_loss_if_the_next_move_extrudes_too_much(flow, layers, lost_layer):
+    """Omit a layer with or without its filament, with E written to 1e-5 mm."""
+    lost_layer = min(lost_layer, len(layers) - 2)
+    missing_mm = flow * sum(layers[lost_layer])
     noise = 2e-5 / min(map(min, layers))  # of the flow, in the shortest line
-    assume(missing_mm > 3e-4 + (0.02 * flow + noise) * layers[lost + 1][0])
+    assume(missing_mm > 3e-4 + (0.02 * flow + noise) * layers[lost_layer + 1][0])
     for carried_mm in (0.0, missing_mm):
         gaps = LayerGaps(0.1)
         for number, lengths in enumerate(layers):
-            if number == lost:
+            if number == lost_layer:
                 continue
             gaps.begin_layer(number)
-            for at, length_mm in enumerate(lengths):
-                more_mm = carried_mm if number == lost + 1 and not at else 0.0
+            for index, length_mm in enumerate(lengths):
+                more_mm = carried_mm if number == lost_layer + 1 and not index else 0.0
                 gaps.record_feed(length_mm, round(flow * length_mm + more_mm, 5), 1)
         assert (gaps.describe_loss() is not None) == bool(carried_mm)

@@ -2,20 +2,20 @@
 
 import pytest
 
-from make_gcode import FILAMENT_MM2, marlin, square
-from own_gcode import refused, take
+from make_gcode import FILAMENT_MM2, make_marlin, make_square
+from own_gcode import accept, assert_refused
 
-THIN = square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
+THIN = make_square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
 """As a slicer counts E for filament of 1.75 mm: few enough to look plausible for 2.85 mm."""
 
 
 def make_file(comment, lines=None):
-    flavour, *rest = lines or marlin()
-    return [flavour, comment, *rest]
+    flavour, *other_lines = lines or make_marlin()
+    return [flavour, comment, *other_lines]
 
 
-def warnings(lines):
-    return [line for line in take(lines).notices if line.startswith("Warning: ")]
+def list_warnings(lines):
+    return [line for line in accept(lines).notices if line.startswith("Warning: ")]
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def warnings(lines):
     ],
 )
 def test_another_machine_is_a_warning_if_its_file_fits(comment):
-    (warning,) = warnings(make_file(comment))
+    (warning,) = list_warnings(make_file(comment))
     assert repr(comment.split(":")[-1].split("=")[-1].strip()) in warning
 
 
@@ -47,49 +47,52 @@ def test_another_machine_is_a_warning_if_its_file_fits(comment):
     ],
 )
 def test_file_for_an_ultimaker_2_plus_or_no_machine_is_no_warning(comment):
-    assert warnings(make_file(comment)) == []
+    assert list_warnings(make_file(comment)) == []
 
 
 @pytest.mark.parametrize("command", ["G29", "M420 S1", "G80", 'M862.3 P "MK3S"', "M906 X800"])
 def test_another_machine_whose_start_does_not_fit_is_refused(command):
     lines = make_file("; printer_model = MK3S")
     lines.insert(3, command)
-    refused(lines, rf"sliced for 'MK3S' \(line 4: {command.split()[0]} .*slice it for the Ultimaker 2\+")
+    assert_refused(
+        lines, rf"sliced for 'MK3S' \(line 4: {command.split()[0]} .*slice it for the Ultimaker 2\+"
+    )
 
 
 def test_another_machine_with_its_origin_elsewhere_is_refused():
     lines = make_file(
-        "; printer_model = Delta", [*marlin(), "; bed_shape = -100x-100,100x-100,100x100,-100x100"]
+        "; printer_model = Delta", [*make_marlin(), "; bed_shape = -100x-100,100x-100,100x100,-100x100"]
     )
-    refused(lines, "sliced for 'Delta' .its bed begins at '-100x-100'")
-    assert warnings([line.replace("-100x-100,", "0x0,") for line in lines])
+    assert_refused(lines, "sliced for 'Delta' .its bed begins at '-100x-100'")
+    assert list_warnings([line.replace("-100x-100,", "0x0,") for line in lines])
 
 
 def test_file_for_another_machine_must_state_its_filament():
-    """E for filament of 1.75 mm would press 2.3 times as much."""
-    assert warnings(marlin(THIN)) == [
+    """Refuse such a file: E for filament of 1.75 mm would extrude 2.3 times as much."""
+    assert list_warnings(make_marlin(THIN)) == [
         "Warning: its lines have 2.3 times the section of a line as wide as the nozzle: was it sliced for "
         "another nozzle?"
     ]
-    refused(
-        make_file(";TARGET_MACHINE.NAME:Creality Ender-3", marlin(THIN)), "'Creality Ender-3' .* 2.3 times"
+    assert_refused(
+        make_file(";TARGET_MACHINE.NAME:Creality Ender-3", make_marlin(THIN)),
+        "'Creality Ender-3' .* 2.3 times",
     )
-    refused(make_file(";Filament Diameter #1: 1.75"), "1.75 mm: set the filament's diameter")
-    refused(make_file("; fiber_dia_mm = 1.75"), "1.75 mm: set the filament's diameter")
+    assert_refused(make_file(";Filament Diameter #1: 1.75"), "1.75 mm: set the filament's diameter")
+    assert_refused(make_file("; fiber_dia_mm = 1.75"), "1.75 mm: set the filament's diameter")
 
 
 def test_wide_lines_without_a_nozzle_are_a_warning():
-    wide = square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
-    assert len(warnings(marlin(wide))) == 1
-    assert warnings(make_file(";Nozzle Diameter #1: 0.80", marlin(wide))) == []
-    assert take(make_file(";Nozzle Diameter #1: 0.80", marlin(wide))).nozzle_mm == 0.8
+    wide = make_square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
+    assert len(list_warnings(make_marlin(wide))) == 1
+    assert list_warnings(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide))) == []
+    assert accept(make_file(";Nozzle Diameter #1: 0.80", make_marlin(wide))).nozzle_mm == 0.8
 
 
 def test_machine_name_is_printed_without_control_characters():
-    (warning,) = warnings(make_file("; printer_model = \x1b[2J[red]" + "x" * 500))
+    (warning,) = list_warnings(make_file("; printer_model = \x1b[2J[red]" + "x" * 500))
     assert warning.isprintable() and len(warning) < 300
 
 
 def test_material_is_reported():
-    assert take(make_file("; filament_type = PETG;PETG")).filament_type == "PETG"
-    assert take(marlin()).filament_type is None
+    assert accept(make_file("; filament_type = PETG;PETG")).filament_type == "PETG"
+    assert accept(make_marlin()).filament_type is None

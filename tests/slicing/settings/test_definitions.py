@@ -1,4 +1,4 @@
-"""Both stacks of settings, on small definitions."""
+"""Values in both stacks of settings, with small definitions."""
 
 import pytest
 
@@ -8,8 +8,8 @@ from slicing.settings.formula import Formula
 from slicing.settings.resolver import Place, Resolver, Scope
 
 
-def entry(kind="float", **rest):
-    return {"type": kind, **rest}
+def entry(kind="float", **fields):
+    return {"type": kind, **fields}
 
 
 ROOT = {
@@ -48,10 +48,10 @@ GRANDCHILD = {"overrides": {"warmth": {"default_value": 99}}}
 TRAIN = {"settings": {"nozzle": entry(default_value=0.4)}}
 
 
-def resolver(user=(), extruder=(), shared=()):
+def resolver(user=(), extruder=(), global_values=()):
     user = dict(user)
     layers = {
-        Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(shared)},
+        Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(global_values)},
         Scope.EXTRUDER: {Place.USER: user, Place.MATERIAL: dict(extruder)},
     }
     return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([TRAIN]), layers)
@@ -68,7 +68,10 @@ def test_extruder_falls_through_to_the_machine():
 
 
 def test_setting_that_is_not_per_extruder_has_the_global_value():
-    assert resolver(extruder={"height": 9.0}, shared={"height": 0.2}).value(Scope.EXTRUDER, "height") == 0.2
+    assert (
+        resolver(extruder={"height": 9.0}, global_values={"height": 0.2}).value(Scope.EXTRUDER, "height")
+        == 0.2
+    )
 
 
 def test_resolve_uses_the_extruder_unless_the_value_is_set():
@@ -78,8 +81,8 @@ def test_resolve_uses_the_extruder_unless_the_value_is_set():
 
 @pytest.mark.parametrize(("number", "value"), [("0", 0.7), (-1, 0.7), ("-1", 0.5)])
 def test_limited_setting_has_the_value_of_its_extruder_if_any(number, value):
-    limited = resolver(extruder={"width": 0.7}, shared={"nr": number})
-    assert limited.value(Scope.GLOBAL, "limited") == value
+    limited_resolver = resolver(extruder={"width": 0.7}, global_values={"nr": number})
+    assert limited_resolver.value(Scope.GLOBAL, "limited") == value
 
 
 def test_value_of_the_user_precedes_a_formula():
@@ -116,9 +119,9 @@ def test_unknown_keys_name_the_nearest():
     ],
 )
 def test_values_are_read_by_type(key, raw, value):
-    read = parse_value(resolver().setting(key), raw)
-    assert read == value
-    assert type(read) is type(value)
+    parsed_value = parse_value(resolver().setting(key), raw)
+    assert parsed_value == value
+    assert type(parsed_value) is type(value)
 
 
 @pytest.mark.parametrize(
@@ -158,17 +161,17 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
 @pytest.mark.parametrize(
     ("formula", "value"),
     [
-        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the user's and all below
+        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the user's and all lower layers
         ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # from the quality on
         ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition's
-        ("extruderValueFromContainer(0, 'child', 4)", 20),  # what it is made of is asked there too
+        ("extruderValueFromContainer(0, 'child', 4)", 20),  # its inputs are read there too
         ("valueFromContainer('height', 3)", 0.2),
         ("int(anyExtruderWithMaterial('flag')) + int(anyExtruderNrWithOrDefault('flag'))", 0),
     ],
 )
 def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
     user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
-    below = resolver(user=user, extruder={"width": 2.0}, shared={"height": 0.2})
+    below = resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
     assert below.value(Scope.EXTRUDER, "warmth") == value
     assert below.value(Scope.EXTRUDER, "width") == 3.0  # and only there
 
@@ -186,11 +189,11 @@ def test_scope_of_a_setting_follows_its_definition():
 
     assert not counts("child")
     assert counts("child", flag=True, width=2.0)
-    assert counts("areas")  # a formula that only a window needs
+    assert counts("areas")  # a formula for the user interface alone
 
 
 @pytest.mark.parametrize(
-    ("key", "good", "bad"),
+    ("key", "valid_value", "invalid_value"),
     [
         ("width", [0.4, 3], [None, "0.4", float("nan")]),
         ("child", [3, 3.0], [3.5, "3"]),
@@ -201,7 +204,7 @@ def test_scope_of_a_setting_follows_its_definition():
         ("angles", ["[ ]", [20, 110]], [[0.5], "[True]", "0"]),
     ],
 )
-def test_computed_value_has_the_type_of_its_setting(key, good, bad):
+def test_computed_value_has_the_type_of_its_setting(key, valid_value, invalid_value):
     setting = resolver().setting(key)
-    assert all(fits_type(setting, value) for value in good)
-    assert not any(fits_type(setting, value) for value in bad)
+    assert all(fits_type(setting, value) for value in valid_value)
+    assert not any(fits_type(setting, value) for value in invalid_value)

@@ -27,7 +27,7 @@ def run(text, **functions):
         ("max(map(abs, [-5, 2]))", 5),
         ("round(0.4 / 1.5, 2)", 0.27),
         ("a ** 2 % 5", 4.0),
-        ("on or unknown", True),  # the second is never looked at
+        ("on or unknown", True),  # the second operand is not evaluated
         ("False and unknown", False),
         ("math.tan(math.radians(45))", math.tan(math.radians(45))),
         ("any([False, b]) and len(list) == 2", True),
@@ -58,7 +58,7 @@ def test_cura_functions_are_called():
         "1 / 0",
         "'x' + 1",
         "10 ** 10 ** 10",
-        "'%9d' % 1",  # with enough nines it was all of the memory
+        "'%9d' % 1",  # with enough nines it would take all memory
         "'x' * 9",
         "9 * [1]",
         "a +",

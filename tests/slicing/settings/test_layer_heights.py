@@ -1,4 +1,4 @@
-"""Fitted layer heights: parts are printed to their height, for all heights and in real slices."""
+"""Fitted layer heights, with which parts reach their height: all heights, and real slices."""
 
 import numpy as np
 import pytest
@@ -18,11 +18,11 @@ from slicing.settings.layer_heights import (
 from slicing_printers import UM2_PLUS
 
 HIGHEST_MM = 320.0
-# Quality glue: half the nozzle, and Cura's first layer for it; the plain models' first layer is another.
-WANTED = {
+# Quality glue: half the nozzle, and Cura's first layer; the Ultimaker 2 has another first layer.
+REQUESTED = {
     nozzle: LayerHeights(round(nozzle / 1.5, 2), round(nozzle / 2, 2)) for nozzle in (0.25, 0.4, 0.6, 0.8)
 }
-CASES = [*WANTED.items(), (0.4, LayerHeights(0.3, 0.2))]
+CASES = [*REQUESTED.items(), (0.4, LayerHeights(0.3, 0.2))]
 cases = st.sampled_from(CASES)
 
 
@@ -54,54 +54,54 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_mm, case):
     nozzle_mm, heights = case
     result = fit(height_mm, nozzle_mm, heights)
-    alone = fit_heights(height_mm, heights, max_first_mm=0.0)
-    assert alone.first_mm == heights.first_mm
-    if abs(compute_printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
-        assert result == alone
+    heights_alone = fit_heights(height_mm, heights, max_first_mm=0.0)
+    assert heights_alone.first_mm == heights.first_mm
+    if abs(compute_printed_height_mm(height_mm, heights_alone) - height_mm) <= EXACT_MM - 0.002:
+        assert result == heights_alone
     elif abs(result.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
-        first = round(1000 * heights.first_mm)
-        low, high = int(np.ceil(0.96 * first)), int(1.04 * first)
-        assert missed_um(height_mm, heights, range(low, high + 1)) > 17
+        first_um = round(1000 * heights.first_mm)
+        low_um, high_um = int(np.ceil(0.96 * first_um)), int(1.04 * first_um)
+        assert compute_error_um(height_mm, heights, range(low_um, high_um + 1)) > 17
 
 
-def missed_um(height_mm, heights, firsts_um):
+def compute_error_um(height_mm, heights, firsts_um):
     """Compute the least error in um over these first layers and all layer heights within 4 %."""
-    other = round(1000 * heights.other_mm)
-    layers = range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1)
-    tops = [(1000 * height_mm - first) % layer for first in firsts_um for layer in layers]
+    other_um = round(1000 * heights.other_mm)
+    layers = range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1)
+    tops = [(1000 * height_mm - first_um) % layer for first_um in firsts_um for layer in layers]
     return min(min(top, layer - top) for top, layer in zip(tops, [*layers] * len(firsts_um), strict=True))
 
 
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
 def test_every_height_is_fitted_or_reported(nozzle_mm, heights):
     """Check every whole micrometre from some layers up to the highest printer."""
-    first = round(1000 * heights.first_mm)
-    low, high = round(0.75 * first), min(round(1.25 * first), round(800 * nozzle_mm))
-    assert list_reached(heights, low, high).all()
-    assert not list_reached(heights, first, first).all()
+    first_um = round(1000 * heights.first_mm)
+    low_um, high_um = round(0.75 * first_um), min(round(1.25 * first_um), round(800 * nozzle_mm))
+    assert list_reached(heights, low_um, high_um).all()
+    assert not list_reached(heights, first_um, first_um).all()
 
 
-def list_reached(heights, low, high):
-    """First layers between these limits reach every height of several layers to within 20 um."""
-    other, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
+def list_reached(heights, low_um, high_um):
+    """Check that first layers between these limits reach every height of several layers within 20 um."""
+    other_um, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
     near = np.zeros(count + 1, dtype=bool)
-    for layer in range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1):
+    for layer in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
         for top in range(0, count, layer):
-            near[max(0, top + low - 20) : top + high + 21] = True
-    return near[CERTAIN_LAYERS * other :]
+            near[max(0, top + low_um - 20) : top + high_um + 21] = True
+    return near[CERTAIN_LAYERS * other_um :]
 
 
 @given(st.floats(0.01, HIGHEST_MM), cases)
 def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
-    plain = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
+    plain_error_mm = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
     assert abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm) <= max(
-        plain, EXACT_MM
+        plain_error_mm, EXACT_MM
     )
 
 
 def test_fitting_height_is_unchanged():
-    heights = WANTED[0.4]
+    heights = REQUESTED[0.4]
     assert fit(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 
@@ -125,5 +125,5 @@ def test_layers_of_the_engine_equal_the_predicted_ones(request_for, settings_of,
     settings = settings_of(layer_height=layer_height)
     heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
     box = trimesh.creation.box((8, 8, height_mm))
-    printed = slice_plate(request_for(box, settings=settings)).height_mm
-    assert printed == pytest.approx(compute_printed_height_mm(height_mm, heights), abs=1e-6)
+    printed_mm = slice_plate(request_for(box, settings=settings)).height_mm
+    assert printed_mm == pytest.approx(compute_printed_height_mm(height_mm, heights), abs=1e-6)

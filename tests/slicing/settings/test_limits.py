@@ -15,9 +15,9 @@ from slicing_printers import UM2_PLUS
 LIMITS = UM2_PLUS.limits
 
 
-def read_refusal(resources, overrides, **rest):
+def read_refusal(resources, overrides, **other_fields):
     with pytest.raises(BadSetting) as error:
-        resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides, **rest), resources)
+        resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides, **other_fields), resources)
     message = str(error.value)
     assert "\n" not in message
     return message
@@ -127,7 +127,7 @@ def test_no_infill_and_full_infill_are_within_the_limits(resources):
 
 
 def test_disabled_setting_is_not_a_violation(resources):
-    """The support zigzag is not printed without support infill, so its out-of-range value is accepted."""
+    """Accept a support zigzag out of range, as it is not printed without support infill."""
     request = SettingsRequest(UM2_PLUS, overrides={"support_infill_rate": "0"})
     assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
 
@@ -144,10 +144,14 @@ def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resou
 def test_limits_hold_for_every_key_that_heats(resources):
     machine = resources.machine("ultimaker2_plus")
     numbers = (SettingType.FLOAT, SettingType.INT)
-    hot = [s.key for s in machine.settings.values() if "temperature" in s.key and s.type in numbers]
-    commanded = [key for key in hot if "bed" in key or "print_temp" in key or "standby" in key]
-    assert len(commanded) >= 8
-    for key in commanded:
+    temperature_keys = [
+        s.key for s in machine.settings.values() if "temperature" in s.key and s.type in numbers
+    ]
+    command_keys = [
+        key for key in temperature_keys if "bed" in key or "print_temp" in key or "standby" in key
+    ]
+    assert len(command_keys) >= 8
+    for key in command_keys:
         greatest = LIMITS.max_bed_c if "bed" in key else LIMITS.max_nozzle_c
         assert f"at most {greatest:g}" in read_refusal(resources, {key: f"{greatest + 1:g}"})
 

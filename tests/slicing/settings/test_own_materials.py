@@ -1,4 +1,4 @@
-"""A person's own material files: what is read, what is refused, and that it reaches the settings."""
+"""A person's own material files: reading, refusal, and effect on the settings."""
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -46,8 +46,8 @@ def _forget():
     """Forget files that were read: in a process, each is read once."""
     from slicing.settings import plate_settings, resources
 
-    for cached in (resources._list_own_materials, resources._read_material, plate_settings._resolve):
-        cached.cache_clear()
+    for function in (resources._list_own_materials, resources._read_material, plate_settings._resolve):
+        function.cache_clear()
 
 
 def test_settings_of_an_own_material_are_used(write):
@@ -108,10 +108,10 @@ def test_own_material_does_not_replace_one_of_cura_s(write):
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(at=st.integers(0, len(FILE)), junk=st.binary(max_size=8), cut=st.integers(0, 40))
-def test_damaged_file_is_refused_or_a_valid_material(write, at, junk, cut):
+@given(position=st.integers(0, len(FILE)), junk=st.binary(max_size=8), length=st.integers(0, 40))
+def test_damaged_file_is_refused_or_a_valid_material(write, position, junk, length):
     data = FILE.encode()
     try:
-        resolve_settings(REQUEST, write(data[:at] + junk + data[at + cut :]))
+        resolve_settings(REQUEST, write(data[:position] + junk + data[position + length :]))
     except SlicingError as error:
         assert len(str(error).splitlines()) == 1

@@ -1,4 +1,4 @@
-"""Settings out of Cura's real files."""
+"""Settings from Cura's real files."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ from slicing_printers import PRINTERS, UM2_PLUS
 
 
 def lines_mm(settings, width_mm):
-    """The brim has whole lines, and at least this width."""
+    """Compute the width of a brim of complete lines, which has at least this width."""
     line_mm = float(settings.extruder["skirt_brim_line_width"])
     return math.ceil(round(width_mm / line_mm, 6)) * line_mm
 
@@ -61,11 +61,20 @@ def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, be
     request = SettingsRequest(UM2_PLUS, quality)
     s = settings_of(quality)
     assert (s.hidden.bed_layers, s.hidden.top_layers) == (bed, top)
-    hidden = resolve_settings(request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True))
-    assert (hidden.extruder["initial_bottom_layers"], hidden.extruder["top_layers"]) == (str(bed), str(top))
-    # What is not on the bed keeps its layers, and so does a part with nothing hidden.
-    assert hidden.extruder["bottom_layers"] == s.extruder["initial_bottom_layers"] == str(s.bottom_layers)
-    assert replace(hidden, extruder=s.extruder) == s
+    hidden_settings = resolve_settings(
+        request, resources, PartSettings(bed_face_hidden=True, tops_hidden=True)
+    )
+    assert (hidden_settings.extruder["initial_bottom_layers"], hidden_settings.extruder["top_layers"]) == (
+        str(bed),
+        str(top),
+    )
+    # Faces that are not on the bed keep their layers, and so does a part without hidden faces.
+    assert (
+        hidden_settings.extruder["bottom_layers"]
+        == s.extruder["initial_bottom_layers"]
+        == str(s.bottom_layers)
+    )
+    assert replace(hidden_settings, extruder=s.extruder) == s
     assert settings_of("paper-hidden").extruder == settings_of("paper").extruder
 
 
@@ -88,11 +97,13 @@ def test_override_changes_dependent_settings(settings_of):
 
 
 def test_crossing_patterns_count_all_their_lines(settings_of):
-    zigzag, crossed = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
-    assert float(crossed.extruder["infill_line_distance"]) == 2 * float(
-        zigzag.extruder["infill_line_distance"]
+    zigzag_settings, crossed_settings = (
+        settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid")
     )
-    assert crossed.infill_line_distance_mm == zigzag.infill_line_distance_mm
+    assert float(crossed_settings.extruder["infill_line_distance"]) == 2 * float(
+        zigzag_settings.extruder["infill_line_distance"]
+    )
+    assert crossed_settings.infill_line_distance_mm == zigzag_settings.infill_line_distance_mm
 
 
 def test_temperatures_reach_the_start_code(settings_of):
@@ -156,9 +167,9 @@ def test_abs_has_higher_temperatures(resources):
 )
 def test_unknown_name_is_refused_in_one_line(resources, change, message):
     request = {"printer": UM2_PLUS, **change}
-    with pytest.raises(BadSetting, match=message) as refused:
+    with pytest.raises(BadSetting, match=message) as error:
         resolve_settings(SettingsRequest(**request), resources)
-    assert "\n" not in str(refused.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -204,9 +215,9 @@ def test_missing_files_are_reported(tmp_path):
 @pytest.mark.parametrize("height_mm", [2.5, 9.99, 40.93, 123.45])
 def test_skins_keep_their_thickness_with_fitted_layers(resources, height_mm):
     request = SettingsRequest(UM2_PLUS)
-    every = resolve_settings(request, resources)
+    default_settings = resolve_settings(request, resources)
     part = resolve_settings(request, resources, PartSettings(height_mm=height_mm))
-    assert abs(part.layer_height_mm / every.layer_height_mm - 1) <= 0.04
+    assert abs(part.layer_height_mm / default_settings.layer_height_mm - 1) <= 0.04
     assert part.top_layers >= 4
     for end, layers in (("top", part.top_layers), ("bottom", part.bottom_layers)):
         thickness_mm = float(part.extruder[f"{end}_thickness"])
@@ -225,5 +236,8 @@ def test_skins_keep_their_thickness_with_fitted_layers(resources, height_mm):
 def test_only_quality_glue_fits_layers_unless_a_person_sets_them(resources, quality, overrides):
     request = SettingsRequest(UM2_PLUS, quality, overrides=overrides)
     part = resolve_settings(request, resources, PartSettings(height_mm=40.93))
-    every = resolve_settings(request, resources)
-    assert (part.layer_height_mm, part.layer_height_0_mm) == (every.layer_height_mm, every.layer_height_0_mm)
+    default_settings = resolve_settings(request, resources)
+    assert (part.layer_height_mm, part.layer_height_0_mm) == (
+        default_settings.layer_height_mm,
+        default_settings.layer_height_0_mm,
+    )

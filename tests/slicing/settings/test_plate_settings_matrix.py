@@ -13,7 +13,7 @@ from slicing.settings.stacks import find_stacks
 from slicing_printers import PRINTERS, UM2_PLUS
 
 MODELS = ("ultimaker2_plus", "ultimaker2_extended_plus", "ultimaker2", "ultimaker2_extended", "ultimaker2_go")
-FIRST = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles
+OLD_MODELS = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles
 NOZZLES_MM = (0.25, 0.4, 0.6, 0.8)
 QUALITIES = ("high", "normal", "fast", "draft", "slightlycoarse", "coarse", "extracoarse", *FARM_QUALITIES)
 # The generic materials, some brands' of both diameters, and one that is too hot.
@@ -32,7 +32,7 @@ REASONS = (
     "out of range; at",
     "a raft is not supported; set it to",
 )
-# Cura's own profiles go beyond its definitions here (as a park at a speed that the feeder does not reach).
+# Cura's own profiles violate its definitions here (such as a speed that the feeder does not reach).
 CURA_VIOLATIONS = {
     "material_anti_ooze_retraction_speed",
     "material_break_preparation_speed",
@@ -41,7 +41,7 @@ CURA_VIOLATIONS = {
 }
 
 
-def materials_of(resources):
+def list_materials(resources):
     names = {path.name.partition(".")[0] for path in (resources.root / "materials").iterdir()}
     return sorted(name for name in names if name.startswith("generic_") or name in BRANDS)
 
@@ -50,8 +50,8 @@ def materials_of(resources):
 @pytest.mark.parametrize("model", MODELS)
 def test_every_combination_of_printer_and_quality_resolves(resources, model, nozzle_mm):
     outcome = Counter()
-    for material in materials_of(resources):
-        for quality in QUALITIES if model in FIRST else ("fast", "glue"):
+    for material in list_materials(resources):
+        for quality in QUALITIES if model in OLD_MODELS else ("fast", "glue"):
             try:
                 settings = resolve_settings(
                     SettingsRequest(PRINTERS[model], quality, material, nozzle_mm), resources
@@ -74,11 +74,11 @@ def test_every_combination_of_printer_and_quality_resolves(resources, model, noz
     assert (outcome["resolved"] > 0) == (model.endswith("plus") or nozzle_mm == 0.4)
 
 
-@pytest.mark.parametrize("model", FIRST)
+@pytest.mark.parametrize("model", OLD_MODELS)
 def test_violations_of_cura_s_own_profiles_are_listed(resources, model):
     violations = set()
     for nozzle_mm in NOZZLES_MM if model.endswith("plus") else (0.4,):
-        for material in materials_of(resources):
+        for material in list_materials(resources):
             for quality in ("fast", "draft"):
                 try:
                     stacks = find_stacks(resources, model, nozzle_mm, material, quality)

@@ -22,11 +22,11 @@ RECORDED = {
 }
 
 
-def resources_of(version):
-    """Cura's files of a version; the installed ones, or those of `FARM_CURA_RESOURCES_<version>`."""
-    named = os.environ.get(f"FARM_CURA_RESOURCES_{version.replace('.', '_')}")
+def find_resources_of(version):
+    """Return Cura's files of a version: the installed ones, or those of `FARM_CURA_RESOURCES_<version>`."""
+    folder_name = os.environ.get(f"FARM_CURA_RESOURCES_{version.replace('.', '_')}")
     try:
-        result = Resources(Path(named)) if named else find_resources()
+        result = Resources(Path(folder_name)) if folder_name else find_resources()
     except EngineMissing as missing:
         pytest.skip(str(missing))
     root = json.loads((result.root / "definitions" / "fdmprinter.def.json").read_text())
@@ -35,12 +35,12 @@ def resources_of(version):
     return result
 
 
-def are_equal(resolved, cura):
-    """Normalise a value as the engine reads it: numbers without their last digit, words in lower case."""
+def are_equal(value, cura):
+    """Compare values as the engine reads them: numbers without their last digit, words in lower case."""
     try:
-        return math.isclose(float(resolved), float(cura), rel_tol=1e-9)
+        return math.isclose(float(value), float(cura), rel_tol=1e-9)
     except ValueError:
-        return resolved.lower() == cura.lower()
+        return value.lower() == cura.lower()
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,8 @@ def are_equal(resolved, cura):
     [(version, number) for version, item in RECORDED.items() for number in range(len(item["combinations"]))],
 )
 def test_every_setting_equals_that_of_cura(version, number):
-    recorded, resources = RECORDED[version], resources_of(version)
-    machine, nozzle, material, quality, user = recorded["combinations"][number]
+    recording, resources = RECORDED[version], find_resources_of(version)
+    machine, nozzle, material, quality, user = recording["combinations"][number]
     stacks = find_stacks(resources, machine, float(nozzle.split()[0]), material, quality)
     changes = {
         key: Formula(value[1:]) if isinstance(value, str) and value.startswith("=") else value
@@ -58,7 +58,7 @@ def test_every_setting_equals_that_of_cura(version, number):
     layers = {scope: {Place.USER: changes, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for scope in Scope:
-        values = {key: row[number] for key, row in recorded[scope].items() if row[number] is not None}
+        values = {key: row[number] for key, row in recording[scope].items() if row[number] is not None}
         resolved = {key: str(resolver.value(scope, key)) for key in resolver.keys(scope)}
         assert resolved.keys() == values.keys()
         assert {

@@ -27,8 +27,8 @@ from decompose.problem.fitting import (
 )
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
-MENDED = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False, prove=False)
-FAITHFUL = replace(MENDED, faithful=True)
+OPTIONS = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False, prove=False)
+FAITHFUL = replace(OPTIONS, faithful=True)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_solid_is_cut_by_an_oblique_plane(
     assert below.volume_mm3 + above.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3, rel=1e-9)
     assert (below.arrays()[0] @ normal).max() < at_mm + 1e-7
     assert (above.arrays()[0] @ normal).min() > at_mm - 1e-7
-    # The faces on the plane are known for cuts: what is left is the surface as it was.
+    # The faces on the plane are known to be cuts; all others are the unchanged surface.
     uncut = 0.0
     for side in (below, above):
         vertices, faces = side.arrays()
@@ -103,12 +103,12 @@ def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
     assert find_good_mirrors(block, np.random.default_rng(0), 3, 25)[0].error_mm == pytest.approx(
         0.0, abs=1e-9
     )
-    crooked = np.random.default_rng(1).uniform(0.0, 100.0, (60, 3))
-    assert not find_good_mirrors(crooked, np.random.default_rng(0), 3, 5)
-    assert len(draw_mirrors(crooked, np.random.default_rng(0), 5)) >= 3  # however bad
+    asymmetric_points = np.random.default_rng(1).uniform(0.0, 100.0, (60, 3))
+    assert not find_good_mirrors(asymmetric_points, np.random.default_rng(0), 3, 5)
+    assert len(draw_mirrors(asymmetric_points, np.random.default_rng(0), 5)) >= 3  # however bad
 
 
-@pytest.mark.parametrize("options", [MENDED, FAITHFUL])
+@pytest.mark.parametrize("options", [OPTIONS, FAITHFUL])
 def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost: CostModel) -> None:
     """An egg, whose halves are connected wherever it is cut."""
     egg = trimesh.creation.icosphere(2, 50.0)
@@ -117,12 +117,12 @@ def test_parts_add_up_to_the_model_and_are_deterministic(options: Options, cost:
     assert 2 <= len(result.parts) <= 4
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(model.solid.volume_mm3, rel=1e-9)
     assert result.makespan_s < result.serial_s
-    repeated = decompose_model(model, printers(4), options, cost)
-    assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
+    second_result = decompose_model(model, printers(4), options, cost)
+    assert [p.solid.volume_mm3 for p in second_result.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
 def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -> None:
-    result = decompose_model(rough_ball, printers(9), MENDED, cost)
+    result = decompose_model(rough_ball, printers(9), OPTIONS, cost)
     assert 8 <= len(result.parts) <= 9
     for part in result.parts:
         assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
@@ -131,11 +131,11 @@ def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -
 def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
         decompose_model(rough_ball, printers(4), FAITHFUL, cost)
-    with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as raised:
-        decompose_model(rough_ball, printers(4), MENDED, cost)
-    assert raised.value.printers_needed == 8
+    with pytest.raises(NoFit, match="need at least 8 parts, and there are 4 printers") as error:
+        decompose_model(rough_ball, printers(4), OPTIONS, cost)
+    assert error.value.printers_needed == 8
 
 
 def test_one_printer_gets_an_uncut_model_that_fits(ring_with_bar: Solid, cost: CostModel) -> None:
-    for options in (MENDED, FAITHFUL):
+    for options in (OPTIONS, FAITHFUL):
         assert len(decompose_model(Model(ring_with_bar, (), 1.0), printers(1), options, cost).parts) == 1

@@ -29,20 +29,20 @@ def ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, 
     return {part.printer: part.price_s * factors[part.printer] for part in result.parts}
 
 
-def shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
+def compute_shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
     """Compute the makespan of a search that assumes the common room and equal speeds."""
     equal = tuple(replace(printer, time_factor=1.0) for printer in printers)
     problem = Problem(model, equal, cost, OPTIONS)
     poses = problem.find_poses(list(cut_for_uniform_printers(problem).pieces))
-    times = sorted((pose.price_s for pose in poses if pose is not None), reverse=True)
-    assert len(times) == len(poses)
+    times_s = sorted((pose.price_s for pose in poses if pose is not None), reverse=True)
+    assert len(times_s) == len(poses)
     quickest = sorted(printer.time_factor for printer in printers)
-    return max(time * factor for time, factor in zip(times, quickest[: len(times)], strict=True))
+    return max(time * factor for time, factor in zip(times_s, quickest[: len(times_s)], strict=True))
 
 
 @pytest.fixture(scope="module")
 def tower() -> Model:
-    """Model higher than two low printers, but not than a low and a high one."""
+    """Make a model higher than two low printers, but not than a low and a high one."""
     return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
 
 
@@ -57,15 +57,15 @@ def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostMod
 
 
 def test_too_few_printers_are_reported_with_the_required_kind(cost: CostModel) -> None:
-    """The error asks for two more of the higher printers, or four more of the lower ones."""
+    """Check that the error names two more higher printers, or four more lower ones."""
     model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
     options = replace(OPTIONS, granularity=8)
     lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
     highs = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
-    reported = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
-    with pytest.raises(NoFit, match=reported) as raised:
+    message = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
+    with pytest.raises(NoFit, match=message) as error:
         decompose_model(model, [*lows, highs[0]], options, cost)
-    assert raised.value.printers_needed == 6
+    assert error.value.printers_needed == 6
     assert len(decompose_model(model, [*lows, *highs], options, cost).parts) == 6
     with pytest.raises(NoFit, match="there are 5: free 1 more"):
         decompose_model(model, [*lows, *highs[:2]], options, cost)
@@ -77,7 +77,7 @@ def test_fast_printer_gets_more_work(ring_with_bar: Solid, cost: CostModel) -> N
     result = decompose_model(model, printers, OPTIONS, cost)
     ends = ends_s(result, printers)
     assert result.makespan_s == max(ends.values())
-    assert result.makespan_s < 0.9 * shared_s(model, printers, cost)
+    assert result.makespan_s < 0.9 * compute_shared_s(model, printers, cost)
     longest = max(result.parts, key=lambda part: part.price_s)
     assert longest.printer == "wide"
     assert result.lower_bound_s <= result.grid_makespan_s

@@ -1,4 +1,4 @@
-"""The curve over the number of printers against a search for each number."""
+"""Curve over the number of printers, compared with a search for each number."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from box_tables import Shape, tables
+from box_tables import Shape, make_tables
 from decompose.auto import CountGoal
 from decompose.engines.guillotine import (
     CurvePoint,
@@ -25,22 +25,24 @@ from decompose.engines.guillotine.partitioner import OtherClass
 MAX_PRINTERS = 8
 
 
-def equal(most: int) -> np.ndarray:
-    """Fleets of one, two, ... printers of one class."""
-    return np.arange(1, most + 1)[:, None]
+def make_equal_fleets(max_count: int) -> np.ndarray:
+    """Make fleets of one, two, ... printers of one class."""
+    return np.arange(1, max_count + 1)[:, None]
 
 
 @settings(max_examples=25, deadline=None)
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
 def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
-    boxes, needed = tables(shape, seed)
-    points = {p.printers: p.makespan_s for p in compute_makespan_curve([boxes], equal(MAX_PRINTERS))}
+    boxes, is_needed = make_tables(shape, seed)
+    points = {
+        p.printers: p.makespan_s for p in compute_makespan_curve([boxes], make_equal_fleets(MAX_PRINTERS))
+    }
     for printers in range(1, MAX_PRINTERS + 1):
-        least = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-        if least is None or not needed.any():
+        least_s = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+        if least_s is None or not is_needed.any():
             assert printers not in points
         else:
-            assert least - 2e-3 <= points[printers] <= least / (1.0 - TOLERANCE)
+            assert least_s - 2e-3 <= points[printers] <= least_s / (1.0 - TOLERANCE)
 
 
 @settings(max_examples=20, deadline=None)
@@ -53,37 +55,37 @@ def test_each_point_equals_a_separate_search(shape: Shape, seed: int) -> None:
 def test_each_point_of_unequal_printers_equals_a_separate_search(
     shape: Shape, seed: int, order: list[int], quicker: float
 ) -> None:
-    """The other class has another speed, and some boxes fit only one of the two."""
-    first, needed = tables(shape, seed)
+    """Use a second class with another speed; some boxes fit only one of the two."""
+    first_boxes, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
-    odd = np.where(rng.random((2, len(first.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
-    scaled_tables = replace(first, seconds=first.seconds * odd[0])
-    other = replace(first, seconds=first.seconds * np.float32(quicker) * odd[1])
+    factors = np.where(rng.random((2, len(first_boxes.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
+    scaled_tables = replace(first_boxes, seconds=first_boxes.seconds * factors[0])
+    other_boxes = replace(first_boxes, seconds=first_boxes.seconds * np.float32(quicker) * factors[1])
     fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
-    points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other], fleets)}
-    for first_count, others in fleets.tolist():
-        least = Partitioner(scaled_tables, [OtherClass(other, others)]).find_min_makespan(
+    points = {p.printers: p.makespan_s for p in compute_makespan_curve([scaled_tables, other_boxes], fleets)}
+    for first_count, other_count in fleets.tolist():
+        least_s = Partitioner(scaled_tables, [OtherClass(other_boxes, other_count)]).find_min_makespan(
             first_count, 0.0, tolerance_s=1e-3
         )
-        if least is None or not needed.any():
-            assert first_count + others not in points
+        if least_s is None or not is_needed.any():
+            assert first_count + other_count not in points
         else:
-            assert least - 2e-3 <= points[first_count + others] <= (least + 2e-3) / (1.0 - TOLERANCE)
+            assert least_s - 2e-3 <= points[first_count + other_count] <= (least_s + 2e-3) / (1.0 - TOLERANCE)
 
 
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
-    boxes, _ = tables((6, 5, 4), 3)
-    points = compute_makespan_curve([boxes], equal(30))
+    boxes, _ = make_tables((6, 5, 4), 3)
+    points = compute_makespan_curve([boxes], make_equal_fleets(30))
     assert [p.printers for p in points] == list(range(points[0].printers, 31))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(points))
     with ThreadPoolExecutor(2) as executor:
-        assert compute_makespan_curve([boxes], equal(30), executor) == points
+        assert compute_makespan_curve([boxes], make_equal_fleets(30), executor) == points
 
 
 def test_curve_of_an_empty_model_is_empty() -> None:
-    boxes, _ = tables((2, 2, 2), 1)
+    boxes, _ = make_tables((2, 2, 2), 1)
     boxes.seconds[:] = np.inf
-    assert compute_makespan_curve([boxes], equal(4)) == ()
+    assert compute_makespan_curve([boxes], make_equal_fleets(4)) == ()
 
 
 def test_knee_includes_the_work_of_a_person() -> None:

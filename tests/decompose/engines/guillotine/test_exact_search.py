@@ -1,4 +1,4 @@
-"""Exact search, and the partitions with less work that it also shifts."""
+"""Exact search, which also shifts the planes of partitions with less work."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def search_result(task: Problem) -> tuple[ExactSearch, list[Box]]:
     return search, list(search.run())
 
 
-def work_s(search: ExactSearch, boxes: list[Box]) -> float:
+def compute_work_s(search: ExactSearch, boxes: list[Box]) -> float:
     return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
 
 
@@ -43,37 +43,37 @@ def test_looser_partitions_are_complete_without_more_work(
     search_result: tuple[ExactSearch, list[Box]],
 ) -> None:
     search, best = search_result
-    results = [list(cut) for cut in search.list_looser_partitions(best)]
+    results = [list(partition) for partition in search.list_looser_partitions(best)]
     assert 0 < len(results) <= len(LOOSER_LIMIT_SHARES)
-    assert len({frozenset(chosen) for chosen in [best, *results]}) == len(results) + 1
-    limits_s = [max(search.posed_s[box] for box in chosen) for chosen in results]
+    assert len({frozenset(partition) for partition in [best, *results]}) == len(results) + 1
+    limits_s = [max(search.posed_s[box] for box in partition) for partition in results]
     assert min(limits_s) >= max(search.posed_s[box] for box in best)
-    for chosen in results:
-        covered = np.zeros(search.grid.shape, dtype=np.int64)
-        for a, b, c, d, e, f in chosen:
-            covered[a:d, b:e, c:f] += 1
-        assert covered.max() == 1
-        assert covered[search.grid.needed].all()
-        assert sum(len(search.cut[box]) for box in chosen) <= len(ROOMS)
-    assert min(work_s(search, chosen) for chosen in results) <= work_s(search, best)
+    for partition in results:
+        cover_count = np.zeros(search.grid.shape, dtype=np.int64)
+        for a, b, c, d, e, f in partition:
+            cover_count[a:d, b:e, c:f] += 1
+        assert cover_count.max() == 1
+        assert cover_count[search.grid.needed].all()
+        assert sum(len(search.cut[box]) for box in partition) <= len(ROOMS)
+    assert min(compute_work_s(search, partition) for partition in results) <= compute_work_s(search, best)
 
 
 def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """Return the second of the looser partitions."""
     ends: dict[int, float] = {}
-    created: list[tuple[Piece, ...]] = []
+    results: list[tuple[Piece, ...]] = []
 
     def reverse_shift(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
-        pieces = tuple(piece for inside in cut.values() for piece in inside)
-        created.append(pieces)
-        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(created) - 1]
+        pieces = tuple(piece for pieces_of_box in cut.values() for piece in pieces_of_box)
+        results.append(pieces)
+        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(results) - 1]
         return list(pieces)
 
     monkeypatch.setattr(exact_search, "shift_planes", reverse_shift)
     monkeypatch.setattr(Problem, "makespan_s", lambda _, pieces: ends[id(pieces[0])])
     result = exact_search.cut_for_uniform_printers(task)
-    assert len(created) > 2
-    assert result.pieces == created[2]
+    assert len(results) > 2
+    assert result.pieces == results[2]
 
 
 @pytest.mark.parametrize(
@@ -83,10 +83,10 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
 def test_partitions_far_above_the_best_are_not_improved(
     best_known_s: float, budget_s: float, thorough: bool, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
+    def list_looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
-    monkeypatch.setattr(ExactSearch, "list_looser_partitions", looser)
+    monkeypatch.setattr(ExactSearch, "list_looser_partitions", list_looser)
     exact_search.cut_for_uniform_printers(
         replace(task, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
     )
@@ -96,7 +96,7 @@ def test_partitions_far_above_the_best_are_not_improved(
 def test_corrected_piece_counts_need_few_solves(
     budget_s: float, task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each correction starts from the last makespan instead of all prices, with and without a budget."""
+    """Check that each correction starts from the last makespan, with and without a budget."""
     corrections, solves = iter(range(10)), 2
     monkeypatch.setattr(
         ExactSearch, "_correct_piece_counts", lambda self, _: next(corrections, None) is not None
@@ -118,10 +118,10 @@ def test_corrected_piece_counts_need_few_solves(
 def test_search_ends_when_its_share_of_the_budget_is_spent(
     task: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A partition is known, and corrections of the next ones would never end."""
+    """Use partitions whose corrections never end, after a first one that is found."""
     corrections = 0
 
-    def correct(self: ExactSearch, chosen: list[Box]) -> bool:
+    def correct(self: ExactSearch, partition: list[Box]) -> bool:
         nonlocal corrections
         corrections += 1
         assert corrections < 1000

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
-from box_tables import Shape, tables
+from box_tables import Shape, make_tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_MM2, UNREACHABLE
@@ -24,18 +24,24 @@ Worth = tuple[int, int, int]  # parts, seconds, units of cut area
 Parts = tuple[int, ...]  # of each class of printers
 
 
-def best_by_recursion(boxes: BoxTables, needed: np.ndarray, limit_s: float) -> Worth:
+def find_best_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> Worth:
     @cache
     def best(box: Box) -> Worth:
-        inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
-        if not len(inside):
+        cells_inside = np.argwhere(is_needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
+        if not len(cells_inside):
             return 0, 0, 0
-        lo, hi = inside.min(axis=0) + box[:3], inside.max(axis=0) + box[:3] + 1
+        lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
-        at = box_index(box, boxes.shape)
+        index = box_index(box, boxes.shape)
         results = [(UNREACHABLE, 0, 0)]
-        if boxes.seconds[at] <= limit_s:
-            results = [(int(boxes.pieces[at]), round(boxes.seconds[at]), round(boxes.cut_mm2[at] / AREA_MM2))]
+        if boxes.seconds[index] <= limit_s:
+            results = [
+                (
+                    int(boxes.pieces[index]),
+                    round(boxes.seconds[index]),
+                    round(boxes.cut_mm2[index] / AREA_MM2),
+                )
+            ]
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
                 near, far = list(box), list(box)
@@ -47,8 +53,8 @@ def best_by_recursion(boxes: BoxTables, needed: np.ndarray, limit_s: float) -> W
     return best((0, 0, 0, *boxes.shape))
 
 
-def fewest_by_recursion(boxes: BoxTables, needed: np.ndarray, limit_s: float) -> int:
-    return best_by_recursion(boxes, needed, limit_s)[0]
+def find_fewest_by_recursion(boxes: BoxTables, is_needed: np.ndarray, limit_s: float) -> int:
+    return find_best_by_recursion(boxes, is_needed, limit_s)[0]
 
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
@@ -57,52 +63,52 @@ shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.05, 1.2))
 def test_minimum_number_of_parts_at_a_time_limit(shape: Shape, seed: int, share: float) -> None:
-    boxes, needed = tables(shape, seed)
+    boxes, is_needed = make_tables(shape, seed)
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(boxes)
-    expected = fewest_by_recursion(boxes, needed, limit)
+    expected_count = find_fewest_by_recursion(boxes, is_needed, limit)
     for ties in (False, True):
         result = solver.solve(limit, ties)
-        assert result == expected
+        assert result == expected_count
     if result >= UNREACHABLE:
         return
-    chosen = solver.list_chosen_boxes()
-    assert sum(int(boxes.pieces[box_index(b, shape)]) for b in chosen) == result
+    partition = solver.list_chosen_boxes()
+    assert sum(int(boxes.pieces[box_index(b, shape)]) for b in partition) == result
     cover = np.zeros(shape, int)
-    for x0, y0, z0, x1, y1, z1 in chosen:
+    for x0, y0, z0, x1, y1, z1 in partition:
         cover[x0:x1, y0:y1, z0:z1] += 1
     assert cover.max(initial=0) <= 1
-    assert (cover[needed] == 1).all()
-    assert all(boxes.seconds[box_index(b, shape)] <= limit for b in chosen)
+    assert (cover[is_needed] == 1).all()
+    assert all(boxes.seconds[box_index(b, shape)] <= limit for b in partition)
 
 
 @settings(max_examples=40, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.2, 1.2), alike=st.booleans())
 def test_ties_are_broken_by_work_then_by_cut_area(shape: Shape, seed: int, share: float, alike: bool) -> None:
-    boxes, needed = tables(shape, seed)
+    boxes, is_needed = make_tables(shape, seed)
     if alike:  # so that only cuts decide
         boxes.seconds[np.isfinite(boxes.seconds)] = 100.0
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(boxes)
     if solver.solve(limit, ties=True) >= UNREACHABLE:
         return
-    at = [box_index(box, shape) for box in solver.list_chosen_boxes()]
+    indices = [box_index(box, shape) for box in solver.list_chosen_boxes()]
     worth = (
-        sum(int(boxes.pieces[i]) for i in at),
-        sum(round(boxes.seconds[i]) for i in at),
-        sum(round(boxes.cut_mm2[i] / AREA_MM2) for i in at),
+        sum(int(boxes.pieces[i]) for i in indices),
+        sum(round(boxes.seconds[i]) for i in indices),
+        sum(round(boxes.cut_mm2[i] / AREA_MM2) for i in indices),
     )
-    assert worth == best_by_recursion(boxes, needed, limit)
+    assert worth == find_best_by_recursion(boxes, is_needed, limit)
 
 
 @settings(max_examples=25, deadline=None)
 @given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
 def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, printers: int) -> None:
-    boxes, needed = tables(shape, seed)
+    boxes, is_needed = make_tables(shape, seed)
     limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
-    reachable = [t for t in limits if fewest_by_recursion(boxes, needed, float(t)) <= printers]
+    reachable = [t for t in limits if find_fewest_by_recursion(boxes, is_needed, float(t)) <= printers]
     result = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-    if not needed.any() or not reachable:
+    if not is_needed.any() or not reachable:
         assert result is None
     else:
         assert result == pytest.approx(float(reachable[0]), abs=2e-3)
@@ -113,32 +119,32 @@ def test_minimum_makespan_equals_an_exhaustive_search(shape: Shape, seed: int, p
 def test_minimum_makespan_is_independent_of_the_lower_bound(
     shape: Shape, seed: int, printers: int, share: float
 ) -> None:
-    boxes, _ = tables(shape, seed)
-    found = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-    bound_s = share * (found or 1.0)
+    boxes, _ = make_tables(shape, seed)
+    makespan_s = Partitioner(boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    bound_s = share * (makespan_s or 1.0)
     near = Partitioner(boxes)
     assert near.find_min_makespan(printers, bound_s, 1e-3, is_near=True) == (
-        None if found is None else pytest.approx(found, abs=2e-3)
+        None if makespan_s is None else pytest.approx(makespan_s, abs=2e-3)
     )
-    if found is not None:
+    if makespan_s is not None:
         assert len(near.list_chosen_boxes()) <= printers
 
 
-def shares_by_recursion(
-    classes: list[BoxTables], needed: np.ndarray, limit_s: float, most: int
+def list_shares_by_recursion(
+    classes: list[BoxTables], is_needed: np.ndarray, limit_s: float, max_count: int
 ) -> set[Parts]:
-    """List all ways to distribute the parts of a partition among the classes, at most `most` to each."""
+    """List all ways to distribute the parts of a partition among the classes, at most `max_count` to each."""
 
     @cache
     def find_shares(box: Box) -> frozenset[Parts]:
-        inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
-        if not len(inside):
+        cells_inside = np.argwhere(is_needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
+        if not len(cells_inside):
             return frozenset([(0,) * len(classes)])
-        lo, hi = inside.min(axis=0) + box[:3], inside.max(axis=0) + box[:3] + 1
+        lo, hi = cells_inside.min(axis=0) + box[:3], cells_inside.max(axis=0) + box[:3] + 1
         box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
-        at = box_index(box, classes[0].shape)
-        able = [i for i, boxes in enumerate(classes) if boxes.seconds[at] <= limit_s]
-        takers = combinations_with_replacement(able, int(classes[0].pieces[at]))
+        index = box_index(box, classes[0].shape)
+        able = [i for i, boxes in enumerate(classes) if boxes.seconds[index] <= limit_s]
+        takers = combinations_with_replacement(able, int(classes[0].pieces[index]))
         results = {tuple(item.count(i) for i in range(len(classes))) for item in takers}
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
@@ -146,21 +152,21 @@ def shares_by_recursion(
                 near[axis + 3] = far[axis] = plane
                 sides = find_shares(tuple(near)), find_shares(tuple(far))  # type: ignore[arg-type]
                 results |= {tuple(np.add(a, b).tolist()) for a in sides[0] for b in sides[1]}
-        return frozenset(share for share in results if max(share) <= most)
+        return frozenset(share for share in results if max(share) <= max_count)
 
     return set(find_shares((0, 0, 0, *classes[0].shape)))
 
 
 def make_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
-    """Tables of the same boxes on printers of another speed that have no room for some of them."""
-    boxes, needed = tables(shape, seed)
+    """Make tables of the same boxes on printers with another speed and too little room for some of them."""
+    boxes, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
     results = []
     for _ in range(number):
         seconds = boxes.seconds * np.float32(rng.uniform(0.5, 1.5))
         seconds[rng.random(len(seconds)) < 0.2] = np.inf
         results.append(replace(boxes, seconds=seconds))
-    return results, needed
+    return results, is_needed
 
 
 @settings(max_examples=60, deadline=None)
@@ -173,61 +179,61 @@ def make_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables],
 def test_unequal_printers_match_an_exhaustive_distribution(
     shape: Shape, seed: int, share: float, counts: list[int]
 ) -> None:
-    classes, needed = make_classes(shape, seed, 1 + len(counts))
+    classes, is_needed = make_classes(shape, seed, 1 + len(counts))
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(classes[0], [OtherClass(*item) for item in zip(classes[1:], counts, strict=True)])
-    shares = shares_by_recursion(classes, needed, limit, most=12)
+    shares = list_shares_by_recursion(classes, is_needed, limit, max_count=12)
     within = [
         parts_by_class[0]
         for parts_by_class in shares
         if all(n <= m for n, m in zip(parts_by_class[1:], counts, strict=True))
     ]
-    expected = min(within, default=UNREACHABLE)
+    expected_s = min(within, default=UNREACHABLE)
     for ties in (False, True):
-        assert solver.solve(limit, ties) == expected
-        if expected >= UNREACHABLE:
+        assert solver.solve(limit, ties) == expected_s
+        if expected_s >= UNREACHABLE:
             continue
-        at = [
+        indices = [
             box_index(box, shape)
             for box in solver.list_chosen_boxes()
             for _ in range(classes[0].pieces[box_index(box, shape)])
         ]
-        printers = [classes[0]] * expected + [
+        printers = [classes[0]] * expected_s + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
         ]
         cover = np.zeros(shape, int)
         for x0, y0, z0, x1, y1, z1 in solver.list_chosen_boxes():
             cover[x0:x1, y0:y1, z0:z1] += 1
         assert cover.max(initial=0) <= 1
-        assert (cover[needed] == 1).all()
-        times = np.array([[table.seconds[i] for table in printers] for i in at]).reshape(
-            len(at), len(printers)
+        assert (cover[is_needed] == 1).all()
+        times_s = np.array([[table.seconds[i] for table in printers] for i in indices]).reshape(
+            len(indices), len(printers)
         )
-        assert not len(at) or assign_bottleneck(np.where(times <= limit, times, np.inf)) is not None
+        assert not len(indices) or assign_bottleneck(np.where(times_s <= limit, times_s, np.inf)) is not None
 
 
 @settings(max_examples=25, deadline=None)
-@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4), others=st.integers(0, 2))
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4), other_count=st.integers(0, 2))
 def test_more_printers_of_another_class_never_end_later(
-    shape: Shape, seed: int, printers: int, others: int
+    shape: Shape, seed: int, printers: int, other_count: int
 ) -> None:
-    (first, second), _ = make_classes(shape, seed, 2)
-    alone_s = Partitioner(first).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
-    both = Partitioner(first, [OtherClass(second, others)])
-    both_s = both.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    (first_boxes, second_boxes), _ = make_classes(shape, seed, 2)
+    alone_s = Partitioner(first_boxes).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+    partitioner = Partitioner(first_boxes, [OtherClass(second_boxes, other_count)])
+    both_s = partitioner.find_min_makespan(printers, 0.0, tolerance_s=1e-3)
     if alone_s is not None:
         assert both_s is not None
         assert both_s <= alone_s + 1e-3
-        assert both.find_min_makespan(printers, 0.0, max_s=0.5 * both_s) is None
+        assert partitioner.find_min_makespan(printers, 0.0, max_s=0.5 * both_s) is None
 
 
 def cut_at_random(boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
     """Make a guillotine partition of a box by random cuts, down to boxes that end in time, or None."""
-    at = int(boxes.trimmed[box_index(box, boxes.shape)])
-    if at < 0:
+    index = int(boxes.trimmed[box_index(box, boxes.shape)])
+    if index < 0:
         return []
-    box = box_at(at, boxes.shape)
-    if boxes.seconds[at] <= limit_s and boxes.pieces[at] == 1:
+    box = box_at(index, boxes.shape)
+    if boxes.seconds[index] <= limit_s and boxes.pieces[index] == 1:
         return [box]
     cuts = [(axis, plane) for axis in range(3) for plane in range(box[axis] + 1, box[axis + 3])]
     if not cuts:
@@ -242,24 +248,24 @@ def cut_at_random(boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Gen
 @settings(max_examples=40, deadline=None)
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), share=st.floats(0.05, 0.8))
 def test_random_cuts_give_no_better_partition(shape: Shape, seed: int, share: float) -> None:
-    boxes, needed = tables(shape, seed)
+    boxes, is_needed = make_tables(shape, seed)
     rng = np.random.default_rng(seed)
     result = cut_at_random(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
-    if result is None or not needed.any():
+    if result is None or not is_needed.any():
         reject()
     solver = Partitioner(boxes)
-    least = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
-    assert least is not None
+    least_s = solver.find_min_makespan(len(result), 0.0, tolerance_s=1e-3)
+    assert least_s is not None
     assert solver.longest_s() <= boxes.longest_s(result)
     assert solver.solve(boxes.longest_s(result)) <= len(result)
 
 
-def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
+def partition_greedily(boxes: BoxTables, printers: int) -> list[Box]:
     """Cut the costliest box at its best plane as long as printers are left."""
 
     def trim(box: list[int]) -> Box | None:
-        at = int(boxes.trimmed[box_index((*box,), boxes.shape)])  # type: ignore[arg-type]
-        return None if at < 0 else box_at(at, boxes.shape)
+        index = int(boxes.trimmed[box_index((*box,), boxes.shape)])  # type: ignore[arg-type]
+        return None if index < 0 else box_at(index, boxes.shape)
 
     def seconds(box: Box) -> float:
         return float(boxes.seconds[box_index(box, boxes.shape)])
@@ -288,8 +294,8 @@ def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
 @settings(max_examples=40, deadline=None)
 @given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), printers=st.integers(1, 12))
 def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers: int) -> None:
-    boxes, _ = tables(shape, seed)
-    result = greedy_partition(boxes, printers)
+    boxes, _ = make_tables(shape, seed)
+    result = partition_greedily(boxes, printers)
     assume(result and np.isfinite(boxes.longest_s(result)))
     count = sum(int(boxes.pieces[box_index(box, shape)]) for box in result)
     solver = Partitioner(boxes)
@@ -298,7 +304,7 @@ def test_greedy_cuts_give_no_better_partition(shape: Shape, seed: int, printers:
 
 
 def rotate_tables(
-    boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]
+    boxes: BoxTables, axes: tuple[int, int, int], is_mirrored: tuple[bool, bool, bool]
 ) -> BoxTables:
     """Permute and mirror the axes of the tables of a model."""
     shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
@@ -306,7 +312,7 @@ def rotate_tables(
     def place(box: Box) -> Box:
         lo, hi = list(box[:3]), list(box[3:])
         for axis in range(3):
-            if mirrored[axis]:
+            if is_mirrored[axis]:
                 lo[axis], hi[axis] = boxes.shape[axis] - box[axis + 3], boxes.shape[axis] - box[axis]
         a, b, c = axes
         return lo[a], lo[b], lo[c], hi[a], hi[b], hi[c]
@@ -323,17 +329,20 @@ def rotate_tables(
     shape=shapes,
     seed=st.integers(0, 10**6),
     axes=st.permutations(range(3)),
-    mirrored=st.tuples(*[st.booleans()] * 3),
+    is_mirrored=st.tuples(*[st.booleans()] * 3),
     printers=st.integers(1, 8),
 )
 def test_turned_or_mirrored_model_takes_the_same_time(
-    shape: Shape, seed: int, axes: list[int], mirrored: tuple[bool, bool, bool], printers: int
+    shape: Shape, seed: int, axes: list[int], is_mirrored: tuple[bool, bool, bool], printers: int
 ) -> None:
-    boxes, _ = tables(shape, seed)
-    other = rotate_tables(boxes, (axes[0], axes[1], axes[2]), mirrored)
-    times = [Partitioner(item).find_min_makespan(printers, 0.0, tolerance_s=1e-3) for item in (boxes, other)]
-    assert (times[0] is None) == (times[1] is None)
-    assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)
+    boxes, _ = make_tables(shape, seed)
+    rotated_boxes = rotate_tables(boxes, (axes[0], axes[1], axes[2]), is_mirrored)
+    times_s = [
+        Partitioner(item).find_min_makespan(printers, 0.0, tolerance_s=1e-3)
+        for item in (boxes, rotated_boxes)
+    ]
+    assert (times_s[0] is None) == (times_s[1] is None)
+    assert times_s[0] is None or times_s[0] == pytest.approx(times_s[1], abs=2e-3)
 
 
 def test_every_room_limits_the_parts() -> None:

@@ -23,16 +23,16 @@ def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
 
 
 @pytest.mark.parametrize("axes", [(1, 2, 0), (1, 0, 2)])
-@pytest.mark.parametrize("mirrored", [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0)])
+@pytest.mark.parametrize("signs", [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0)])
 def test_times_of_rotated_grids_are_equal(
     axes: tuple[int, int, int],
-    mirrored: tuple[float, float, float],
+    signs: tuple[float, float, float],
     triangles: np.ndarray,
     cost: CostModel,
 ) -> None:
-    placed = (triangles * mirrored)[:, :, list(axes)]
-    odd = np.prod(mirrored) * np.linalg.det(np.eye(3)[list(axes)]) < 0.0
-    placed = placed[:, ::-1] if odd else placed  # outward faces stay outward
-    assert makespan_s(np.ascontiguousarray(placed), cost) == pytest.approx(
+    placed_triangles = (triangles * signs)[:, :, list(axes)]
+    is_odd = np.prod(signs) * np.linalg.det(np.eye(3)[list(axes)]) < 0.0
+    placed_triangles = placed_triangles[:, ::-1] if is_odd else placed_triangles  # outward faces stay outward
+    assert makespan_s(np.ascontiguousarray(placed_triangles), cost) == pytest.approx(
         makespan_s(triangles, cost), rel=1e-4
     )

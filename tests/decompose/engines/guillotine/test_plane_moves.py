@@ -1,4 +1,4 @@
-"""Groups of faces that move together: partitions stay valid, and shifts have the least makespan."""
+"""Groups of faces that move together: valid partitions, and shifts with the least makespan."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ PLANES = tuple(np.arange(7) * 10.0 for _ in range(3))
 ROW = np.full((3, 2, 3), -1)  # three boxes in a row along x, with two planes between them
 ROW[0, 1, 0] = ROW[1, 0, 0] = 0
 ROW[1, 1, 0] = ROW[2, 0, 0] = 1
-SLOPES = np.where(ROW >= 0, np.array([-1.0, 1.0])[None, :, None], 0.0)  # a second a mm
+SLOPES = np.where(ROW >= 0, np.array([-1.0, 1.0])[None, :, None], 0.0)  # 1 s for each mm
 FREE = np.full((3, 3), math.inf)
 FAR = np.full(2, 100.0)
 
 
-def in_mm(boxes: list[Box]) -> np.ndarray:
+def convert_to_mm(boxes: list[Box]) -> np.ndarray:
     return 10.0 * np.array(boxes, dtype=float).reshape(-1, 2, 3)
 
 
-def guillotine(rng: np.random.Generator, box: Box, cuts: int) -> list[Box]:
-    """Make random axis cuts; planes of two cuts often coincide, so that corners meet crosswise."""
+def cut_at_random(rng: np.random.Generator, box: Box, cuts: int) -> list[Box]:
+    """Make random axis cuts; planes of two cuts often coincide, so that four corners meet."""
     axis = int(rng.integers(3))
     if cuts == 0 or box[axis + 3] - box[axis] < 2:
         return [box]
     near, far = list(box), list(box)
     near[axis + 3] = far[axis] = int(rng.integers(box[axis] + 1, box[axis + 3]))
-    return [b for side in (near, far) for b in guillotine(rng, tuple(side), cuts - 1)]  # type: ignore[arg-type]
+    return [b for side in (near, far) for b in cut_at_random(rng, tuple(side), cuts - 1)]  # type: ignore[arg-type]
 
 
 @settings(max_examples=80, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4))
 def test_simultaneous_moves_of_all_groups_keep_a_complete_partition(seed: int, cuts: int) -> None:
     rng = np.random.default_rng(seed)
-    boxes = in_mm(guillotine(rng, (0, 0, 0, 6, 6, 6), cuts))
+    boxes = convert_to_mm(cut_at_random(rng, (0, 0, 0, 6, 6, 6), cuts))
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
     groups = group_faces(boxes)
     count = groups.max() + 1
@@ -59,9 +59,9 @@ def test_simultaneous_moves_of_all_groups_keep_a_complete_partition(seed: int, c
     assert cells.is_partition(move_groups(boxes, groups, rng.uniform(-4.9, 4.9, count)))
 
 
-@pytest.mark.parametrize("mirrored", [0, 1])
-def test_arms_of_a_pinwheel_move_alone(mirrored: int) -> None:
-    boxes = in_mm(list_pinwheel_boxes((6, 6, 6), (2, mirrored, 2, 4, 2, 4)))
+@pytest.mark.parametrize("is_mirrored", [0, 1])
+def test_arms_of_a_pinwheel_move_alone(is_mirrored: int) -> None:
+    boxes = convert_to_mm(list_pinwheel_boxes((6, 6, 6), (2, is_mirrored, 2, 4, 2, 4)))
     groups = group_faces(boxes)
     assert groups.max() == 3
     cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
@@ -70,37 +70,39 @@ def test_arms_of_a_pinwheel_move_alone(mirrored: int) -> None:
 
 def test_four_boxes_about_an_edge_share_one_of_their_planes() -> None:
     quarters = [(x, y, 0, x + 3, y + 3, 6) for x in (0, 3) for y in (0, 3)]
-    groups = group_faces(in_mm(quarters))
-    assert groups.max() == 2  # one plane goes through, the other is two halves that move alone
+    groups = group_faces(convert_to_mm(quarters))
+    assert groups.max() == 2  # one plane is continuous, the other consists of two halves that move separately
 
 
 def test_face_moves_only_into_a_box_that_covers_it() -> None:
-    """The lower box is narrower, so it cannot take over needed cells of the upper one."""
+    """Use a lower box that is narrower, so that it cannot take needed cells from the upper one."""
     boxes = [(0, 0, 0, 3, 6, 3), (0, 0, 3, 6, 6, 6)]
-    needed = np.ones((6, 6, 6), dtype=bool)
-    needed[3:, :, :3] = False
-    cells = NeededCells(PLANES, needed)
-    groups = group_faces(in_mm(boxes))
-    assert free_directions(in_mm(boxes), groups, cells, 1.0).tolist() == [[True, False]]
-    filled = fill_out_boxes(boxes, ~needed)
-    assert filled == [(0, 0, 0, 6, 6, 3), (0, 0, 3, 6, 6, 6)]
-    assert free_directions(in_mm(filled), group_faces(in_mm(filled)), cells, 1.0).tolist() == [[True, True]]
+    is_needed = np.ones((6, 6, 6), dtype=bool)
+    is_needed[3:, :, :3] = False
+    cells = NeededCells(PLANES, is_needed)
+    groups = group_faces(convert_to_mm(boxes))
+    assert free_directions(convert_to_mm(boxes), groups, cells, 1.0).tolist() == [[True, False]]
+    filled_boxes = fill_out_boxes(boxes, ~is_needed)
+    assert filled_boxes == [(0, 0, 0, 6, 6, 3), (0, 0, 3, 6, 6, 6)]
+    assert free_directions(
+        convert_to_mm(filled_boxes), group_faces(convert_to_mm(filled_boxes)), cells, 1.0
+    ).tolist() == [[True, True]]
 
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4))
 def test_boxes_grow_over_free_empty_cells_only(seed: int, cuts: int) -> None:
     rng = np.random.default_rng(seed)
-    boxes = guillotine(rng, (0, 0, 0, 6, 6, 6), cuts)
+    boxes = cut_at_random(rng, (0, 0, 0, 6, 6, 6), cuts)
     boxes = [box for box in boxes if rng.random() < 0.7] or boxes
-    empty = rng.random((6, 6, 6)) < 0.7
-    before, after = np.zeros((6, 6, 6), int), np.zeros((6, 6, 6), int)
-    for cells, some in ((before, boxes), (after, fill_out_boxes(boxes, empty))):
-        for x0, y0, z0, x1, y1, z1 in some:
+    is_empty = rng.random((6, 6, 6)) < 0.7
+    owners, grown_owners = np.zeros((6, 6, 6), int), np.zeros((6, 6, 6), int)
+    for cells, cover in ((owners, boxes), (grown_owners, fill_out_boxes(boxes, is_empty))):
+        for x0, y0, z0, x1, y1, z1 in cover:
             cells[x0:x1, y0:y1, z0:z1] += 1
-    assert after.max() == 1
-    assert (after >= before).all()
-    assert empty[after > before].all()
+    assert grown_owners.max() == 1
+    assert (grown_owners >= owners).all()
+    assert is_empty[grown_owners > owners].all()
 
 
 def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
@@ -111,14 +113,16 @@ def test_overlapping_or_incomplete_boxes_are_no_partition() -> None:
     assert not cells.is_partition(np.concatenate([box, box]))
 
 
-@given(flats=st.lists(st.floats(0.0, 50.0), max_size=6), old=st.floats(0.0, 50.0), new=st.floats(0.0, 50.0))
-def test_plane_stops_before_flat_faces(flats: list[float], old: float, new: float) -> None:
-    expected = np.array(sorted(flats))
-    place = keep_clear(expected, old, new, 2.0)
-    assert min(old, new) <= place <= max(old, new)
-    assert place == old or np.abs(expected - place).min(initial=np.inf) >= 2.0 - 1e-6
-    if np.abs(expected - new).min(initial=np.inf) >= 2.0:
-        assert place == new
+@given(
+    flats=st.lists(st.floats(0.0, 50.0), max_size=6), old_mm=st.floats(0.0, 50.0), new_mm=st.floats(0.0, 50.0)
+)
+def test_plane_stops_before_flat_faces(flats: list[float], old_mm: float, new_mm: float) -> None:
+    flats_mm = np.array(sorted(flats))
+    place = keep_clear(flats_mm, old_mm, new_mm, 2.0)
+    assert min(old_mm, new_mm) <= place <= max(old_mm, new_mm)
+    assert place == old_mm or np.abs(flats_mm - place).min(initial=np.inf) >= 2.0 - 1e-6
+    if np.abs(flats_mm - new_mm).min(initial=np.inf) >= 2.0:
+        assert place == new_mm
 
 
 def test_load_is_balanced_across_a_box_in_between() -> None:

@@ -15,8 +15,8 @@ EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
 FLAT = ((250.0, 150.0, 100.0),)
 
 
-def printers(*each: tuple[tuple[tuple[float, float, float], ...], float]) -> list[PrinterRoom]:
-    return [PrinterRoom(str(i), *item) for i, item in enumerate(each)]
+def printers(*rooms_and_factors: tuple[tuple[tuple[float, float, float], ...], float]) -> list[PrinterRoom]:
+    return [PrinterRoom(str(i), *item) for i, item in enumerate(rooms_and_factors)]
 
 
 def test_equal_printers_are_one_class() -> None:
@@ -44,14 +44,14 @@ factors = st.floats(0.3, 2.0)
 rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
 
 
-@given(fleet=st.lists(st.tuples(rooms, factors), min_size=1, max_size=20), most=st.integers(1, 200))
+@given(fleet=st.lists(st.tuples(rooms, factors), min_size=1, max_size=20), max_count=st.integers(1, 200))
 def test_each_printer_of_a_class_can_print_its_parts(
-    fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], most: int
+    fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], max_count: int
 ) -> None:
-    result = classify_printers(printers(*fleet), most)
+    result = classify_printers(printers(*fleet), max_count)
     members = [printer.name for item in result for printer in item.printers]
     assert sorted(members) == sorted(str(i) for i in range(len(fleet)))
-    assert len(result) == 1 or count_sums([item.count for item in result]) <= most
+    assert len(result) == 1 or count_sums([item.count for item in result]) <= max_count
     for item in result:
         for printer in item.printers:
             assert printer.time_factor <= item.time_factor

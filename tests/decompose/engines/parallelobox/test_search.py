@@ -31,18 +31,18 @@ from decompose.problem import problem as problem_module
 Shape = tuple[int, int, int]
 
 
-def invented(shape: Shape, seed: int) -> Terrain:
-    """Terrain with some cells needed, some boxes too large and some in two pieces; single cells fit."""
+def make_random_terrain(shape: Shape, seed: int) -> Terrain:
+    """Make a random terrain: some cells needed, some boxes too large or in two pieces; single cells fit."""
     rng = np.random.default_rng(seed)
     total = int(np.prod([n * (n + 1) // 2 for n in shape]))
     seconds = rng.uniform(1.0, 9.0, total).astype(np.float32)
     seconds[rng.random(total) < 0.2] = np.inf
     pieces = np.where(rng.random(total) < 0.2, 2, 1).astype(np.int16)
     for cell in np.ndindex(shape):
-        at = box_index((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
-        seconds[at], pieces[at] = 1.0, 1
-    needed = rng.random(shape) < 0.6
-    return Terrain(needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
+        index = box_index((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
+        seconds[index], pieces[index] = 1.0, 1
+    is_needed = rng.random(shape) < 0.6
+    return Terrain(is_needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
 
 
 def make_empty_mask(grid: Grid) -> np.ndarray:
@@ -64,59 +64,59 @@ def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
     score=st.sampled_from(Score.BOTH.readings),
 )
 def test_blocks_are_disjoint_and_cover_the_cells(shape: Shape, seed: int, share: float, score: Score) -> None:
-    terrain = invented(shape, seed)
+    terrain = make_random_terrain(shape, seed)
     cells = np.argwhere(terrain.needed)
-    chosen = cells[: math.ceil(share * len(cells))].tolist()
-    blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in chosen], terrain, score)
-    assert len(blocks) == len(chosen)
+    seeds = cells[: math.ceil(share * len(cells))].tolist()
+    blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in seeds], terrain, score)
+    assert len(blocks) == len(seeds)
     assert ((cover(blocks, shape) == 1) == (owner != FREE)).all()
     assert cover(blocks, shape).max(initial=0) <= 1
-    left = int((terrain.needed & (owner == FREE)).sum())
-    filled = fill_voids(blocks, owner, terrain, left)
-    assert filled is not None  # a block for each cell would do
-    assert cover(filled, shape).max(initial=0) <= 1
-    assert (cover(filled, shape)[terrain.needed] == 1).all()
-    for block in filled:
-        at = box_index((*block.tolist(),), shape)
-        assert np.isfinite(terrain.seconds[at])
-        assert terrain.pieces[at] == 1
+    free_count = int((terrain.needed & (owner == FREE)).sum())
+    filled_count = fill_voids(blocks, owner, terrain, free_count)
+    assert filled_count is not None  # a block for each cell would do
+    assert cover(filled_count, shape).max(initial=0) <= 1
+    assert (cover(filled_count, shape)[terrain.needed] == 1).all()
+    for block in filled_count:
+        index = box_index((*block.tolist(),), shape)
+        assert np.isfinite(terrain.seconds[index])
+        assert terrain.pieces[index] == 1
         assert terrain.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
 
 
-def simple(shape: Shape, seconds: np.ndarray, printing: np.ndarray) -> Terrain:
-    """Terrain with all cells needed and free, all boxes in one piece, and no overhang."""
+def make_simple_terrain(shape: Shape, seconds: np.ndarray, price_s: np.ndarray) -> Terrain:
+    """Make a terrain with all cells needed and free, all boxes in one piece, and no overhang."""
     pieces = np.ones(len(seconds), np.int16)
-    return Terrain(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, printing, 0 * printing)
+    return Terrain(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, price_s, 0 * price_s)
 
 
 def test_growth_stops_where_no_block_can_grow() -> None:
     shape = (4, 1, 1)
     total = 10
     flat = np.ones(total, np.float32)
-    terrain = simple(shape, flat, flat)
+    terrain = make_simple_terrain(shape, flat, flat)
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
     too_large = flat.copy()
     too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
-    terrain = simple(shape, too_large, flat)
+    terrain = make_simple_terrain(shape, too_large, flat)
     blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, FREE, FREE, FREE]
     assert fill_voids(blocks, owner.copy(), terrain, 0) is None
     assert fill_voids(blocks, owner.copy(), terrain, 1) is not None
 
 
-@pytest.mark.parametrize(("score", "expected"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
-def test_both_readings_of_the_score_are_used(score: Score, expected: list[int]) -> None:
-    """Block in the middle of three cells: growth to the left is cheap, to the right expensive."""
+@pytest.mark.parametrize(("score", "expected_cells"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
+def test_both_readings_of_the_score_are_used(score: Score, expected_cells: list[int]) -> None:
+    """Start from the middle of three cells: growth to the left is cheap, to the right expensive."""
     shape = (3, 1, 1)
     price = np.ones(6, np.float32)
     price[box_index((0, 0, 0, 2, 1, 1), shape)] = 2.0
     price[box_index((1, 0, 0, 3, 1, 1), shape)] = 5.0
     seconds = np.ones(6, np.float32)
     seconds[box_index((0, 0, 0, 3, 1, 1), shape)] = np.inf
-    terrain = simple(shape, seconds, price)
+    terrain = make_simple_terrain(shape, seconds, price)
     _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], terrain, score)
-    assert np.flatnonzero(owner.ravel() == 0).tolist() == expected
+    assert np.flatnonzero(owner.ravel() == 0).tolist() == expected_cells
 
 
 @pytest.fixture(scope="module")
@@ -178,8 +178,8 @@ def test_attempts_cover_the_model_and_are_deterministic(
     score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
 ) -> None:
     terrain = make_time_terrain(ball_grid, ball_boxes)
-    drawn = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
-    result = run_attempts(drawn, terrain, 14, score)
+    seed_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
+    result = run_attempts(seed_sets, terrain, 14, score)
     assert result
     for item in result:
         count = cover(np.array(item.blocks), ball_grid.shape)
@@ -191,11 +191,11 @@ def test_attempts_cover_the_model_and_are_deterministic(
         assert item.longest == ball_boxes.seconds[indices].max() < np.inf
     assert [a.longest for a in result] == sorted(a.longest for a in result)
     with ThreadPoolExecutor(2) as pool:
-        threaded = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5, pool.map)
-        assert threaded == drawn
-        assert run_attempts(threaded, terrain, 14, score, pool.map) == result
-    others = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 6)
-    assert result != run_attempts(others, terrain, 14, score)
+        threaded_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5, pool.map)
+        assert threaded_sets == seed_sets
+        assert run_attempts(threaded_sets, terrain, 14, score, pool.map) == result
+    other_sets = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 6)
+    assert result != run_attempts(other_sets, terrain, 14, score)
 
 
 def test_prices_of_the_paper_match_the_solid_in_each_box(
@@ -212,15 +212,15 @@ def test_prices_of_the_paper_match_the_solid_in_each_box(
         x, y, z = spans
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
         piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))
-        expected = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
-        assert terrain.printing[at] == pytest.approx(expected, rel=1e-4, abs=1.0)
+        expected_s = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
+        assert terrain.printing[at] == pytest.approx(expected_s, rel=1e-4, abs=1.0)
     at_all = box_index((0, 0, 0, *shape), shape)
-    # What looks down from a ball more steeply than the support angle is the same disc on all sides.
-    down = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
-    assert terrain.overhang[at_all] == pytest.approx(down, rel=0.1)
+    # The surface of a ball that is steeper than the support angle projects to the same disc on all sides.
+    down_mm2 = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
+    assert terrain.overhang[at_all] == pytest.approx(down_mm2, rel=0.1)
 
 
-def turn(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
+def make_rotation(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
     return np.asarray(trimesh.transformations.rotation_matrix(angle, axis)[:3, :3])
 
 
@@ -229,26 +229,26 @@ def turn(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
 def test_mirror_of_a_mirrored_cloud_is_found(angle: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     half = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
-    rotation = turn(angle, (1.0, 2.0, 0.5))
+    rotation = make_rotation(angle, (1.0, 2.0, 0.5))
     cloud = np.vstack([half, half * (-1.0, 1.0, 1.0)]) @ rotation.T + (7.0, 8.0, 9.0)
     mirror = find_mirror(cloud, np.random.default_rng(seed))
     assert mirror is not None
     assert abs(mirror.normal @ rotation[:, 0]) == pytest.approx(1.0, abs=1e-3)
     assert mirror.offset_mm == pytest.approx(float(mirror.normal @ (7.0, 8.0, 9.0)), abs=0.5)
-    aligned, axis = find_rotation_to_axis(mirror.normal)
-    assert aligned @ aligned.T == pytest.approx(np.eye(3), abs=1e-9)
-    assert np.linalg.det(aligned) == pytest.approx(1.0)
-    assert abs((aligned @ mirror.normal)[axis]) == pytest.approx(1.0)
-    lopsided = np.vstack([cloud, rng.uniform(-100.0, 300.0, (300, 3))])
-    assert find_mirror(lopsided, np.random.default_rng(seed)) is None
+    rotation_matrix, axis = find_rotation_to_axis(mirror.normal)
+    assert rotation_matrix @ rotation_matrix.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(rotation_matrix) == pytest.approx(1.0)
+    assert abs((rotation_matrix @ mirror.normal)[axis]) == pytest.approx(1.0)
+    asymmetric_cloud = np.vstack([cloud, rng.uniform(-100.0, 300.0, (300, 3))])
+    assert find_mirror(asymmetric_cloud, np.random.default_rng(seed)) is None
 
 
 @pytest.fixture(scope="module")
 def skewed() -> Model:
-    """A symmetric block with a step, rotated off the axes."""
+    """Make a symmetric block with a step, rotated off the axes."""
     step = Solid.union([Solid.box((-150, -40, -50), (150, 40, 10)), Solid.box((-60, -40, 5), (60, 10, 90))])
     vertices, faces = step.arrays()
-    return Model(Solid.from_arrays(vertices @ turn(0.4, (0.0, 0.0, 1.0)).T, faces), (), 1.0)
+    return Model(Solid.from_arrays(vertices @ make_rotation(0.4, (0.0, 0.0, 1.0)).T, faces), (), 1.0)
 
 
 GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
@@ -274,35 +274,35 @@ def test_engine_returns_checked_parts(
     lo, hi = skewed.solid.bounds_mm
     assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
     assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
-    for part in result.parts:  # the printing pose is still that in which it fits
+    for part in result.parts:  # the print pose is still one that fits
         width, depth, height = np.ptp(part.printing_mesh()[0], axis=0) - 1e-6
         assert plus_room.fits(width, depth, height)
         assert part.printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
     if options.faithful:  # no part crosses the plane of symmetry, x = 0 before the block was turned
-        across = turn(0.4, (0.0, 0.0, 1.0))[:, 0]
+        across = make_rotation(0.4, (0.0, 0.0, 1.0))[:, 0]
         sides = [part.solid.arrays()[0] @ across for part in result.parts]
         assert all(side.min() > -1e-6 or side.max() < 1e-6 for side in sides)
         return
-    repeated = decompose_model(skewed, printers, options, cost)
-    assert [p.solid.volume_mm3 for p in repeated.parts] == [p.solid.volume_mm3 for p in result.parts]
-    assert repeated.makespan_s == result.makespan_s
+    second_result = decompose_model(skewed, printers, options, cost)
+    assert [p.solid.volume_mm3 for p in second_result.parts] == [p.solid.volume_mm3 for p in result.parts]
+    assert second_result.makespan_s == result.makespan_s
 
 
 def test_option_faithful_uses_the_settings_of_the_paper(
     skewed: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
-    of which neither the paper's formulas nor its program know anything."""
-    observed: list[tuple[str, int, float]] = []
-    build, drawn = problem_module.build_grid, search.draw_seed_sets
+    """Check a very fine grid, three tries, symmetry, 1 degree of overhang tolerance and speeds of 20 mm/s,
+    but no infill, which neither the paper's formulas nor its program have."""
+    calls: list[tuple[str, int, float]] = []
+    build, draw = problem_module.build_grid, search.draw_seed_sets
 
     def gridded(*args: Any) -> Grid:
-        observed.append(("grid", args[1], args[2].overhang_cos))
+        calls.append(("grid", args[1], args[2].overhang_cos))
         return build(*args)
 
     def record_draw(*args: Any) -> list[Any]:
-        observed.append(("draws", args[1], args[2]))
-        return drawn(*args)
+        calls.append(("draws", args[1], args[2]))
+        return draw(*args)
 
     monkeypatch.setattr(problem_module, "build_grid", gridded)
     monkeypatch.setattr(search, "draw_seed_sets", record_draw)
@@ -312,9 +312,9 @@ def test_option_faithful_uses_the_settings_of_the_paper(
     )
     result = decompose_model(skewed, printers, options, cost)
     assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
-    assert {size for kind, size, _ in observed if kind == "grid"} == {15}
-    assert math.sin(math.radians(1.0)) in {steep for kind, _, steep in observed if kind == "grid"}
-    assert sorted(item[1:] for item in observed if item[0] == "draws") == [
+    assert {size for kind, size, _ in calls if kind == "grid"} == {15}
+    assert math.sin(math.radians(1.0)) in {steep for kind, _, steep in calls if kind == "grid"}
+    assert sorted(item[1:] for item in calls if item[0] == "draws") == [
         (4, 3),
         (5, 3),
     ]  # of the two halves
@@ -342,20 +342,24 @@ def test_result_is_never_worse_than_the_faithful_one(
 
 
 def test_model_is_rotated_to_reduce_its_overhangs(cost: CostModel) -> None:
-    """A block without symmetry, off the axes, which has no overhang once it is upright."""
+    """Use a rotated block without symmetry, which has no overhang once it is upright."""
     solid = Solid.union([Solid.box((0, 0, 0), (90, 60, 40)), Solid.box((0, 0, 0), (30, 20, 80))])
     solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])
     vertices, faces = solid.arrays()
-    crooked = vertices @ turn(0.7, (1.0, 0.3, 0.2)).T
+    rotated_vertices = vertices @ make_rotation(0.7, (1.0, 0.3, 0.2)).T
     assert measure_overhang_mm2(vertices[faces], cost.overhang_cos) == pytest.approx(0.0)
-    assert measure_overhang_mm2(crooked[faces], cost.overhang_cos) > 1000.0
-    aligned = align_model(Model(Solid.from_arrays(crooked, faces), (), 1.0), 1, cost.overhang_cos)
-    straight, on = aligned.model.solid.arrays()
-    assert measure_overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
-    assert aligned.rotation @ aligned.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
-    assert np.linalg.det(aligned.rotation) == pytest.approx(1.0)
-    repeated = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
-    assert (repeated.rotation == np.eye(3)).all()  # what stands straight is left so
+    assert measure_overhang_mm2(rotated_vertices[faces], cost.overhang_cos) > 1000.0
+    aligned_model = align_model(
+        Model(Solid.from_arrays(rotated_vertices, faces), (), 1.0), 1, cost.overhang_cos
+    )
+    straight_vertices, straight_faces = aligned_model.model.solid.arrays()
+    assert measure_overhang_mm2(straight_vertices[straight_faces], cost.overhang_cos) == pytest.approx(
+        0.0, abs=1.0
+    )
+    assert aligned_model.rotation @ aligned_model.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(aligned_model.rotation) == pytest.approx(1.0)
+    second_result = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
+    assert (second_result.rotation == np.eye(3)).all()  # an upright block is not rotated
 
 
 def test_too_few_printers_are_reported(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:

@@ -9,7 +9,7 @@ NO_SEMAPHORES = """
 import _multiprocessing
 
 def refuse(*_, **__):
-    raise FileNotFoundError(2, "No such file or directory")  # as it is without /dev/shm
+    raise FileNotFoundError(2, "No such file or directory")  # as without /dev/shm
 
 _multiprocessing.SemLock = refuse
 import {module}
@@ -23,10 +23,10 @@ def import_without_semaphores(module: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("module", ["decompose.engines.parallelobox.attempts", "decompose.best"])
 def test_planning_needs_no_semaphores(module: str) -> None:
-    done = import_without_semaphores(module)
-    assert (done.returncode, done.stderr) == (0, "")
+    result = import_without_semaphores(module)
+    assert (result.returncode, result.stderr) == (0, "")
 
 
 def test_joblib_warns_without_the_filter() -> None:
-    """Without the filter joblib warns, which makes the test above meaningful."""
+    """Check that joblib warns without the filter, so that the test above is meaningful."""
     assert "serial mode" in import_without_semaphores("joblib").stderr

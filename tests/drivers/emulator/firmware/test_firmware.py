@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
 from drivers.printers import PROFILES
-from firmware_host import Host, numbered
+from firmware_host import Host, add_number
 
 
 @pytest.fixture
@@ -26,8 +26,8 @@ def host() -> Host:
 
 def test_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
     host = Host(boot=False)
-    assert host.until(0.99) == []
-    message = host.until(1.05)
+    assert host.wait_until(0.99) == []
+    message = host.wait_until(1.05)
     assert message[:3] == [
         "start",
         "echo:Marlin 1.0.0",
@@ -37,27 +37,27 @@ def test_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> N
     assert "echo:  M92 X80.00 Y80.00 Z200.00 E369.00" in message
     assert "echo:  M201 X9000 Y9000 Z100 E10000" in message
     assert message[-1] == "echo:   M301 P10.03 I1.50 D70.00"
-    assert host.until(3.29) == []
-    assert host.until(3.31) == ["echo:SD init fail"]
+    assert host.wait_until(3.29) == []
+    assert host.wait_until(3.31) == ["echo:SD init fail"]
 
 
 def test_bytes_to_the_bootloader_are_lost_and_later_ones_wait() -> None:
     host = Host(boot=False)
-    host.until(0.5)
-    assert host.put("M105") == []
-    host.until(1.1)
-    assert host.put("M114") == []
-    message = host.until(3.0)
+    host.wait_until(0.5)
+    assert host.send_burst("M105") == []
+    host.wait_until(1.1)
+    assert host.send_burst("M114") == []
+    message = host.wait_until(3.0)
     assert [line for line in message if line.startswith(("ok", "X:"))][1:] == ["ok"]
     assert not any("T:" in line for line in message)
 
 
 def test_extended_model_differs_in_banner_and_height() -> None:
     host = Host("ultimaker2_extended_plus", boot=False)
-    assert any(line.endswith("Vers:_3.3.0ex") for line in host.until(2.0))
-    host.until(5.0)
-    host.say("G28")
-    assert host.say("M114")[0].startswith("X:0.00Y:224.50Z:315.00E:0.00 Count X: 0.00Y:224.50Z:315.00")
+    assert any(line.endswith("Vers:_3.3.0ex") for line in host.wait_until(2.0))
+    host.wait_until(5.0)
+    host.send("G28")
+    assert host.send("M114")[0].startswith("X:0.00Y:224.50Z:315.00E:0.00 Count X: 0.00Y:224.50Z:315.00")
 
 
 # --- answers ---
@@ -99,11 +99,11 @@ def test_extended_model_differs_in_banner_and_height() -> None:
     ],
 )
 def test_answers_equal_those_of_the_firmware(host: Host, line: str, answer: list[str]) -> None:
-    assert host.say(line) == answer
+    assert host.send(line) == answer
 
 
 def test_m115_lists_no_capabilities(host: Host) -> None:
-    message = host.say("M115")
+    message = host.send("M115")
     assert message[0].startswith(
         "FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:"
     )
@@ -112,55 +112,55 @@ def test_m115_lists_no_capabilities(host: Host) -> None:
 
 
 def test_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
-    host.say("G28")
-    host.say("G1 X100 F6000")  # 100 mm/s
+    host.send("G28")
+    host.send("G1 X100 F6000")  # 100 mm/s
     host.wait(0.5)
-    requested, count = host.say("M114")[0].split(" Count X: ")
-    assert requested == "X:100.00Y:224.50Z:215.00E:0.00"
+    position, count = host.send("M114")[0].split(" Count X: ")
+    assert position == "X:100.00Y:224.50Z:215.00E:0.00"
     assert 40 < float(count.split("Y:")[0]) < 60
-    host.say("M400")
-    assert host.say("M114")[0] == "X:100.00Y:224.50Z:215.00E:0.00 Count X: 100.00Y:224.50Z:215.00"
+    host.send("M400")
+    assert host.send("M114")[0] == "X:100.00Y:224.50Z:215.00E:0.00 Count X: 100.00Y:224.50Z:215.00"
 
 
 def test_homing_from_the_middle_takes_5_3_s_without_answers(host: Host) -> None:
-    host.say("G28")
+    host.send("G28")
     for line in ("G1 X115 Y112.25 Z107.5 F9000", "M400"):
-        host.say(line)
-    assert host.put("G28") == []
+        host.send(line)
+    assert host.send_burst("G28") == []
     assert host.wait(5.2) == []
     assert host.wait(0.2) == ["ok"]
 
 
 def test_homing_one_axis_leaves_the_others(host: Host) -> None:
-    host.say("G28")
-    host.say("G1 X50 Y60 Z70 F9000")
-    host.say("G28 X0 Y0")
-    assert host.say("M114")[0].startswith("X:0.00Y:224.50Z:70.00")
+    host.send("G28")
+    host.send("G1 X50 Y60 Z70 F9000")
+    host.send("G28 X0 Y0")
+    assert host.send("M114")[0].startswith("X:0.00Y:224.50Z:70.00")
 
 
 # --- moves ---
 
 
 def test_targets_out_of_reach_are_clamped_silently(host: Host) -> None:
-    assert host.say("G1 X500 Y-50 Z400") == ["ok"]
-    assert host.say("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
+    assert host.send("G1 X500 Y-50 Z400") == ["ok"]
+    assert host.send("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
 
 
 def test_cold_extrusion_is_refused_after_its_ok_but_counted(host: Host) -> None:
-    assert host.put("G1 E5 F300") == ["ok", "echo: cold extrusion prevented"]
-    assert "E:5.00" in host.say("M114")[0]
+    assert host.send_burst("G1 E5 F300") == ["ok", "echo: cold extrusion prevented"]
+    assert "E:5.00" in host.send("M114")[0]
     host.wait(10.0)
     assert host.board.filament_mm == 0.0
 
 
 def test_extrusion_of_a_metre_is_refused(host: Host) -> None:
-    host.warm()
-    assert host.put("G1 E1001 F300") == ["ok", "echo: too long extrusion prevented"]
+    host.heat_nozzle()
+    assert host.send_burst("G1 E1001 F300") == ["ok", "echo: too long extrusion prevented"]
 
 
 def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Host) -> None:
-    """The oks of both moves come before the answer to the M105 in front of them."""
-    assert host.put("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
+    """Check that the oks of both moves come before the answer to the M105 that precedes them."""
+    assert host.send_burst("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
     message = host.wait(30.0)
     assert message[0] == "ok" and message[1].startswith("ok T:") and message[2].startswith("X:10.00")
     assert message[3:] == ["ok"]
@@ -169,15 +169,15 @@ def test_moves_are_acknowledged_when_read_and_commands_after_execution(host: Hos
 def test_seventeen_moves_are_acknowledged_at_once_then_one_per_finished_move(host: Host) -> None:
     oks = 0
     for k in range(40):
-        if host.put(f"G1 X{20 if k % 2 else 220} F6000") != ["ok"]:
+        if host.send_burst(f"G1 X{20 if k % 2 else 220} F6000") != ["ok"]:
             break
         oks += 1
     assert oks == 17
-    assert host.put() == []
-    for expected in (1, 1, 1):
+    assert host.send_burst() == []
+    for ok_count in (1, 1, 1):
         due_s = host.firmware.deadline_s()
-        assert host.until(due_s) == ["ok"] * expected
-        host.put("G1 X100 F6000")
+        assert host.wait_until(due_s) == ["ok"] * ok_count
+        host.send_burst("G1 X100 F6000")
 
 
 def test_late_host_does_not_delay_queued_moves() -> None:
@@ -185,10 +185,10 @@ def test_late_host_does_not_delay_queued_moves() -> None:
     for late_s in (0.0, 0.15):
         host = Host()
         for k in range(1, 60):
-            message = host.put(f"G1 X{2 * k} F1200")  # 0.1 s each
+            message = host.send_burst(f"G1 X{2 * k} F1200")  # 0.1 s each
             while "ok" not in message:
-                message += host.until(host.firmware.deadline_s() + late_s)
-        host.say("M400")
+                message += host.wait_until(host.firmware.deadline_s() + late_s)
+        host.send("M400")
         ends.append(host.firmware.machine.planner.idle_since_s)
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
@@ -196,8 +196,8 @@ def test_late_host_does_not_delay_queued_moves() -> None:
 def test_m400_ends_with_the_last_move(host: Host) -> None:
     started_s = host.now_s
     for k in range(1, 11):
-        host.put(f"G1 X{10 * k} F600")  # 1 s each
-    host.say("M400")
+        host.send_burst(f"G1 X{10 * k} F600")  # 1 s each
+    host.send("M400")
     assert host.now_s == pytest.approx(host.firmware.machine.planner.idle_since_s)
     assert host.now_s - started_s == pytest.approx(10.0, abs=0.5)
     assert host.firmware.printing_s == pytest.approx(host.now_s - started_s)
@@ -205,38 +205,38 @@ def test_m400_ends_with_the_last_move(host: Host) -> None:
 
 def test_relative_moves_and_g92_are_applied(host: Host) -> None:
     for line in ("G28", "G91", "G1 X5 F3000", "G1 X5 Y-10", "G90", "G92 X100 E7", "G1 X101"):
-        host.say(line)
-    host.say("M400")
-    message = host.say("M114")[0]
+        host.send(line)
+    host.send("M400")
+    message = host.send("M114")[0]
     assert message.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
     assert host.firmware.machine.planner.position(host.now_s)[0] == pytest.approx(11.0)
 
 
 def test_arc_follows_its_circle(host: Host) -> None:
     for line in ("G28", "G1 X100 Y100 Z100 F9000", "M400"):
-        host.say(line)
+        host.send(line)
     before_s = host.firmware.printing_s
     for line in ("G2 X100 Y100 I20 J0 F1200", "M400"):
-        host.say(line)
+        host.send(line)
     assert host.firmware.printing_s - before_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
 
 
 def test_quick_stop_empties_the_planner_and_keeps_the_position(host: Host) -> None:
-    host.say("G28")
+    host.send("G28")
     for x in (100, 200, 100, 200):
-        host.put(f"G1 X{x} F6000")
+        host.send_burst(f"G1 X{x} F6000")
     host.wait(0.5)
-    assert host.put("M401") == ["ok"]
-    requested, count = host.say("M114")[0].removeprefix("X:").split(" Count X: ")
-    assert requested.split("Y:")[0] == count.split("Y:")[0]
+    assert host.send_burst("M401") == ["ok"]
+    position, count = host.send("M114")[0].removeprefix("X:").split(" Count X: ")
+    assert position.split("Y:")[0] == count.split("Y:")[0]
     assert 40 < float(count.split("Y:")[0]) < 60
-    before = host.firmware.machine.planner.position(host.now_s)
+    old_position = host.firmware.machine.planner.position(host.now_s)
     host.wait(10.0)
-    assert host.firmware.machine.planner.position(host.now_s) == before
+    assert host.firmware.machine.planner.position(host.now_s) == old_position
 
 
 def test_m0_never_finishes(host: Host) -> None:
-    assert host.put("M0", "M105") == []
+    assert host.send_burst("M0", "M105") == []
     assert host.wait(1e6) == []
     host.firmware.reset(host.now_s)
     assert host.wait(2.0)[0] == "start"
@@ -247,7 +247,7 @@ def test_m0_never_finishes(host: Host) -> None:
 
 def test_m109_reports_each_second_and_holds_three_seconds(host: Host) -> None:
     started_s = host.now_s
-    message = host.say("M109 S60")
+    message = host.send("M109 S60")
     assert [line[-3:] for line in message[-4:-1]] == ["W:2", "W:1", "W:0"] and message[-1] == "ok"
     assert all(line.startswith("T:") and " E:0 W:" in line for line in message[:-1])
     assert message[0].endswith("W:?")
@@ -257,25 +257,25 @@ def test_m109_reports_each_second_and_holds_three_seconds(host: Host) -> None:
 
 
 def test_m109_also_waits_for_cooling(host: Host) -> None:
-    host.warm(200.0)
+    host.heat_nozzle(200.0)
     started_s = host.now_s
-    host.say("M109 S100")
+    host.send("M109 S100")
     assert host.now_s - started_s > 60.0
     assert host.board.nozzle.temperature_c(host.now_s) < 101.0
 
 
 def test_m190_reports_the_bed_and_finishes_at_once_if_hotter(host: Host) -> None:
-    message = host.say("M190 S40", 5000)
+    message = host.send("M190 S40", 5000)
     assert message[0].startswith("T:21.00 E:0 B:21.") and message[-1] == "ok"
-    assert host.put("M190 S30") == ["ok"]
+    assert host.send_burst("M190 S30") == ["ok"]
 
 
 def test_temperatures_are_reported_with_their_targets(host: Host) -> None:
-    host.say("M104 S210")
-    host.say("M140 S60")
-    assert host.say("M105")[0].startswith("ok T:21.0 /210.0 B:21.0 /60.0 @:127 B@:")
+    host.send("M104 S210")
+    host.send("M140 S60")
+    assert host.send("M105")[0].startswith("ok T:21.0 /210.0 B:21.0 /60.0 @:127 B@:")
     host.wait(30.0)
-    assert host.say("M105")[0].endswith("@:127 B@:127")
+    assert host.send("M105")[0].endswith("@:127 B@:127")
 
 
 # --- faults on lines ---
@@ -285,11 +285,11 @@ def test_same_seed_gives_the_same_run() -> None:
     days = []
     for _ in range(2):
         host = Host(faults=Faults(checksum=0.2, drop_ok=0.2))
-        days.append([host.put(numbered(n, "G4 P0")) for n in range(1, 60)])
+        days.append([host.send_burst(add_number(n, "G4 P0")) for n in range(1, 60)])
     assert days[0] == days[1]
 
 
-# --- laws ---
+# --- invariants ---
 
 
 GCODES = (0, 1, 2, 3, 4, 10, 11, 28, 90, 91, 92)
@@ -310,11 +310,11 @@ def test_no_command_with_any_numbers_crashes_the_firmware(
 ) -> None:
     host = Host()
     for code, parameters in commands:
-        host.put(" ".join([code, *parameters]))
+        host.send_burst(" ".join([code, *parameters]))
         host.now_s += pause_s
         host.firmware.feed(b"", host.now_s)
         assert all(map(math.isfinite, host.firmware.machine.planner.position(host.now_s)))
         assert host.firmware.printing_s <= host.now_s
     host.firmware.reset(host.now_s)
     host.wait(5.0)
-    assert host.say("M105")[0].startswith("ok T:")
+    assert host.send("M105")[0].startswith("ok T:")

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.listener import Phase
-from firmware_host import Host, numbered
+from firmware_host import Host, add_number
 
 STOPPED = (
     "Printer stopped due to errors. Fix the error and use M999 to restart. "
@@ -21,29 +21,29 @@ def host() -> Host:
 
 def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
     host = Host(faults=Faults(stop_after=3))
-    host.say("M140 S60")
-    host.say("M104 S210")
-    host.say("G4 P0")
+    host.send("M140 S60")
+    host.send("M104 S210")
+    host.send("G4 P0")
     message = host.wait(1.0)
     assert host.board.nozzle.target_c == host.board.bed.target_c == 0.0
-    assert host.put("G1 X5") == [STOPPED, "ok"]
-    assert host.say("M104 S200") == ["ok"]
+    assert host.send_burst("G1 X5") == [STOPPED, "ok"]
+    assert host.send("M104 S200") == ["ok"]
     assert host.board.nozzle.target_c == 200.0
-    host.say("G28")
+    host.send("G28")
     assert host.firmware.machine.homed
     assert message == []
 
 
 def test_open_sensor_stops_the_print_with_its_message() -> None:
     host = Host(faults=Faults(stop_after=1))
-    message = host.put("G4 P0")
+    message = host.send_burst("G4 P0")
     assert message == ["Error:0", ": Extruder switched off. MAXTEMP triggered !", f"Error:{STOPPED}", "ok"]
-    assert host.put("M999") == ["Resend: 1", "ok", "ok"]
-    assert host.put("G1 X5") == ["ok"]
+    assert host.send_burst("M999") == ["Resend: 1", "ok", "ok"]
+    assert host.send_burst("G1 X5") == ["ok"]
 
 
 def test_target_above_275_degrees_stops_the_firmware(host: Host) -> None:
-    host.say("M104 S300")
+    host.send("M104 S300")
     message = host.wait(1000.0)
     assert message[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
     assert host.board.nozzle.target_c == 0.0
@@ -52,43 +52,43 @@ def test_target_above_275_degrees_stops_the_firmware(host: Host) -> None:
 def test_dead_nozzle_is_detected_after_30_s_and_m109_continues() -> None:
     host = Host(faults=Faults(dead_nozzle=True))
     started_s = host.now_s
-    message = host.say("M109 S210")
+    message = host.send("M109 S210")
     assert f"Error:{STOPPED}" in message and message[-1] == "ok"
     assert host.now_s - started_s == pytest.approx(33.0, abs=1.1)
 
 
 def test_dead_bed_heater_is_not_detected() -> None:
     host = Host(faults=Faults(dead_bed=True))
-    host.put("M190 S60")
+    host.send_burst("M190 S60")
     message = host.wait(3600.0)
     assert len(message) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in message)
 
 
 def test_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
-    host.say("M104 S210")
-    host.say("M85 S30")
+    host.send("M104 S210")
+    host.send("M85 S30")
     host.wait(20.0)
-    host.say("M105")  # does not feed it
+    host.send("M105")  # does not restart the dead-man
     assert host.wait(9.9) == []
     assert host.wait(0.2) == ["Error:Printer halted. kill() called!"]
     assert host.board.nozzle.target_c == 0.0
-    assert host.put("M105") == []
+    assert host.send_burst("M105") == []
     assert host.wait(3.9) == []
     assert host.wait(0.2)[0] == "start"
     assert host.wait(100.0) == ["echo:SD init fail"]  # and the dead-man is off again
 
 
 def test_dead_man_is_restarted_by_late_input(host: Host) -> None:
-    """Bytes that arrived before the time-out count, even if both are noticed at once."""
-    host.say("M85 S30")
+    """Count bytes that arrived before the time-out, even if both are processed together."""
+    host.send("M85 S30")
     host.now_s += 31.0
-    assert host.put("M105")[0].startswith("ok T:")
+    assert host.send_burst("M105")[0].startswith("ok T:")
 
 
 def test_reset_keeps_physical_state_only(host: Host) -> None:
-    host.warm()
+    host.heat_nozzle()
     for line in ("G28", "M85 S900", "G1 X100 Y100 Z100 F9000", "M400", "G1 E40 F300"):
-        host.number(line)
+        host.send_numbered(line)
     host.wait(2.0)
     fed_mm = host.board.filament_mm
     host.firmware.reset(host.now_s)
@@ -97,17 +97,17 @@ def test_reset_keeps_physical_state_only(host: Host) -> None:
     assert not host.firmware.machine.homed
     assert host.board.head_mm == pytest.approx((100, 100, 100))
     host.wait(5.0)
-    assert host.say("M114")[0].startswith("X:0.00Y:0.00Z:0.00E:0.00")
-    assert host.put(numbered(6, "G4 P0"))[:2] == [
+    assert host.send("M114")[0].startswith("X:0.00Y:0.00Z:0.00E:0.00")
+    assert host.send_burst(add_number(6, "G4 P0"))[:2] == [
         "Error:Line Number is not Last Line Number+1, Last Line: 0",
         "Resend: 1",
     ]
 
 
 def test_moves_and_heat_continue_without_a_host(host: Host) -> None:
-    host.say("M104 S210")
-    host.say("G28")
-    host.say("G1 X200 F600")
+    host.send("M104 S210")
+    host.send("G28")
+    host.send("G1 X200 F600")
     host.wait(3600.0)
     assert host.board.nozzle.target_c == 210.0
     assert host.firmware.machine.planner.position(host.now_s)[0] == 200.0
@@ -115,22 +115,22 @@ def test_moves_and_heat_continue_without_a_host(host: Host) -> None:
 
 def test_brown_out_resets_the_board() -> None:
     host = Host(faults=Faults(reset_after=3))
-    host.say("M104 S210")
-    host.say("G4 P0")
-    host.put("G4 P0")
+    host.send("M104 S210")
+    host.send("G4 P0")
+    host.send_burst("G4 P0")
     assert host.board.nozzle.target_c == 0.0
     assert host.wait(2.0)[0] == "start"
     assert host.firmware.resets == 1
     host.wait(3.0)
     for _ in range(5):
-        assert host.say("G4 P0") == ["ok"]
+        assert host.send("G4 P0") == ["ok"]
 
 
 def test_mute_board_continues_to_heat_until_it_is_reset() -> None:
     host = Host(faults=Faults(silent_after=2))
-    host.say("M104 S210")
-    assert host.put("G4 P0") == []
-    assert host.put("M105") == [] and host.wait(600.0) == []
+    host.send("M104 S210")
+    assert host.send_burst("G4 P0") == []
+    assert host.send_burst("M105") == [] and host.wait(600.0) == []
     assert host.board.nozzle.temperature_c(host.now_s) == pytest.approx(210.0)
     assert host.firmware.phase is Phase.MUTE
     host.firmware.reset(host.now_s)

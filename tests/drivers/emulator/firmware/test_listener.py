@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
 from drivers.gcode import checksum
-from firmware_host import Host, numbered
+from firmware_host import Host, add_number
 
 
 @pytest.fixture
@@ -20,10 +20,10 @@ def host() -> Host:
 
 
 def test_repeated_or_skipped_number_requests_the_next_line(host: Host) -> None:
-    assert host.number("M110") == ["ok"]
-    assert host.number("G4 P0") == ["ok"]
+    assert host.send_numbered("M110") == ["ok"]
+    assert host.send_numbered("G4 P0") == ["ok"]
     for n in (2, 7):
-        assert host.put(numbered(n, "G28")) == [
+        assert host.send_burst(add_number(n, "G28")) == [
             "Error:Line Number is not Last Line Number+1, Last Line: 2",
             "Resend: 3",
             "ok",
@@ -32,103 +32,108 @@ def test_repeated_or_skipped_number_requests_the_next_line(host: Host) -> None:
 
 
 def test_bad_checksum_requests_the_same_line(host: Host) -> None:
-    assert host.put("N1 G28*1") == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
+    assert host.send_burst("N1 G28*1") == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
 
 
 def test_number_without_checksum_requests_the_same_line(host: Host) -> None:
-    assert host.put("N1 G28") == ["Error:No Checksum with line number, Last Line: 0", "Resend: 1", "ok"]
+    assert host.send_burst("N1 G28") == [
+        "Error:No Checksum with line number, Last Line: 0",
+        "Resend: 1",
+        "ok",
+    ]
 
 
 def test_checksum_without_number_gets_no_ok_at_all(host: Host) -> None:
-    assert host.put("M105*12") == ["Error:No Line Number with checksum, Last Line: 0"]
+    assert host.send_burst("M105*12") == ["Error:No Line Number with checksum, Last Line: 0"]
     assert host.wait(60.0) == []
 
 
 def test_error_flushes_later_bytes(host: Host) -> None:
-    burst = ["N1 G4 P0*99", *(numbered(n, "G4 P0") for n in (2, 3, 4))]
-    assert host.put(*burst) == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
-    assert host.put(numbered(1, "G4 P0")) == ["ok"]
+    burst = ["N1 G4 P0*99", *(add_number(n, "G4 P0") for n in (2, 3, 4))]
+    assert host.send_burst(*burst) == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
+    assert host.send_burst(add_number(1, "G4 P0")) == ["ok"]
 
 
 @pytest.mark.parametrize(
-    ("line", "then"), [("N100 M110*34", 101), ("N0 M110 N0*125", 1), ("N-1 M110*15", 0), ("N0 M110*35", 1)]
+    ("line", "next_number"),
+    [("N100 M110*34", 101), ("N0 M110 N0*125", 1), ("N-1 M110*15", 0), ("N0 M110*35", 1)],
 )
-def test_m110_sets_the_line_number(host: Host, line: str, then: int) -> None:
-    assert host.put(line) == ["ok"]
-    assert host.put(numbered(then, "G4 P0")) == ["ok"]
+def test_m110_sets_the_line_number(host: Host, line: str, next_number: int) -> None:
+    assert host.send_burst(line) == ["ok"]
+    assert host.send_burst(add_number(next_number, "G4 P0")) == ["ok"]
 
 
 def test_m110_without_checksum_is_an_error(host: Host) -> None:
-    assert host.put("M110 N100")[1] == "Resend: 1"
+    assert host.send_burst("M110 N100")[1] == "Resend: 1"
 
 
 def test_rest_of_a_truncated_line_is_lost_once(host: Host) -> None:
-    host.say("M104 S210")
-    off = "\nM104 S0\nM140 S0"
-    host.put(f"N1 G1 X5 Y{off}")
+    host.send("M104 S210")
+    off_lines = "\nM104 S0\nM140 S0"
+    host.send_burst(f"N1 G1 X5 Y{off_lines}")
     assert host.board.nozzle.target_c == 210.0
-    host.put(off)
+    host.send_burst(off_lines)
     assert host.board.nozzle.target_c == 0.0
 
 
 def test_unnumbered_lines_may_be_mixed_in(host: Host) -> None:
-    assert host.number("G4 P0") == ["ok"]
-    assert host.say("M105")[0].startswith("ok T:")
-    assert host.number("G4 P0") == ["ok"]
+    assert host.send_numbered("G4 P0") == ["ok"]
+    assert host.send("M105")[0].startswith("ok T:")
+    assert host.send_numbered("G4 P0") == ["ok"]
 
 
 def test_comment_discards_its_line_and_the_next(host: Host) -> None:
-    assert host.put("M105 ;why", "M114", "M27") == ["Not SD printing", "Card error:1", "ok"]
+    assert host.send_burst("M105 ;why", "M114", "M27") == ["Not SD printing", "Card error:1", "ok"]
     assert host.firmware.feed(b"M105 ;why\r\nM27\r\n", host.now_s).startswith(b"Not SD")
-    assert host.put(";nothing", "", "M27")[-1] == "ok"
+    assert host.send_burst(";nothing", "", "M27")[-1] == "ok"
 
 
 def test_colon_ends_a_line(host: Host) -> None:
-    assert host.put("M117 ETA 12:30") == ["ok", 'echo:Unknown command: "30"', "ok"]
+    assert host.send_burst("M117 ETA 12:30") == ["ok", 'echo:Unknown command: "30"', "ok"]
 
 
 def test_letters_are_found_anywhere_in_a_line(host: Host) -> None:
-    assert host.put("M117 Go X5") == ["ok"]
-    assert host.say("M114")[0].startswith("X:5.00")
-    assert host.put("M117 Nozzle")[0].startswith("Error:Line Number is not Last Line Number+1")
-    assert host.put("M1\x0005") == []  # a NUL ends it: M1 waits for ever
+    assert host.send_burst("M117 Go X5") == ["ok"]
+    assert host.send("M114")[0].startswith("X:5.00")
+    assert host.send_burst("M117 Nozzle")[0].startswith("Error:Line Number is not Last Line Number+1")
+    assert host.send_burst("M1\x0005") == []  # a NUL ends the line: M1 waits forever
 
 
 def test_one_command_is_read_per_line(host: Host) -> None:
-    assert host.put("G91 M114") == ["ok"]
+    assert host.send_burst("G91 M114") == ["ok"]
 
 
 def test_line_is_cut_at_95_characters(host: Host) -> None:
-    assert host.put("M117 " + "a" * 90) == ["ok"]
-    message = host.put("M117 " + "a" * 95)
+    assert host.send_burst("M117 " + "a" * 90) == ["ok"]
+    message = host.send_burst("M117 " + "a" * 95)
     assert message == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
 
 
 def test_full_ring_loses_bytes_silently(host: Host) -> None:
     line = "M105" + " " * 57  # with its newline 62 bytes: two fit the ring's 127, the third loses its end
-    assert host.put("G4 S5") == []
-    assert host.put(line, line, line) == []
+    assert host.send_burst("G4 S5") == []
+    assert host.send_burst(line, line, line) == []
     message = host.wait(10.0)
     assert [answer[:5] for answer in message] == ["ok", "ok T:", "ok T:"]
 
 
 def test_flipped_bytes_are_refused_and_requested_again() -> None:
     host = Host(faults=Faults(checksum=0.3))
-    done, tries = 0, 0
-    while done < 200:
+    executed_count, tries = 0, 0
+    while executed_count < 200:
         tries += 1
-        message = host.put(numbered(done + 1, "G4 P0"))
+        message = host.send_burst(add_number(executed_count + 1, "G4 P0"))
         if not message or message[0] != "ok":
             continue  # nothing, or an error: the line has to be sent again
-        done += 1
+        executed_count += 1
     assert host.firmware._last_number == 200
     assert 230 < tries < 400 and host.firmware.errors == tries - 200
 
 
 def test_lost_oks_do_not_affect_other_lines() -> None:
     host = Host(faults=Faults(drop_ok=0.25))
-    answered = sum(host.put(numbered(n, "G4 P0")) == ["ok"] for n in range(1, 401))
-    assert 250 < answered < 350
+    ok_count = sum(host.send_burst(add_number(n, "G4 P0")) == ["ok"] for n in range(1, 401))
+    assert 250 < ok_count < 350
     assert host.firmware.lines == 400
 
 
@@ -147,7 +152,7 @@ def test_arbitrary_bytes_do_not_crash_the_firmware(chunks: list[bytes]) -> None:
         host.wait(0.5)
     host.firmware.reset(host.now_s)
     host.wait(5.0)
-    assert host.say("M105")[0].startswith("ok T:")
+    assert host.send("M105")[0].startswith("ok T:")
 
 
 axis = st.one_of(st.none(), st.floats(-20, 250).map(lambda number: round(number, 3)))
@@ -159,14 +164,14 @@ feedrate = st.sampled_from([None, -1.0, 0.0, 600.0, 3000.0, 12000.0])
 @given(st.lists(st.tuples(feedrate, axis, axis, axis, axis), min_size=1, max_size=30))
 @settings(deadline=None)
 def test_fast_path_of_a_move_equals_the_slow_path(moves: list[tuple[float | None, ...]]) -> None:
-    """A well-formed numbered move skips the line buffer; with two spaces it takes the slow path."""
+    """Compare a well-formed move, which skips the line buffer, with one of two spaces, which does not."""
     ends = []
     for gap in (" ", "  "):
         host = Host()
-        host.say("M302 S0")
+        host.send("M302 S0")
         for move in moves:
             body = gap.join(["G1", *(f"{a}{v}" for a, v in zip("FXYZE", move, strict=True) if v is not None)])
-            host.number(body)
-        host.say("M400", 1e4)
-        ends.append((host.say("M114"), host.firmware.printing_s, host.board.filament_mm, host.now_s))
+            host.send_numbered(body)
+        host.send("M400", 1e4)
+        ends.append((host.send("M114"), host.firmware.printing_s, host.board.filament_mm, host.now_s))
     assert ends[0] == ends[1]

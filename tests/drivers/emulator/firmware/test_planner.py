@@ -17,7 +17,7 @@ START: Point = (100.0, 100.0, 50.0, 0.0)
 
 
 class Bench:
-    """Planner that is fed as fast as it has room, and records the moves of its feeder."""
+    """Planner that is always kept full and records the moves of its feeder."""
 
     def __init__(self) -> None:
         self.fed_mm = 0.0
@@ -37,7 +37,7 @@ class Bench:
         return self.planner.idle_since_s
 
 
-def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STANDSTILL_MM_S) -> float:
+def compute_trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STANDSTILL_MM_S) -> float:
     """Compute the time of a straight move by the textbook formula."""
     ramps_mm = (2 * v * v - entry**2 - leave**2) / (2 * a)
     if ramps_mm <= mm:
@@ -51,35 +51,35 @@ def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STAN
 def test_straight_move_takes_the_time_of_its_trapezoid(mm: float, v: float) -> None:
     bench = Bench()
     bench.go((100 + mm, 100, 50, 0), v)
-    entry = min(v, PROFILE.jerk_mm_s[0] / 2)  # from a stand: half the jerk
-    assert bench.finish() == pytest.approx(trapezoid_s(mm, v, 3000.0, entry))
+    entry = min(v, PROFILE.jerk_mm_s[0] / 2)  # from standstill: half the jerk
+    assert bench.finish() == pytest.approx(compute_trapezoid_s(mm, v, 3000.0, entry))
 
 
 def test_z_keeps_its_limits_of_speed_and_acceleration() -> None:
     bench = Bench()
     bench.go((100, 100, 150, 0), 300.0)
-    assert bench.finish() == pytest.approx(trapezoid_s(100.0, 40.0, 100.0, PROFILE.jerk_mm_s[1] / 2))
+    assert bench.finish() == pytest.approx(compute_trapezoid_s(100.0, 40.0, 100.0, PROFILE.jerk_mm_s[1] / 2))
 
 
 def test_feeder_keeps_its_speed_limit() -> None:
     bench = Bench()
     bench.go((100, 100, 50, 90), 300.0)
-    assert bench.finish() == pytest.approx(trapezoid_s(90.0, 45.0, 3000.0, PROFILE.jerk_mm_s[2] / 2))
+    assert bench.finish() == pytest.approx(compute_trapezoid_s(90.0, 45.0, 3000.0, PROFILE.jerk_mm_s[2] / 2))
     assert bench.fed_mm == pytest.approx(90.0)
 
 
 @given(pieces=st.integers(2, 60), v=st.sampled_from([20.0, 60.0, 150.0]))
 @settings(max_examples=40, deadline=None)
 def test_split_line_takes_about_as_long_as_a_whole_one(pieces: int, v: float) -> None:
-    unsplit, cut = Bench(), Bench()
-    unsplit.go((180, 100, 50, 4), v)
+    unsplit_bench, split_bench = Bench(), Bench()
+    unsplit_bench.go((180, 100, 50, 4), v)
     for k in range(1, pieces + 1):
-        cut.go((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
-    one_s, many_s = unsplit.finish(), cut.finish()
-    # Up to two starts from a stand and the queue's end cost a little; nothing is won.
+        split_bench.go((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
+    one_s, many_s = unsplit_bench.finish(), split_bench.finish()
+    # Up to two starts from standstill and the end of the queue take longer; nothing gets shorter.
     assert many_s >= one_s - 1e-9
     assert many_s == pytest.approx(one_s, abs=0.07)
-    assert cut.fed_mm == pytest.approx(unsplit.fed_mm)
+    assert split_bench.fed_mm == pytest.approx(unsplit_bench.fed_mm)
 
 
 moves = st.lists(
@@ -103,7 +103,7 @@ def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float)
         min_s += here_mm / v
         position_mm = bench.planner.target
     assert bench.finish() >= min_s * (1 - 1e-9)
-    # Moves of under six steps are put off, and the next ones make up for them.
+    # Moves of less than six steps are added to the next ones.
     for axis, steps_per_mm in enumerate((80.0, 80.0, 200.0, 369.0)):
         assert bench.planner.target[axis] == pytest.approx(moves[-1][axis], abs=5.001 / steps_per_mm)
     assert bench.fed_mm == pytest.approx(bench.planner.target[3])
@@ -115,12 +115,12 @@ def test_moves_end_at_their_target_and_never_early(moves: list[Point], v: float)
 def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
     moves: list[Point], v: float
 ) -> None:
-    """Sampled at 1 ms, no axis ever moves further than its top speed allows."""
+    """Sample at 1 ms: no axis moves further than its maximum speed allows."""
     bench = Bench()
     planner = bench.planner
     for target in moves[:CAPACITY]:
         planner.add(target, v, 0.0)
-    last = planner.position(0.0)
+    last_position = planner.position(0.0)
     now_s = 0.0
     while len(planner) and now_s < 20.0:
         now_s += 0.001
@@ -128,8 +128,8 @@ def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
         position_mm = planner.position(now_s)
         for axis in range(3):
             max_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
-            assert abs(position_mm[axis] - last[axis]) <= max_mm * 1.001 + 1e-9
-        last = position_mm
+            assert abs(position_mm[axis] - last_position[axis]) <= max_mm * 1.001 + 1e-9
+        last_position = position_mm
 
 
 @given(moves=moves, v=st.floats(5, 300))
@@ -139,9 +139,9 @@ def test_entry_speeds_are_reachable(moves: list[Point], v: float) -> None:
     for target in moves:
         bench.go(target, v)
         blocks = bench.planner._blocks
-        for before, after in itertools.pairwise(blocks[1:]):
-            assert after.entry_2 <= before.entry_2 + before.gain_2 + 1e-6
-            assert before.entry_2 <= after.entry_2 + before.gain_2 + 1e-6
+        for old_position, next_block in itertools.pairwise(blocks[1:]):
+            assert next_block.entry_2 <= old_position.entry_2 + old_position.gain_2 + 1e-6
+            assert old_position.entry_2 <= next_block.entry_2 + old_position.gain_2 + 1e-6
         for block in blocks:
             assert block.entry_2 <= block.max_entry_2 + 1e-9 <= block.v**2 * (1 + 1e-9) + 1e-6
 
@@ -157,17 +157,19 @@ def test_stop_keeps_the_position_and_counts_fed_filament() -> None:
 
 
 def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
-    """A host that feeds moves late, but in time, does not delay any."""
-    prompt, late = Bench(), Bench()
+    """Add moves late but in time: none is delayed."""
+    prompt_bench, late_bench = Bench(), Bench()
     targets = [(100 + 2.0 * k, 100.0, 50.0, 0.1 * k) for k in range(1, 45)]
     for target in targets:
-        prompt.go(target, 50.0)
+        prompt_bench.go(target, 50.0)
     for k, target in enumerate(targets):
-        if len(late.planner) >= CAPACITY:
-            late.now_s = max(late.now_s, late.planner.free_s()) + (0.1 if k % 5 == 0 else 0.0)
-            late.planner.advance(late.now_s)
-        late.planner.add(target, 50.0, late.now_s)
-    assert late.finish() == pytest.approx(prompt.finish(), abs=1e-6)
+        if len(late_bench.planner) >= CAPACITY:
+            late_bench.now_s = max(late_bench.now_s, late_bench.planner.free_s()) + (
+                0.1 if k % 5 == 0 else 0.0
+            )
+            late_bench.planner.advance(late_bench.now_s)
+        late_bench.planner.add(target, 50.0, late_bench.now_s)
+    assert late_bench.finish() == pytest.approx(prompt_bench.finish(), abs=1e-6)
 
 
 def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
@@ -183,5 +185,5 @@ def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
         elapsed_s.append(planner.idle_since_s)
     plain_s, full_s, late_s = elapsed_s
     assert plain_s == pytest.approx(0.8, rel=0.1)
-    assert plain_s < full_s < plain_s + 8 * 0.02  # only its first moves found a short queue
+    assert plain_s < full_s < plain_s + 8 * 0.02  # only its first moves were added to a short queue
     assert late_s > 2 * plain_s

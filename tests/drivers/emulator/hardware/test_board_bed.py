@@ -1,4 +1,4 @@
-"""Bed and filament of the emulator, and a host that is too slow."""
+"""Bed and filament of the emulator, and starvation by a slow host."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ def host() -> Host:
 
 
 def unretract(host: Host) -> None:
-    host.warm()
+    host.heat_nozzle()
     for line in ("G28", "G92 E0", "G1 E20 F300", "G92 E0", "M400"):
-        host.say(line)
+        host.send(line)
 
 
 def test_unparking_filament_leaves_the_bed_clear(host: Host) -> None:
     assert host.board.filament_end_mm == -20.0
     for line in ("G28", "G1 Z5 F2400"):
-        host.say(line)
-    host.warm()
+        host.send(line)
+    host.heat_nozzle()
     for line in ("G92 E0", "G1 E20 F300", "M400"):
-        host.say(line)
+        host.send(line)
     assert host.board.filament_end_mm == pytest.approx(0.0) and host.board.bed_clear
 
 
 def test_extruding_over_the_bed_makes_it_not_clear_until_a_person_clears_it(host: Host) -> None:
     unretract(host)
     for line in ("G1 X50 Y50 Z0.3 F9000", "G1 X100 E2 F1500", "M400"):
-        host.say(line)
+        host.send(line)
     assert not host.board.bed_clear
     host.firmware.reset(host.now_s)
     assert not host.board.bed_clear
@@ -41,39 +41,39 @@ def test_extruding_over_the_bed_makes_it_not_clear_until_a_person_clears_it(host
 
 def test_purging_with_the_bed_lowered_keeps_the_bed_clear(host: Host) -> None:
     unretract(host)
-    host.say("G1 E30 F300")
-    host.say("M400")
+    host.send("G1 E30 F300")
+    host.send("M400")
     assert host.board.bed_clear
 
 
 def test_retraction_moves_the_filament_and_prints_nothing(host: Host) -> None:
     unretract(host)
     for line in ("G1 Z0.3 F9000", "G10", "M400"):
-        host.say(line)
+        host.send(line)
     assert host.board.filament_end_mm == pytest.approx(-6.5)
     for line in ("G11", "M400"):
-        host.say(line)
+        host.send(line)
     assert host.board.filament_end_mm == pytest.approx(0.0) and host.board.bed_clear
 
 
 def stream(host: Host, pause_s: float) -> None:
     for k in range(1, 40):
-        message = host.put(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
+        message = host.send_burst(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
         while "ok" not in message:
-            message += host.until(host.firmware.deadline_s())
+            message += host.wait_until(host.firmware.deadline_s())
         if k == 20:
             host.wait(pause_s)
 
 
 def test_empty_queue_during_a_print_counts_as_starvation(host: Host) -> None:
     unretract(host)
-    host.say("G1 X50 Y50 Z0.3 F9000")
+    host.send("G1 X50 Y50 Z0.3 F9000")
     stream(host, 0.0)
     assert host.firmware.starved_s == 0.0
     stream(host, 5.0)
     assert 4.0 < host.firmware.starved_s < 5.0
     starved_s = host.firmware.starved_s
-    host.say("M400")
+    host.send("M400")
     host.wait(100.0)
-    host.say("G1 X100 F3000")
-    assert host.firmware.starved_s == starved_s  # who waits for the end of the moves, does not print
+    host.send("G1 X100 F3000")
+    assert host.firmware.starved_s == starved_s  # a host that waits for the end of the moves does not print

@@ -36,26 +36,28 @@ def test_nozzle_reaches_its_target_at_the_modelled_time_and_holds_it(target_c: f
 @given(steps=st.lists(st.floats(0.01, 50), min_size=1, max_size=40))
 def test_temperature_is_independent_of_the_sampling_rate(steps: list[float]) -> None:
     for model, period_s, target_c in ((NOZZLE, 0.0, 210.0), (BED, 5.0, 60.0)):
-        looked, left = Heater(model, period_s), Heater(model, period_s)
-        looked.set_target(target_c, 0.0)
-        left.set_target(target_c, 0.0)
+        sampled_heater, other_heater = Heater(model, period_s), Heater(model, period_s)
+        sampled_heater.set_target(target_c, 0.0)
+        other_heater.set_target(target_c, 0.0)
         now_s = 0.0
         for step_s in steps:
             now_s += step_s
-            looked.temperature_c(now_s)
-        assert looked.temperature_c(now_s) == pytest.approx(left.temperature_c(now_s), abs=1e-6)
+            sampled_heater.temperature_c(now_s)
+        assert sampled_heater.temperature_c(now_s) == pytest.approx(
+            other_heater.temperature_c(now_s), abs=1e-6
+        )
 
 
 def test_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
     heater = Heater(BED, period_s=5.0)
     heater.set_target(60.0, 0.0)
     now_s = BED.compute_heating_s(60.0) + 10.0
-    observed = set()
+    states = set()
     while now_s < 3000.0:
         assert heater.temperature_c(now_s) == pytest.approx(60.0, abs=1.0)
-        observed.add(heater.power(now_s))
+        states.add(heater.power(now_s))
         now_s += 1.0
-    assert observed == {0, FULL_POWER}
+    assert states == {0, FULL_POWER}
 
 
 @given(target_c=st.floats(30, 250), wait_s=st.floats(1, 2000))

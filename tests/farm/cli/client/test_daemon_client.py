@@ -66,13 +66,13 @@ def client(tmp_path):
 
 def test_missing_daemon_is_reported_with_the_command_to_start_it(client):
     with pytest.raises(DaemonUnreachable, match=r"\(No such file or directory\); `farm up` starts one"):
-        client.status()  # and no socket is left open: that would be a warning, and so an error here
+        client.status()  # an open socket would cause a warning, which is an error here
 
 
 def test_hanging_daemon_is_not_reported_as_missing(tmp_path):
-    with socket.socket(socket.AF_UNIX) as hanging:
-        hanging.bind(str(tmp_path / "farm.sock"))
-        hanging.listen()
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "farm.sock"))
+        listener.listen()
         with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` works without"):
             Client(tmp_path / "farm.sock", answer_s=0.01).status()
 
@@ -87,14 +87,14 @@ def test_user_outside_the_group_gets_a_reason(client, monkeypatch):
 
 
 def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
-    def die(listening):
-        talk, _ = listening.accept()
+    def die(listener):
+        talk, _ = listener.accept()
         talk.close()
 
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(tmp_path / "farm.sock"))
-        listening.listen()
-        thread = threading.Thread(target=die, args=[listening])
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "farm.sock"))
+        listener.listen()
+        thread = threading.Thread(target=die, args=[listener])
         thread.start()
         with pytest.raises(DaemonUnreachable, match="`farm up` starts one"):
             client.status()
@@ -104,9 +104,9 @@ def test_daemon_that_dies_during_an_answer_is_unreachable(tmp_path, client):
 def test_refusal_of_the_daemon_keeps_its_code_and_message(daemon, client):
     problem = {"error": "there is no job 9", "code": "no_such_thing", "exit_code": 4}
     daemon.answer = (404, json.dumps(problem).encode())
-    with pytest.raises(FarmError, match="there is no job 9") as reported:
+    with pytest.raises(FarmError, match="there is no job 9") as error:
         client.job(9)
-    assert reported.value.exit_code == NoSuchThing("").exit_code
+    assert error.value.exit_code == NoSuchThing("").exit_code
     for text in (b"<html>", b'{"detail": "no"}', b'{"error": "no", "code": "a newer one", "exit_code": 9}'):
         daemon.answer = (502, text)
         with pytest.raises(FarmError, match="the daemon answered 502: "):
@@ -138,7 +138,7 @@ def test_requests_arrive_unchanged(daemon, client, tmp_path, monkeypatch):
 
 def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, monkeypatch):
     model = tmp_path / "part.stl"
-    model.write_bytes(bytes(4_000_000))  # more than the socket holds
+    model.write_bytes(bytes(4_000_000))  # more than the socket buffers
     problem = {"error": "the farm is going down", "code": "refused", "exit_code": 5}
     daemon.answer, daemon.deaf = (409, json.dumps(problem).encode()), True
     monkeypatch.setattr(Client, "status", lambda self: None)
@@ -147,13 +147,13 @@ def test_early_refusal_of_an_upload_keeps_its_message(daemon, client, tmp_path, 
 
 
 class SlowDaemon(Client):
-    """Server that answers a submission after a number of questions about its progress."""
+    """Server that answers a submission after a number of requests for its progress."""
 
     def __init__(self, path, answers):
         super().__init__(path, answer_s=10.0)
         self.answers, self.polled = list(answers), threading.Event()
 
-    def _call(self, method, path, **more):
+    def _call(self, method, path, **options):
         if path == "/jobs":
             assert self.polled.wait(60.0)
             return {"job": 7, "again": False}
@@ -177,13 +177,13 @@ STATUS = {
     "night": None,
 }
 NOT_YET = FarmError("there is no open upload", ErrorCode.NO_SUCH_THING)
-AWAY = DaemonUnreachable("the daemon has not answered for 10 s and may hang")
-REPAIRING = {"step": "repairing", "received": 5, "size": 5}
+UNREACHABLE = DaemonUnreachable("the daemon has not answered for 10 s and may hang")
+REPAIR_PROGRESS = {"step": "repairing", "received": 5, "size": 5}
 
 
 @pytest.fixture
 def minute(monkeypatch):
-    """The client's clock advances by a minute at each reading, and it never sleeps."""
+    """Advance the client's clock by a minute at each reading, and skip its sleeps."""
     clock = itertools.count(0.0, 60.0)
     monkeypatch.setattr("farm.cli.client.daemon_client.time.monotonic", lambda: next(clock))
     monkeypatch.setattr("farm.cli.client.daemon_client.time.sleep", lambda _: None)
@@ -191,18 +191,18 @@ def minute(monkeypatch):
 
 
 def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
-    """The submission takes an hour: it waits for a worker, and a large broken model is repaired."""
-    model, received = tmp_path / "box.stl", []
+    """Wait an hour for a submission: for a worker, and for the repair of a large broken model."""
+    model, reports = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
-    daemon = SlowDaemon(tmp_path, [NOT_YET, *[REPAIRING] * 60])
-    assert daemon.submit(model, JobOptions(), report=received.append).job == 7
-    assert {view.step for view in received} == {"repairing"}
+    daemon = SlowDaemon(tmp_path, [NOT_YET, *[REPAIR_PROGRESS] * 60])
+    assert daemon.submit(model, JobOptions(), report=reports.append).job == 7
+    assert {view.step for view in reports} == {"repairing"}
 
 
 def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute):
     model = tmp_path / "box.stl"
     model.write_bytes(b"solid")
-    daemon = SlowDaemon(tmp_path, [REPAIRING, *[AWAY] * 9])
+    daemon = SlowDaemon(tmp_path, [REPAIR_PROGRESS, *[UNREACHABLE] * 9])
     with pytest.raises(DaemonUnreachable, match="may hang"):
         daemon.submit(model, JobOptions(), retry_s=0.0)
     daemon.polled.set()

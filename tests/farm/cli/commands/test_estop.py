@@ -15,27 +15,31 @@ from farm.paths import find_places
 
 @pytest.fixture
 def pressed(tmp_path):
-    """Button whose other end is a thread with this `stop`."""
+    """Return a button that is connected to a thread with this `stop`."""
     path = tmp_path / "estop.sock"
 
     def press(stop, printers):
-        with socket.socket(socket.AF_UNIX) as listening:
-            listening.bind(str(path))
-            listening.listen()
+        with socket.socket(socket.AF_UNIX) as listener:
+            listener.bind(str(path))
+            listener.listen()
 
             def serve():
-                talk, _ = listening.accept()
-                with talk, talk.makefile("r", encoding="utf-8") as requested, talk.makefile("w") as message:
-                    estop_socket.serve_request(requested, message, stop)
+                talk, _ = listener.accept()
+                with (
+                    talk,
+                    talk.makefile("r", encoding="utf-8") as request_file,
+                    talk.makefile("w") as message,
+                ):
+                    estop_socket.serve_request(request_file, message, stop)
 
-            serving = threading.Thread(target=serve)
-            serving.start()
-            received = []
+            serve_thread = threading.Thread(target=serve)
+            serve_thread.start()
+            results = []
             try:
-                estop_socket.request_stop(path, printers, received.append)
+                estop_socket.request_stop(path, printers, results.append)
             finally:
-                serving.join()
-            return received
+                serve_thread.join()
+            return results
 
     return press
 
@@ -45,31 +49,31 @@ def test_results_are_printed_as_they_arrive(pressed):
         estop_socket.StopReport(printer="a", text="it cools"),
         estop_socket.StopReport(printer="a", text="off", seen_off=True),
     ]
-    requested = []
+    requests = []
 
     def stop(printers, report):
-        requested.extend(printers)
+        requests.extend(printers)
         for message in messages:
             report(message)
 
     assert pressed(stop, ["a"]) == messages
-    assert requested == ["a"]
+    assert requests == ["a"]
 
 
 def test_error_of_the_server_is_an_error_of_the_client(pressed):
     def stop(printers, say):
         raise NoSuchThing("there is no printer z")
 
-    with pytest.raises(FarmError, match="there is no printer z") as raised:
+    with pytest.raises(FarmError, match="there is no printer z") as error:
         pressed(stop, ["z"])
-    assert raised.value.code is ErrorCode.NO_SUCH_THING
+    assert error.value.code is ErrorCode.NO_SUCH_THING
 
 
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
 def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
-    requested, message = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
+    request_file, message = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
     estop_socket.serve_request(
-        requested, message, lambda printers, report: pytest.fail(f"stopped {printers}")
+        request_file, message, lambda printers, report: pytest.fail(f"stopped {printers}")
     )
     assert '"code":"refused"' in message.getvalue()
 
@@ -77,32 +81,32 @@ def test_invalid_request_is_refused_and_stops_nothing(tmp_path, rubbish):
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"{}\n", b"\n"])
 def test_invalid_answer_does_not_confirm_a_stop(tmp_path, rubbish):
     path = tmp_path / "estop.sock"
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(path))
-        listening.listen()
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
 
         def answer():
-            talk, _ = listening.accept()
+            talk, _ = listener.accept()
             with talk:
                 talk.sendall(rubbish)
 
-        answering = threading.Thread(target=answer)
-        answering.start()
+        answer_thread = threading.Thread(target=answer)
+        answer_thread.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
             estop_socket.request_stop(path, [], lambda message: None)
-        answering.join()
+        answer_thread.join()
 
 
 def test_lost_connection_does_not_confirm_a_stop(tmp_path):
     path = tmp_path / "estop.sock"
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(str(path))
-        listening.listen()
-        dying = threading.Thread(target=lambda: listening.accept()[0].close())
-        dying.start()
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        closing_thread = threading.Thread(target=lambda: listener.accept()[0].close())
+        closing_thread.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
             estop_socket.request_stop(path, [], lambda message: None)
-        dying.join()
+        closing_thread.join()
     with pytest.raises(FarmError, match="switch the printers off by hand"):
         estop_socket.request_stop(path, [], lambda message: None)
 
@@ -160,7 +164,7 @@ def test_report_line_is_written_in_one_call(monkeypatch):
 
 def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     all_there = threading.Barrier(8)
-    busy, overlaps, received = [], [], []
+    busy, overlaps, results = [], [], []
 
     def ends(name):
         def end(tell):
@@ -173,15 +177,15 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
 
     def report(message):
         busy.append(message)
-        threading.Event().wait(0.0001)  # lets another thread in
+        threading.Event().wait(0.0001)  # lets another thread run
         overlaps.extend(busy[1:])
         busy.remove(message)
-        received.append(message.printer)
+        results.append(message.printer)
 
     targets = {name: ends(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
     estop.stop_all(find_places(tmp_path, None, None), [], report)
-    assert overlaps == [] and len(received) == 8 * 21
+    assert overlaps == [] and len(results) == 8 * 21
 
 
 @pytest.mark.parametrize(
@@ -193,7 +197,7 @@ def test_unconfirmed_stop_is_an_error_with_the_name_of_the_printer(
 ):
     targets = {"a": lambda tell: StopResult("a", 0.0, seen_off, "hm", still)}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
-    received = []
+    results = []
     with pytest.raises(FarmError, match=message):
-        estop.stop_all(find_places(tmp_path, None, None), [], received.append)
-    assert [(item.seen_off, item.still) for item in received] == [(seen_off, still)]
+        estop.stop_all(find_places(tmp_path, None, None), [], results.append)
+    assert [(item.seen_off, item.still) for item in results] == [(seen_off, still)]

@@ -14,7 +14,7 @@ TEXT = "farm_abcd2345_" + "x" * 43
 
 
 class Daemon:
-    """A daemon without the network, with one key."""
+    """Daemon without the network, with one key."""
 
     network = api.NetworkView(address=None, problem=None)
 
@@ -64,11 +64,11 @@ def test_only_the_new_key_is_on_stdout(daemon):
 
 
 def test_keys_are_listed_and_revoked_by_id(daemon):
-    listed = run().stdout
-    assert listed.startswith("network: off\n")
-    assert "abcd2345" in listed
-    assert "look" in listed
-    assert "valid until Mon 30 Nov 10:00" in listed
+    output = run().stdout
+    assert output.startswith("network: off\n")
+    assert "abcd2345" in output
+    assert "look" in output
+    assert "valid until Mon 30 Nov 10:00" in output
     run("revoke", "abcd2345")
     assert Daemon.revoked == "abcd2345"
 
@@ -116,13 +116,13 @@ def test_key_file_is_private_and_has_one_key(tmp_path):
 def test_sessions_are_listed_with_their_kind_and_end(monkeypatch):
     [key] = Daemon(None).keys().keys
     open_session = key.model_copy(update={"id": "s1", "kind": KeyKind.SESSION})
-    times = {"revoked": "2026-11-20T10:30:00+00:00", "valid": False}
-    ended = open_session.model_copy(update={"id": "s2", **times})
+    fields = {"revoked": "2026-11-20T10:30:00+00:00", "valid": False}
+    ended_session = open_session.model_copy(update={"id": "s2", **fields})
     monkeypatch.setattr(
         Daemon,
         "keys",
         lambda _: api.Keys(
-            now="2026-11-20T11:00:00+00:00", network=Daemon.network, keys=[key, open_session, ended]
+            now="2026-11-20T11:00:00+00:00", network=Daemon.network, keys=[key, open_session, ended_session]
         ),
     )
     rows = {line.split()[0]: line.split()[2:6] for line in run().stdout.splitlines()[2:]}

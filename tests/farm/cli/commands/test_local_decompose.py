@@ -21,9 +21,9 @@ def test_invalid_volume_is_refused(text: str, tmp_path: Path) -> None:
 def test_coupon_is_a_closed_stl_and_its_fits_are_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "new" / "coupon.stl"
-    local.coupon(out, "3")
-    assert trimesh.load_mesh(out).is_watertight
+    path = tmp_path / "new" / "coupon.stl"
+    local.coupon(path, "3")
+    assert trimesh.load_mesh(path).is_watertight
     output = capsys.readouterr().out
     assert "0.1 to 0.7 mm wider than a pin of 3 mm" in output and "11 and 5 mm" in output
 

@@ -1,4 +1,4 @@
-"""`farm slice` as a person runs it."""
+"""`farm slice` as a command."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def box(tmp_path):
 
 @pytest.fixture
 def env(tmp_path):
-    """Temporary files and the cache in folders of their own."""
+    """Set folders for temporary files and for the cache."""
     (tmp_path / "tmp").mkdir()
     return {**os.environ, "TMPDIR": str(tmp_path / "tmp"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
 
@@ -33,13 +33,13 @@ def farm(env, *arguments):
 
 
 def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_path):
-    first = farm(env, box, "-o", tmp_path / "a.gcode", "--json")
-    assert (first.returncode, first.stderr) == (0, "")
-    report = json.loads(first.stdout)
+    first_result = farm(env, box, "-o", tmp_path / "a.gcode", "--json")
+    assert (first_result.returncode, first_result.stderr) == (0, "")
+    report = json.loads(first_result.stdout)
     assert (report["schema"], report["cached"]) == (1, False)
-    repeated = farm(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
-    assert repeated.returncode == 0
-    assert repeated.stdout.endswith("from the cache\n")
+    second_result = farm(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
+    assert second_result.returncode == 0
+    assert second_result.stdout.endswith("from the cache\n")
     assert (tmp_path / "b.gcode").read_bytes() == (tmp_path / "a.gcode").read_bytes()
     assert not list((tmp_path / "tmp").iterdir())
 
@@ -52,7 +52,7 @@ def test_error_is_printed_in_one_line(box, env, tmp_path):
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, code):
-    """The engine holds a FIFO open: its end is read when none of it is left."""
+    """Detect the end of the engine by a FIFO, whose end of file comes when no process holds it open."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
     lines = ["#!/bin/sh", "[ $1 = help ] && exec CuraEngine help", f"exec 3>{tmp_path / 'fifo'}"]
@@ -63,7 +63,7 @@ def test_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, c
         env={**env, "FARM_CURA_ENGINE": str(engine)},
         stderr=subprocess.PIPE,
         text=True,
-        # Who runs the tests in the background has SIGINT ignored, and hands that down.
+        # A shell that runs the tests in the background ignores SIGINT, which is inherited.
         preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     with (tmp_path / "fifo").open() as fifo:

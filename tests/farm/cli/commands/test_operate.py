@@ -71,9 +71,9 @@ def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
 
     monkeypatch.setattr(submit, "connect", Daemon)
     (tmp_path / "part.stl").touch()
-    ended = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
-    assert ended.exit_code == 130
-    assert "part.stl may have been submitted" in ended.stderr
+    result = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
+    assert result.exit_code == 130
+    assert "part.stl may have been submitted" in result.stderr
 
 
 class Reels:

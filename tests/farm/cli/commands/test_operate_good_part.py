@@ -15,14 +15,14 @@ from farm.http import Services, make_app
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
-from http_caller import DAEMON_USER, called_by
+from http_caller import DAEMON_USER, call_as
 from make_books import make_plan_event as planned
 from recording_controller import MODEL, Farm
 
 
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
-    """A job of one part, whose print on `a` ended with its agent, behind a daemon that the CLI asks."""
+    """Serve a job of one part, whose print on `a` ended with its agent, to the CLI."""
     farm = Farm(tmp_path)
     farm.controller.started_s -= 3600.0
     farm.ready("a")
@@ -31,8 +31,8 @@ def farm(tmp_path, monkeypatch):
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()
     expected_text(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
-    died = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
-    expected_text(farm, "a", PrintState.FAILED, **died)
+    death = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
+    expected_text(farm, "a", PrintState.FAILED, **death)
     daemon = make_app(
         Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None),
         DryRuns(farm.controller),
@@ -44,7 +44,7 @@ def farm(tmp_path, monkeypatch):
 
         def request(self, method, target, content, headers):
             async def call():
-                transport = httpx.ASGITransport(called_by(DAEMON_USER, daemon))
+                transport = httpx.ASGITransport(call_as(DAEMON_USER, daemon))
                 async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
                     return await client.request(method, target, content=content or b"", headers=headers)
 
@@ -62,15 +62,15 @@ def farm(tmp_path, monkeypatch):
 
 def expected_text(farm, printer, state, **facts):
     attempt = farm.controller.books.open_print_on(printer)
-    shown = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
-    shown |= {"started_s": None, "ended_s": None, **facts}
+    progress = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    progress |= {"started_s": None, "ended_s": None, **facts}
     link = Link.READY if state.ended else Link.BUSY
     snapshot = AgentSnapshot(
         printer=printer,
         link=link,
         agent_pid=9,
         filament=FilamentState.PARKED,
-        print=AgentPrint(print_id=attempt.id, state=state, **shown),
+        print=AgentPrint(print_id=attempt.id, state=state, **progress),
     )
     farm.controller.on_snapshot(snapshot)
 
@@ -98,7 +98,7 @@ def test_good_part_of_a_failed_print_is_not_reprinted(farm, part):
 
 
 def test_good_part_names_its_running_reprint_and_the_command_to_end_it(farm):
-    farm.controller.clock.ahead_s += 60.0  # what may have been lost with others waits for a moment
+    farm.controller.clock.ahead_s += 60.0  # a loss that may affect several printers is reported after a delay
     farm.ready("b")
     expected_text(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     answer = ask("cleared", "a", "--good", "1/p01")
@@ -134,8 +134,8 @@ def test_shutdown_ends_a_print_of_a_part_found_good(farm):
 def test_part_on_another_bed_cannot_be_good(farm, arguments, expected_text):
     answer = ask("cleared", *arguments)
     assert answer.exit_code != 0
-    shown = join_lines((answer.output + str(answer.exception or "")).replace("│", " "))
-    assert expected_text in shown
+    text = join_lines((answer.output + str(answer.exception or "")).replace("│", " "))
+    assert expected_text in text
     assert farm.controller.books.jobs[1].state is JobState.PRINTING
     assert farm.controller.books.printer("a").bed is Bed.NOT_CLEAR
 
@@ -144,7 +144,7 @@ def test_part_of_a_completed_print_may_be_named_as_good(farm):
     ask("cleared", "a")
     farm.controller.clock.ahead_s += 60.0
     farm.ready("a")
-    farm.controller.handle()  # as the daemon's timer does
+    farm.controller.handle()  # like the daemon's timer
     now_s = farm.controller.clock.now()
     expected_text(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
     assert ask("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"

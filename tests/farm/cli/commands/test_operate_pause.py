@@ -1,4 +1,4 @@
-"""Remarks of `farm resume` besides the resumed print."""
+"""Remarks of `farm resume` in addition to the resumed print."""
 
 import pytest
 from typer.testing import CliRunner
@@ -9,7 +9,7 @@ from farm.cli.main import app
 
 
 class Daemon:
-    """A farm in which a print lasts longer than the attended hours."""
+    """Farm in which a print lasts longer than the attended hours."""
 
     def __init__(self, _: object) -> None:
         self.targets: list[str] = []

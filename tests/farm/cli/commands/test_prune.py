@@ -33,9 +33,9 @@ def prune(monkeypatch, capsys, tmp_path):
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["farm", "prune", "--state", str(tmp_path), *arguments])
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as exit_error:
             main()
-        assert ended.value.code == 0
+        assert exit_error.value.code == 0
         return requests, capsys.readouterr().out
 
     return run

@@ -1,4 +1,4 @@
-"""`farm queue`, against a daemon in memory."""
+"""`farm queue` with a daemon in memory."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,4 +1,4 @@
-"""`farm submit` of one model and of several, against a daemon in memory."""
+"""`farm submit` of one model and of several, with a daemon in memory."""
 
 import json
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ REFUSED = "broken.stl: is flat"
 
 
 class Daemon:
-    """Answers of a daemon: a model named broken is refused, one named tall fails to be planned."""
+    """Daemon that refuses a model named broken, and fails to plan one named tall."""
 
     jobs: dict[int, SimpleNamespace]
 
@@ -30,15 +30,15 @@ class Daemon:
         if model.name.startswith("broken"):
             raise FarmError(REFUSED, ErrorCode.MODEL)
         number = len(self.jobs) + 1
-        failed = model.name.startswith("tall")
+        is_failed = model.name.startswith("tall")
         self.jobs[number] = api.JobView.model_construct(
             id=number,
             name=options.name or model.name,
             options=options,
-            state=JobState.FAILED if failed else JobState.HELD if options.dry_run else JobState.PRINTED,
-            error="no_fit" if failed else None,
-            reason="does not fit" if failed else None,
-            exit_code=5 if failed else 0,
+            state=JobState.FAILED if is_failed else JobState.HELD if options.dry_run else JobState.PRINTED,
+            error="no_fit" if is_failed else None,
+            reason="does not fit" if is_failed else None,
+            exit_code=5 if is_failed else 0,
             hold=None,
             progress=None,
             repairs=[],
@@ -121,19 +121,27 @@ def test_several_dry_runs_are_shown_one_after_the_other_and_cancelled(run):
     assert Daemon.last.cancelled == [1, 3]
     assert outcome.exit_code == 5
     assert "tall.stl: job 2: does not fit" in outcome.stderr
-    alone = run("--dry-run", "tall.stl")
-    assert isinstance(alone.exception, FarmError)  # the entry point prints it, and exits with its code
-    assert (str(alone.exception), alone.exception.exit_code) == ("job 1: does not fit", 5)
+    result_alone = run("--dry-run", "tall.stl")
+    assert isinstance(result_alone.exception, FarmError)  # the entry point prints it, and exits with its code
+    assert (str(result_alone.exception), result_alone.exception.exit_code) == ("job 1: does not fit", 5)
 
 
 def test_json_of_several_models_is_one_object_with_all_outcomes(run):
     outcome = run("--json", "--dry-run", "a.stl", "broken.stl")
     answer = json.loads(outcome.stdout)
     assert answer["schema"] == 1
-    first, second = answer["submissions"]
-    assert (first["model"], first["timeline"]["job"], first["exit_code"]) == ("a.stl", 1, 0)
-    assert (second["model"], second["error"], second["exit_code"]) == ("broken.stl", REFUSED, 5)
-    assert "schema" in first["timeline"]
+    first_submission, second_submission = answer["submissions"]
+    assert (
+        first_submission["model"],
+        first_submission["timeline"]["job"],
+        first_submission["exit_code"],
+    ) == ("a.stl", 1, 0)
+    assert (second_submission["model"], second_submission["error"], second_submission["exit_code"]) == (
+        "broken.stl",
+        REFUSED,
+        5,
+    )
+    assert "schema" in first_submission["timeline"]
 
 
 def test_wait_covers_every_submitted_model(run):

@@ -14,7 +14,7 @@ URL = "http://127.0.0.1:8467/login/" + "x" * 43
 
 
 class Daemon:
-    """A daemon without the network."""
+    """Daemon without the network."""
 
     url = URL
 

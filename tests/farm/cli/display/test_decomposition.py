@@ -8,7 +8,7 @@ from typing import Any
 from farm.cli.display.decomposition import summarise_decomposition
 
 
-def report(**more: Any) -> dict[str, Any]:
+def report(**options: Any) -> dict[str, Any]:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": True} for i in range(1, 4)]
     return {
         "engine": "guillotine",
@@ -33,7 +33,7 @@ def report(**more: Any) -> dict[str, Any]:
         "options": {"pin_mm": None},
         "connectors": {"pins": [], "cut_list": [], "failures": []},
         "assembly": {"steps": [{}, {}], "estimated_s": 1860.0},
-    } | more
+    } | options
 
 
 def test_summary_lists_the_pins_to_cut_and_parts_that_were_not_drilled() -> None:

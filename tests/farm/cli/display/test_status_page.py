@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from example_night import PRINTERS, night_books, status_of, view_context_of
+from example_night import PRINTERS, make_night_books, make_status, make_view_context
 from farm import api
 from farm.cli.display.console import open_console
 from farm.cli.display.status_page import format_night, render_status, shorten_names
@@ -23,7 +23,7 @@ def render(view, width=120):
 
 
 def test_page_begins_with_the_tasks():
-    lines = render(status_of(night_books()))
+    lines = render(make_status(make_night_books()))
     assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04: it does not get warm (00:00)"
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
@@ -33,41 +33,41 @@ def test_page_begins_with_the_tasks():
 
 
 def test_row_of_a_free_printer_shows_its_reservation():
-    view = status_of(night_books())
-    kept = view.printers[1].model_copy(update={"hold": None, "kept_for": "6/03"})
-    printers = [*view.printers[:1], kept, *view.printers[2:]]
+    view = make_status(make_night_books())
+    reserved_printer = view.printers[1].model_copy(update={"hold": None, "kept_for": "6/03"})
+    printers = [*view.printers[:1], reserved_printer, *view.printers[2:]]
     lines = render(view.model_copy(update={"printers": printers}), width=160)
     assert next(line for line in lines if line.endswith("kept for 6/03")).startswith("um2-02")
 
 
 def test_manually_used_printer_needs_an_inspection_with_its_time():
     doubt = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
-    books, _ = apply_events(night_books(), doubt)
-    lines = render(status_of(books))
+    books, _ = apply_events(make_night_books(), doubt)
+    lines = render(make_status(books))
     assert lines[1].startswith(
         "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03: used at its LCD (06:30), um2-04:"
     )
 
 
 def test_text_of_users_is_not_interpreted():
-    started = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
-    books, _ = apply_events(night_books(), started)
+    maintenance = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
+    books, _ = apply_events(make_night_books(), maintenance)
     assert any(
-        line.endswith("maintenance --done ([/b] new [belt])") for line in render(status_of(books), 200)
+        line.endswith("maintenance --done ([/b] new [belt])") for line in render(make_status(books), 200)
     )
 
 
 def test_unstarted_job_shows_known_figures_only():
     events = (ev.JobSubmitted(at_s=0.0, job=make_job()), ev.PlanningStarted(at_s=0.0, job=1))
     printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
-    held = make_plan_event(1, 1).model_copy(update={"held": True, "plan": "abc"})
-    books, _ = apply_events(Books(), *printers, *events, held)
-    lines = render(status_of(books), width=200)
+    held_plan = make_plan_event(1, 1).model_copy(update={"held": True, "plan": "abc"})
+    books, _ = apply_events(Books(), *printers, *events, held_plan)
+    lines = render(make_status(books), width=200)
     assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
     assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; held until")
     assert lines[2].endswith("held until `farm approve 1`")
     books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
-    assert render(status_of(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+    assert render(make_status(books))[-1] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
 
 
 def test_night_with_cancelled_prints_only_is_described():
@@ -79,27 +79,29 @@ def test_night_with_cancelled_prints_only_is_described():
 
 def test_printer_in_maintenance_shows_its_reason():
     books, _ = apply_events(
-        night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann")
+        make_night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann")
     )
-    (row,) = (line for line in render(status_of(books)) if line.startswith("um2-01"))
+    (row,) = (line for line in render(make_status(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
 
 
 @pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "wait (connecting)")])
 def test_absent_printer_is_a_task_but_not_a_connecting_one(link, needs):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
-    observed = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
-    view = status_of(night_books()).model_copy(update={"printers": [observed]})
+    printer_view = (
+        make_status(make_night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
+    )
+    view = make_status(make_night_books()).model_copy(update={"printers": [printer_view]})
     assert render(view)[-1].endswith(needs)
 
 
 def test_verdict_on_a_part_is_shown():
     verdicts = zip(PRINTERS[:3], (Verdict.GOOD, Verdict.BAD, Verdict.GOOD), strict=True)
     books, _ = apply_events(
-        night_books(),
+        make_night_books(),
         *(ev.BedCleared(at_s=300.0, printer=n, by="ann", verdict=v, why="warped") for n, v in verdicts),
     )
-    view, context = status_of(books), view_context_of(books)
+    view, context = make_status(books), make_view_context(books)
     assert (view.jobs[0].printed, view.jobs[0].good) == (2, 2)
     assert (view.night.printed, view.night.plates, view.night.waiting) == (2, 5, 1)
     assert view.jobs[0].wasted_grams == pytest.approx(3.0 + 3.0 * 35 / 90)
@@ -113,7 +115,7 @@ def test_verdict_on_a_part_is_shown():
 
 
 def test_tasks_share_a_line_only_if_they_fit():
-    narrow = render(status_of(night_books()), width=60)
+    narrow = render(make_status(make_night_books()), width=60)
     assert narrow[1:3] == [
         "DO NOW   clear 3 beds: um2-01..03",
         "         inspect: um2-04: it does not get warm (00:00)",
@@ -121,7 +123,7 @@ def test_tasks_share_a_line_only_if_they_fit():
     books, _ = apply_events(
         Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     )
-    assert render(status_of(books))[1] == "DO NOW   nothing"
+    assert render(make_status(books))[1] == "DO NOW   nothing"
 
 
 @pytest.mark.parametrize(
@@ -144,9 +146,9 @@ def test_finished_jobs_leave_the_page_once_judged():
 
 
 def test_dry_run_is_on_the_page_only_while_planned():
-    attempted = make_job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
+    dry_run_job = make_job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
     books, _ = apply_events(
-        Books(), *(ev.JobSubmitted(at_s=0.0, job=item) for item in (make_job(1), attempted))
+        Books(), *(ev.JobSubmitted(at_s=0.0, job=item) for item in (make_job(1), dry_run_job))
     )
     assert [item.id for item in select_shown_jobs(books)] == [1, 2]
     books, _ = apply_events(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
@@ -154,7 +156,7 @@ def test_dry_run_is_on_the_page_only_while_planned():
 
 
 def test_stuck_heater_is_the_first_task():
-    view = status_of(night_books())
+    view = make_status(make_night_books())
     alarm = api.Todo(code="alarm", printers=["um2-05"], text="go to um2-05 now: it burns")
     lines = render(view.model_copy(update={"todo": [alarm, *view.todo]}))
     assert lines[1].startswith("DO NOW   go to um2-05 now: it burns")

@@ -1,4 +1,4 @@
-"""The status page on terminals of several sizes."""
+"""Status page on terminals of several sizes."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -7,15 +7,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from example_night import night_books, status_of
+from example_night import make_night_books, make_status
 from farm import api
 from farm.cli.display.status_page import render_status
 from farm.model import Bed, Hold, HoldCode, PrintState, Verdict
 
 NOW = datetime(2026, 11, 22, 7, 0, tzinfo=UTC)
-VIEW = status_of(night_books())
+VIEW = make_status(make_night_books())
 SIZES = pytest.mark.parametrize("width", [60, 80, 100, 120])
-WAITING = Hold(code=HoldCode.PRINTER_BUSY, text="um2-01 is printing until Mon 04:00; " + "word " * 20)
+BUSY_HOLD = Hold(code=HoldCode.PRINTER_BUSY, text="um2-01 is printing until Mon 04:00; " + "word " * 20)
 
 WORDS = st.integers(1, 12).map(lambda number: " ".join(["word", "belt"] * number))
 NAMES = st.text("aB1._-", max_size=40).map(lambda rest: f"p{rest}")
@@ -27,7 +27,7 @@ def progress(plate, remaining_s, share):
 
 
 PRINTS = st.builds(progress, st.sampled_from(["1/01", "12/03b"]), st.floats(0, 4e5), st.floats(0, 1))
-LAST = st.builds(
+LAST_PRINTS = st.builds(
     api.LastPrint,
     plate=st.just("123/45"),
     state=st.sampled_from([PrintState.DONE, PrintState.FAILED]),
@@ -56,9 +56,9 @@ def printers(draw):
             "nozzle_c": draw(st.none() | st.floats(20, 260)),
             "targets": api.Targets(nozzle_c=draw(st.none() | st.just(210.0)), bed_c=60.0),
             "print": draw(st.none() | PRINTS),
-            "last": draw(st.none() | LAST),
+            "last": draw(st.none() | LAST_PRINTS),
             "maintenance": draw(st.none() | WORDS),
-            "hold": draw(st.none() | st.just(WAITING)),
+            "hold": draw(st.none() | st.just(BUSY_HOLD)),
         }
     )
 
@@ -66,17 +66,17 @@ def printers(draw):
 FLEETS = st.lists(printers(), min_size=1, max_size=12, unique_by=lambda printer: printer.name)
 
 
-def view_of(fleet, **values):
+def make_view(fleet, **values):
     fleet_options = VIEW.fleet.model_copy(update={"now": NOW.isoformat()})
     return VIEW.model_copy(update={"printers": fleet, "fleet": fleet_options, **values})
 
 
-def lines_of(view, width=None, height=None):
+def render_lines(view, width=None, height=None):
     return render_status(view, width, height).plain.splitlines()
 
 
 def waiting(number, **values):
-    values = {"state": "queued", "parts": [], "plates": [], "hold": WAITING, "progress": None, **values}
+    values = {"state": "queued", "parts": [], "plates": [], "hold": BUSY_HOLD, "progress": None, **values}
     return VIEW.jobs[0].model_copy(update={"id": number, "name": "box.stl", **values})
 
 
@@ -84,13 +84,13 @@ def waiting(number, **values):
 @settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 @given(fleet=FLEETS)
 def test_lines_fit_the_terminal_and_list_every_printer(width, fleet):
-    view = view_of(fleet)
-    lines = lines_of(view, width)
+    view = make_view(fleet)
+    lines = render_lines(view, width)
     assert all(cell_len(line) <= width for line in lines)
     rows = iter(lines)
     assert any(line.startswith("PRINTER") for line in rows)
     for printer in fleet:
-        # The rows are in the order of the fleet, each with its name whole.
+        # The rows are in the order of the fleet, each with its complete name.
         assert any(line.startswith(printer.name) for line in rows)
 
 
@@ -99,25 +99,26 @@ def test_lines_fit_the_terminal_and_list_every_printer(width, fleet):
 @given(fleet=FLEETS, height=st.integers(4, 40))
 def test_watched_page_fits_the_terminal(width, fleet, height):
     jobs = [VIEW.jobs[0], *(waiting(i) for i in range(2, 30))]
-    lines = lines_of(view_of(fleet, jobs=jobs), width, height)
+    lines = render_lines(make_view(fleet, jobs=jobs), width, height)
     assert len(lines) <= height
     assert all(cell_len(line) <= width for line in lines)
 
 
 @SIZES
 def test_printing_row_is_complete_in_every_width(width):
-    long = {"state": "printing", "print": progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
+    long_row = {"state": "printing", "print": progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
     fleet = [
-        p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long}) for p in VIEW.printers
+        p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long_row})
+        for p in VIEW.printers
     ]
-    rows = [line for line in lines_of(view_of(fleet), width) if line.startswith("um2-")]
+    rows = [line for line in render_lines(make_view(fleet), width) if line.startswith("um2-")]
     for number, row in enumerate(rows, 1):
         assert row.startswith(f"um2-0{number}   printing  12/03  in 12h13 (55 %)")
 
 
 def test_ended_jobs_are_listed_below_the_printers():
-    over = VIEW.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
-    lines = lines_of(view_of(VIEW.printers, jobs=[over, waiting(2)]), 80)
+    cancelled_job = VIEW.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
+    lines = render_lines(make_view(VIEW.printers, jobs=[cancelled_job, waiting(2)]), 80)
     places = [
         next(i for i, line in enumerate(lines) if line.startswith(head))
         for head in ("JOB 2", "PRINTER", "JOB 1")
@@ -126,57 +127,61 @@ def test_ended_jobs_are_listed_below_the_printers():
 
 
 def test_jobs_with_the_same_hold_share_one_sentence():
-    page = "\n".join(lines_of(view_of([], jobs=[waiting(i) for i in range(3, 8)])))
-    assert page.count(WAITING.text.strip()) == 1
+    page = "\n".join(render_lines(make_view([], jobs=[waiting(i) for i in range(3, 8)])))
+    assert page.count(BUSY_HOLD.text.strip()) == 1
     assert "JOBS     3..7 (box.stl (5)): queued, waits: um2-01 is printing" in page
 
 
 def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
     parts = VIEW.jobs[0].parts
-    held = [
+    held_jobs = [
         waiting(
             number,
             state="printing",
             hold=None,
             parts=parts,
             plates=[
-                p.model_copy(update={"id": f"{number}/0{i}", "hold": WAITING})
+                p.model_copy(update={"id": f"{number}/0{i}", "hold": BUSY_HOLD})
                 for i, p in enumerate(VIEW.jobs[0].plates, 1)
             ],
         )
         for number in (3, 4)
     ]
-    page = "\n".join(lines_of(view_of([], jobs=held)))
-    assert page.count(WAITING.text.strip()) == 1
+    page = "\n".join(render_lines(make_view([], jobs=held_jobs)))
+    assert page.count(BUSY_HOLD.text.strip()) == 1
     assert "WAIT     3/01..05 4/01..05: um2-01 is printing" in page
 
 
 def test_empty_task_list_is_not_highlighted():
-    line = render_status(view_of([], todo=[])).split("\n")[1]
+    line = render_status(make_view([], todo=[])).split("\n")[1]
     assert line.plain == "DO NOW   nothing"
     assert not any("red" in str(span.style) for span in line.spans)
 
 
 def test_print_that_ended_last_month_has_its_date():
-    last = api.LastPrint(
+    last_print = api.LastPrint(
         plate="1/01", state=PrintState.DONE, ended="2026-10-30T06:00:00+00:00", off=None, verdict=Verdict.GOOD
     )
-    old = VIEW.printers[0].model_copy(update={"last": last, "bed": Bed.UNKNOWN})
-    assert lines_of(view_of([old]), 80)[-1].startswith("um2-01   remove  1/01  at Fri 30 Oct 06:00")
+    old_printer = VIEW.printers[0].model_copy(update={"last": last_print, "bed": Bed.UNKNOWN})
+    assert render_lines(make_view([old_printer]), 80)[-1].startswith(
+        "um2-01   remove  1/01  at Fri 30 Oct 06:00"
+    )
 
 
-def trouble(printer, text):
+def make_trouble(printer, text):
     return api.Todo(code="connect", printers=[printer], text="", brief=f"{printer}: {text}")
 
 
 def test_printers_with_the_same_problem_are_one_task():
-    todo = [trouble(name, f"/run/{name}/tty: no such file") for name in ("um2-01", "um2-02", "um2x-01")]
-    lines = lines_of(view_of([], todo=[*todo, trouble("um2-05", "no answer")]), 80)
+    todo = [make_trouble(name, f"/run/{name}/tty: no such file") for name in ("um2-01", "um2-02", "um2x-01")]
+    lines = render_lines(make_view([], todo=[*todo, make_trouble("um2-05", "no answer")]), 80)
     assert lines[1] == "DO NOW   connect: um2-01..02 um2x-01: /run/um2-01/tty: no such file"
     assert lines[2] == "         connect: um2-05: no answer"
 
 
 def test_long_tasks_have_a_line_each():
-    todo = [trouble(name, f"no answer {i} " + "word " * 9) for i, name in enumerate(("um2-01", "um2-02"))]
-    starts = [line.split()[:2] for line in lines_of(view_of([], todo=todo), 80) if "connect" in line]
+    todo = [
+        make_trouble(name, f"no answer {i} " + "word " * 9) for i, name in enumerate(("um2-01", "um2-02"))
+    ]
+    starts = [line.split()[:2] for line in render_lines(make_view([], todo=todo), 80) if "connect" in line]
     assert [line[-1] for line in starts] == ["NOW", "um2-02:"]

@@ -17,13 +17,13 @@ def render_plain(lines):
 
 
 def test_wide_table_has_every_column():
-    expected = [
+    rows = [
         "NAME    LESS  NOTE             END",
         "um2-01  1.00  a long sentence  in 5h00",
         "um2-02",
     ]
-    assert render_plain(lay_out_table(COLUMNS, ROWS, 38)) == expected
-    assert render_plain(lay_out_table(COLUMNS, ROWS, None)) == expected
+    assert render_plain(lay_out_table(COLUMNS, ROWS, 38)) == rows
+    assert render_plain(lay_out_table(COLUMNS, ROWS, None)) == rows
 
 
 def test_highest_rank_is_omitted_first_and_its_width_is_reused():

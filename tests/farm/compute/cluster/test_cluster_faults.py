@@ -1,4 +1,4 @@
-"""Killed processes of a cluster with TLS: the work is done once, and nothing is left running."""
+"""Killed processes of a cluster with TLS: each task is done once, and no process is left."""
 
 import asyncio
 import signal
@@ -9,7 +9,7 @@ import pytest
 
 import portable_work as work
 from cluster_processes import Processes
-from dask_cluster import HERE, Recorder
+from dask_cluster import INSTALLATION, Recorder
 from farm.compute.cluster import cluster_state
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import Place
@@ -33,7 +33,7 @@ def read_pids(note):
 
 def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster_state, "PATIENCE_S", 1.0)
-    source, note, second = tmp_path / "model.stl", tmp_path / "pids", tmp_path / "second"
+    source, note, second_note = tmp_path / "model.stl", tmp_path / "pids", tmp_path / "second"
     source.write_bytes(b"solid")
     processes = Processes(tmp_path)
 
@@ -41,8 +41,13 @@ def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
         address = await processes.start_scheduler()
         for name in ("w1", "w2"):
             processes.start_worker(name)
-        own = Recorder()
-        pool = ClusterPool(own, address, HERE, partial(Connection, address, processes.certificates, HERE))
+        local_pool = Recorder()
+        pool = ClusterPool(
+            local_pool,
+            address,
+            INSTALLATION,
+            partial(Connection, address, processes.certificates, INSTALLATION),
+        )
         pool.start()
         await until(lambda: len(pool.state.workers) == 2)
         task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(note)))
@@ -51,12 +56,12 @@ def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
         assert await task == 2
         await until(lambda: is_gone(read_pids(note)[0]))
         await until(lambda: len(pool.state.workers) == 1)
-        task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(second)))
-        await until(lambda: read_pids(second))
+        task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(second_note)))
+        await until(lambda: read_pids(second_note))
         processes.send("scheduler", signal.SIGKILL)
         assert await task == 2
-        assert own.calls == [work.hold_once] and pool.state.place is Place.HERE
-        await until(lambda: is_gone(read_pids(second)[0]))
+        assert local_pool.calls == [work.hold_once] and pool.state.place is Place.HERE
+        await until(lambda: is_gone(read_pids(second_note)[0]))
         pool.close()
         await pool.wait_closed()
 

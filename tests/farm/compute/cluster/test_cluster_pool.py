@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import portable_work as work
-from dask_cluster import HERE, Recorder, cluster
+from dask_cluster import INSTALLATION, Recorder, cluster
 from farm.compute import Limit, Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place
@@ -34,35 +34,35 @@ def source(tmp_path):
 
 
 def test_files_go_to_workers_and_come_back(tmp_path, source):
-    """Also to a worker that has lost them, and only from workers with the right versions."""
-    out, folder = tmp_path / "out", tmp_path / "cluster"
-    old = replace(HERE, engine="5.0")
+    """Send files also to a worker that has lost them, and only to workers with the right versions."""
+    path, folder = tmp_path / "out", tmp_path / "cluster"
+    old_installation = replace(INSTALLATION, engine="5.0")
 
     async def use(pool, scheduler):
-        first = await pool.run(work.copy, source, out / "1")
-        (cached,) = (folder / "w1" / "files").iterdir()
-        cached.unlink()
-        second = await pool.run(work.copy, source, out / "2")
+        first_result = await pool.run(work.copy, source, path / "1")
+        (cached_file,) = (folder / "w1" / "files").iterdir()
+        cached_file.unlink()
+        second_result = await pool.run(work.copy, source, path / "2")
         with pytest.raises(FarmError, match="this model is hollow"):
-            await pool.run(work.fail, source, out / "3")
+            await pool.run(work.fail, source, path / "3")
         assert pool.state.place is Place.CLUSTER and pool.own.calls == []
         assert await pool.run(len, "here") == 4 and pool.own.calls == [len]
         assert pool.state.list_problems() == [
             "worker w2 of the cluster is refused: it has CuraEngine 5.0, not 4.13"
         ]
-        return first, second
+        return first_result, second_result
 
-    first, second = run(use, folder, ["w1", "w2"], installations={"w2": old})
-    assert second["copy"] == out / "2" / "copy.txt"
-    assert second["copy"].read_bytes() == first["copy"].read_bytes() == source.read_bytes()
-    assert (out / "2" / "deep" / "size.txt").read_text() == "5000"
-    assert str(first["elsewhere"]) == "/elsewhere/file"
+    first_host, second_host = run(use, folder, ["w1", "w2"], installations={"w2": old_installation})
+    assert second_host["copy"] == path / "2" / "copy.txt"
+    assert second_host["copy"].read_bytes() == first_host["copy"].read_bytes() == source.read_bytes()
+    assert (path / "2" / "deep" / "size.txt").read_text() == "5000"
+    assert str(first_host["elsewhere"]) == "/elsewhere/file"
     assert list((folder / "w1" / "tasks").iterdir()) == []
     assert not (folder / "w2" / "files").exists() or not list((folder / "w2" / "files").iterdir())
 
 
 def test_a_task_for_workers_that_left_goes_to_others(tmp_path, source):
-    """Dask keeps it for their addresses; they come back by others after the network has failed."""
+    """Reassign a task that Dask keeps for the addresses of workers, which return with other addresses."""
 
     async def use(pool, scheduler):
         pool._link._workers = (ClusterWorker("w1", "tcp://127.0.0.1:1", 1),)
@@ -74,7 +74,7 @@ def test_a_task_for_workers_that_left_goes_to_others(tmp_path, source):
 
 
 def run_in_processes(tmp_path, use, **options):
-    """Run `use(pool, processes)` with a worker that works in processes."""
+    """Run `use(pool, processes)` with a worker that runs tasks in processes."""
 
     async def main():
         processes = Workers(tmp_path / "processes", 1, **options)
@@ -88,13 +88,13 @@ def run_in_processes(tmp_path, use, **options):
 
 
 def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
-    note, out = tmp_path / "pids", tmp_path / "out"
+    note, path = tmp_path / "pids", tmp_path / "out"
 
     async def use(pool, processes):
-        task = asyncio.ensure_future(pool.run(work.hold, source, out, str(note)))
-        while not (out / "progress.json").exists():  # a live file, which the worker sends
+        task = asyncio.ensure_future(pool.run(work.hold, source, path, str(note)))
+        while not (path / "progress.json").exists():  # a progress file, which the worker sends
             await asyncio.sleep(0.02)
-        assert [running.host for running in pool.state.tasks] == ["w1"] and not pool.has_idle
+        assert [run_task.host for run_task in pool.state.tasks] == ["w1"] and not pool.has_idle
         (pid,) = map(int, note.read_text().split())
         assert pid in processes.pids
         task.cancel()
@@ -108,16 +108,16 @@ def test_a_cancelled_task_ends_its_process_on_the_worker(tmp_path, source):
 
 
 def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
-    """Check limits of time and memory, with their messages as on this computer; the worker goes on."""
-    note, out = tmp_path / "pids", tmp_path / "out"
+    """Check limits of time and memory, with the same messages as on this computer; the worker continues."""
+    note, path = tmp_path / "pids", tmp_path / "out"
 
     async def use(pool, processes):
-        with pytest.raises(FarmError, match="holding did not end within") as late:
-            await pool.run(work.hold, source, out, str(note), limit=Limit("holding", 1.0))
+        with pytest.raises(FarmError, match="holding did not end within") as error:
+            await pool.run(work.hold, source, path, str(note), limit=Limit("holding", 1.0))
         with pytest.raises(FarmError, match=r"not enough memory for allocating .* 0\.5 GB") as large:
-            await pool.run(work.allocate, source, out, 2.0, limit=Limit("allocating", 60.0))
-        assert late.value.code is large.value.code is ErrorCode.LIMIT
-        assert (await pool.run(work.copy, source, out))["copy"].exists()
+            await pool.run(work.allocate, source, path, 2.0, limit=Limit("allocating", 60.0))
+        assert error.value.code is large.value.code is ErrorCode.LIMIT
+        assert (await pool.run(work.copy, source, path))["copy"].exists()
         (pid,) = map(int, note.read_text().split())
         assert pid not in processes.pids and pool.own.calls == []
 
@@ -125,7 +125,7 @@ def test_the_limits_of_a_task_hold_on_the_worker(tmp_path, source):
 
 
 class LostLink:
-    """Cluster whose workers are what a test says, and that loses every task."""
+    """Cluster with workers set by a test, which loses every task."""
 
     def __init__(self, on_workers, _):
         self.on_workers, self.tasks = on_workers, []
@@ -133,61 +133,67 @@ class LostLink:
     async def watch(self):
         await asyncio.Event().wait()
 
-    async def submit(self, task, sent):
-        self.tasks.append((task.id, sorted(sent)))
+    async def submit(self, task, files):
+        self.tasks.append((task.id, sorted(files)))
         if len(self.tasks) > 1:
             raise AttemptLost("worker w1 is gone")
         await asyncio.Event().wait()
 
 
 def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source):
-    """A task in flight is given up then, and later ones go back to the cluster with a worker."""
+    """Abandon a task in progress then, and send later ones to the cluster once it has a worker."""
     now_s = 0.0
 
     async def main():
         nonlocal now_s
-        links, own = [], Recorder()
+        links, local_pool = [], Recorder()
         pool = ClusterPool(
-            own, "tls://a:1", HERE, lambda *on: links.append(LostLink(*on)) or links[0], lambda: now_s
+            local_pool,
+            "tls://a:1",
+            INSTALLATION,
+            lambda *on: links.append(LostLink(*on)) or links[0],
+            lambda: now_s,
         )
         (link,), workers = links, (ClusterWorker("w1", "tls://b:1", 1),)
         link.on_workers(workers)
-        running = asyncio.ensure_future(pool.run(work.copy, source, tmp_path / "out"))
+        run_task = asyncio.ensure_future(pool.run(work.copy, source, tmp_path / "out"))
         while not link.tasks:
             await asyncio.sleep(0.01)
         link.on_workers(())
         now_s = 29.0
         link.on_workers(())
-        assert pool.state.place is Place.WAITING and not running.done()
+        assert pool.state.place is Place.WAITING and not run_task.done()
         now_s = 31.0
         link.on_workers(())
-        assert (await running)["copy"].exists()
-        assert own.calls == [work.copy] and pool.state.place is Place.HERE
+        assert (await run_task)["copy"].exists()
+        assert local_pool.calls == [work.copy] and pool.state.place is Place.HERE
         assert "this computer computes instead" in pool.state.list_problems()[0]
         link.on_workers(workers)
         assert pool.state.place is Place.CLUSTER and pool.state.list_problems() == []
-        await pool.run(work.copy, source, tmp_path / "again")  # lost three times, then done here
-        assert len(own.calls) == 2 and len(link.tasks) == 4
+        await pool.run(work.copy, source, tmp_path / "again")  # lost three times, then run on this computer
+        assert len(local_pool.calls) == 2 and len(link.tasks) == 4
         assert len({name for name, _ in link.tasks}) == 4
 
     asyncio.run(main())
 
 
 class UnfitLink(LostLink):
-    """Cluster whose one worker has a full disk."""
+    """Cluster whose only worker has a full disk."""
 
-    async def submit(self, task, sent):
-        self.tasks.append(sorted(sent.values()))
+    async def submit(self, task, files):
+        self.tasks.append(sorted(files.values()))
         return RemoteAnswer("w1", unfit="No space left on device")
 
 
 def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
     async def main():
-        links, own = [], Recorder()
-        pool = ClusterPool(own, "tls://a:1", HERE, lambda *on: links.append(UnfitLink(*on)) or links[0])
+        links, local_pool = [], Recorder()
+        pool = ClusterPool(
+            local_pool, "tls://a:1", INSTALLATION, lambda *on: links.append(UnfitLink(*on)) or links[0]
+        )
         links[0].on_workers((ClusterWorker("w1", "tls://b:1", 1),))
         assert (await pool.run(work.copy, source, tmp_path / "out"))["copy"].exists()
-        assert own.calls == [work.copy] and links[0].tasks == [[source.read_bytes()], [], []]
+        assert local_pool.calls == [work.copy] and links[0].tasks == [[source.read_bytes()], [], []]
 
     asyncio.run(main())
 
@@ -197,9 +203,9 @@ def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
 )
 def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
     async def main():
-        executor = TaskExecutor("w1", tmp_path, Recorder(), HERE)
-        wanted = HERE if sent else replace(HERE, settings="other")
-        return await executor.execute(RemoteTask("t", b"", CHECKING, wanted), sent)
+        executor = TaskExecutor("w1", tmp_path, Recorder(), INSTALLATION)
+        installation = INSTALLATION if sent else replace(INSTALLATION, settings="other")
+        return await executor.execute(RemoteTask("t", b"", CHECKING, installation), sent)
 
     answer = asyncio.run(main())
     assert answer.unfit == (
@@ -209,6 +215,6 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
 def test_a_worker_writes_no_other_files(name):
-    task = RemoteTask("t", b"", CHECKING, HERE, folders=("/farm/job-1",))
+    task = RemoteTask("t", b"", CHECKING, INSTALLATION, folders=("/farm/job-1",))
     with pytest.raises(ValueError, match="no file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)

@@ -1,4 +1,4 @@
-"""State of a cluster: where work runs, and what a person should look at."""
+"""State of a cluster: the place of tasks, and problems that need a person."""
 
 import pytest
 
@@ -16,6 +16,6 @@ def test_work_runs_here_after_half_a_minute_without_a_worker(lost_s, place):
 def test_problems_name_the_cluster_and_each_refused_worker():
     worker = ClusterWorker("pc-b", "tls://b:1", 4, "it has farm 2, not 1")
     state = ClusterState("tls://a:8786", Place.HERE, (worker,), (), 0, 1, 40.0)
-    no_cluster, refused = state.list_problems()
+    no_cluster, refusal = state.list_problems()
     assert "tls://a:8786" in no_cluster and "this computer computes instead" in no_cluster
-    assert refused == "worker pc-b of the cluster is refused: it has farm 2, not 1"
+    assert refusal == "worker pc-b of the cluster is refused: it has farm 2, not 1"

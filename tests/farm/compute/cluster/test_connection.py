@@ -1,20 +1,20 @@
-"""Connection to a scheduler: its end, and the workers that it takes for usable."""
+"""Connection to a scheduler: its end, and its usable workers."""
 
 import asyncio
 
-from dask_cluster import HERE
+from dask_cluster import INSTALLATION
 from farm.compute.cluster import connection
 from farm.compute.cluster.connection import Connection, list_stuck, list_workers
 
 
 def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
-    """Dask's client takes long to close when its scheduler is gone."""
+    """Cancel while Dask's client closes, which takes long without its scheduler."""
     monkeypatch.setattr(connection, "_POLL_S", 0.05)
-    closing = asyncio.Event()
+    is_closing = asyncio.Event()
 
     class SlowClient:
         async def close(self, timeout):
-            closing.set()
+            is_closing.set()
             await asyncio.Event().wait()
 
     async def lose(self):
@@ -23,9 +23,9 @@ def test_a_connection_that_is_cancelled_while_it_is_lost_ends(monkeypatch):
 
     async def main():
         monkeypatch.setattr(Connection, "_watch_once", lose)
-        link = Connection("tcp://127.0.0.1:1", None, HERE, lambda _: None, lambda _: None)
+        link = Connection("tcp://127.0.0.1:1", None, INSTALLATION, lambda _: None, lambda _: None)
         watch = asyncio.ensure_future(link.watch())
-        await closing.wait()
+        await is_closing.wait()
         watch.cancel()
         await asyncio.wait({watch}, timeout=5.0)
         assert watch.cancelled()
@@ -46,10 +46,10 @@ def test_a_worker_whose_heartbeat_stands_still_is_stuck():
 
 def test_workers_of_others_are_not_used():
     records = {
-        "tls://a": {"name": "a", "nthreads": 4, "farm": HERE.as_record()},
+        "tls://a": {"name": "a", "nthreads": 4, "farm": INSTALLATION.as_record()},
         "tls://b": {"name": "b", "nthreads": 2},
         "tls://c": {"name": "c", "nthreads": 2, "farm": {"farm": "0"}},
     }
-    a, c = list_workers(records, HERE)
+    a, c = list_workers(records, INSTALLATION)
     assert (a.name, a.slots, a.refused) == ("a", 4, None)
     assert (c.name, c.refused) == ("c", "it has farm 0, not 1")

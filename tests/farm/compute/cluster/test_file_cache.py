@@ -24,13 +24,13 @@ def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
     (tmp_path / "files").mkdir()
     (tmp_path / "files" / ".half").touch()
     cache = FileCache(tmp_path / "files", max_bytes=10)
-    old, used, new = (content * 5 for content in (b"a", b"b", b"c"))
-    for age, content in enumerate((used, old, new)):
+    old_file, used_file, new_file = (content * 5 for content in (b"a", b"b", b"c"))
+    for age, content in enumerate((used_file, old_file, new_file)):
         cache.store(name(content), content)
         os.utime(cache.path(name(content)), (age, age))
-    with cache.use([name(used)]), cache.use([name(new)]):
+    with cache.use([name(used_file)]), cache.use([name(new_file)]):
         pass
-    assert {path.read_bytes() for path in (tmp_path / "files").iterdir()} == {used, new}
+    assert {path.read_bytes() for path in (tmp_path / "files").iterdir()} == {used_file, new_file}
 
 
 def test_a_cache_that_is_too_small_keeps_what_a_task_uses(tmp_path):

@@ -6,7 +6,9 @@ import pytest
 
 from farm.compute.cluster.installation import Installation
 
-HERE = Installation("1 (aa)", "4.13.0 (bb)", "cc", "numpy 2.1, scipy 1.17", "/usr/bin/cura", "/cura", "")
+INSTALLATION = Installation(
+    "1 (aa)", "4.13.0 (bb)", "cc", "numpy 2.1, scipy 1.17", "/usr/bin/cura", "/cura", ""
+)
 
 
 @pytest.mark.parametrize(
@@ -21,10 +23,10 @@ HERE = Installation("1 (aa)", "4.13.0 (bb)", "cc", "numpy 2.1, scipy 1.17", "/us
     ],
 )
 def test_a_difference_is_named(changes, reason):
-    assert replace(HERE, **changes).describe_difference(HERE) == reason
+    assert replace(INSTALLATION, **changes).describe_difference(INSTALLATION) == reason
 
 
 def test_a_record_of_another_version_of_farm_is_refused():
-    other = Installation.from_record({"farm": "0.0.1", "engine_v": "4"})
-    assert other.describe_difference(HERE) == "it has farm 0.0.1, not 1 (aa)"
-    assert Installation.from_record(HERE.as_record()) == HERE
+    other_installation = Installation.from_record({"farm": "0.0.1", "engine_v": "4"})
+    assert other_installation.describe_difference(INSTALLATION) == "it has farm 0.0.1, not 1 (aa)"
+    assert Installation.from_record(INSTALLATION.as_record()) == INSTALLATION

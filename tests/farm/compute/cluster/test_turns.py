@@ -12,7 +12,7 @@ async def settle():
 
 
 class Queue:
-    """Tasks that wait for their turns, and the order in which they got them."""
+    """Tasks that wait for their turns, and the order of their turns."""
 
     def __init__(self):
         self.turns, self.served, self.ends = Turns(), [], {}
@@ -62,13 +62,13 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
 def test_a_cancelled_task_gives_its_slot_back():
     async def use(queue):
         queue.turns.update(1, False)
-        first, second, third = (queue.add(name, name) for name in "xyz")
+        first_turn, second_turn, third_turn = (queue.add(name, name) for name in "xyz")
         await settle()
-        second.cancel()
-        first.cancel()
+        second_turn.cancel()
+        first_turn.cancel()
         await settle()
         assert [name for name, _ in queue.served] == ["x", "z"]
-        return [first, second, third]
+        return [first_turn, second_turn, third_turn]
 
     assert run(use).turns.waiting == 0
 
@@ -86,15 +86,15 @@ def test_nobody_waits_where_the_cluster_is_given_up():
 
 
 def test_a_slot_is_free_until_a_task_takes_it():
-    seen = []
+    slot_states = []
 
     async def use(queue):
         queue.turns.update(1, False)
-        seen.append(queue.turns.has_free)
+        slot_states.append(queue.turns.has_free)
         tasks = [queue.add("a", 1)]
         await settle()
-        seen.append(queue.turns.has_free)
+        slot_states.append(queue.turns.has_free)
         return tasks
 
     run(use)
-    assert seen == [True, False]
+    assert slot_states == [True, False]

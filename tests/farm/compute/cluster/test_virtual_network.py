@@ -1,4 +1,4 @@
-"""The network on which clusters are tried: frames on the switch, and hosts in network namespaces."""
+"""Network for tests of clusters: frames on the switch, and hosts in network namespaces."""
 
 import random
 import subprocess
@@ -13,21 +13,21 @@ OBSTACLE = find_obstacle()
 A, B, ALL = b"\x02aaaaa", b"\x02bbbbb", b"\xff" * 6
 
 
-def frame(to, sender, text=b""):
-    return to + sender + text
+def frame(destination, sender, text=b""):
+    return destination + sender + text
 
 
-def arrived(wires, now_s=0.0):
+def list_arrived(wires, now_s=0.0):
     return list(wires.arrive(now_s))
 
 
 def test_frames_go_to_where_their_destination_was_seen():
     wires = Wires(3, random.Random(1))
-    wires.send(frame(B, A), 0, 0.0)  # nobody knows where B is
-    assert arrived(wires) == [(1, frame(B, A)), (2, frame(B, A))]
+    wires.send(frame(B, A), 0, 0.0)  # the port of B is unknown
+    assert list_arrived(wires) == [(1, frame(B, A)), (2, frame(B, A))]
     wires.send(frame(A, B), 1, 0.0)
     wires.send(frame(ALL, B), 1, 0.0)
-    assert arrived(wires) == [(0, frame(A, B)), (0, frame(ALL, B)), (2, frame(ALL, B))]
+    assert list_arrived(wires) == [(0, frame(A, B)), (0, frame(ALL, B)), (2, frame(ALL, B))]
 
 
 def test_networks_at_the_same_time_have_different_addresses(monkeypatch):
@@ -43,8 +43,8 @@ def test_delays_add_up_and_frames_keep_their_order():
     wires.send(frame(ALL, A, b"1"), 0, 0.0)
     wires.send(frame(ALL, A, b"2"), 0, 0.0)
     assert wires.wait_s(0.1) == pytest.approx(0.3)
-    assert arrived(wires, 0.39) == []
-    assert [content[-1:] for _, content in arrived(wires, 0.41)] == [b"1", b"2"]
+    assert list_arrived(wires, 0.39) == []
+    assert [content[-1:] for _, content in list_arrived(wires, 0.41)] == [b"1", b"2"]
     assert wires.wait_s(0.5) is None
 
 
@@ -52,10 +52,10 @@ def test_a_cut_port_has_no_frames_and_a_bad_one_loses_its_share():
     wires = Wires(3, random.Random(1), cut={1}, loss={2: 0.25})
     for _ in range(1000):
         wires.send(frame(ALL, A), 0, 0.0)
-    ports = [port for port, _ in arrived(wires)]
+    ports = [port for port, _ in list_arrived(wires)]
     assert set(ports) == {2} and 700 < len(ports) < 800
     wires.send(frame(ALL, B), 1, 0.0)
-    assert arrived(wires) == []
+    assert list_arrived(wires) == []
 
 
 CONNECT = "import socket, sys; socket.create_connection((sys.argv[1], 9), timeout=0.3)"
@@ -77,9 +77,9 @@ def test_hosts_reach_each_other_unless_cut_and_end_with_the_network():
         assert reach("a", "b").startswith("TimeoutError")
         assert reach("a", "farm").startswith("ConnectionRefusedError")
         network.disturb("b")
-        left = subprocess.Popen(network.command("b", ["sleep", "600"]))
-        while network.pids("b") != [left.pid]:
-            assert left.poll() is None
+        process = subprocess.Popen(network.command("b", ["sleep", "600"]))
+        while network.pids("b") != [process.pid]:
+            assert process.poll() is None
     finally:
         network.close()
-    assert left.wait() == -9
+    assert process.wait() == -9

@@ -70,10 +70,10 @@ def test_link_expires_after_five_minutes(farm):
 
 
 def test_additional_link_replaces_the_oldest_of_its_user(farm):
-    other = farm.sessions.make_link("bob", Role.PRINT)
+    other_link = farm.sessions.make_link("bob", Role.PRINT)
     tokens = [farm.sessions.make_link("ann", Role.PRINT) for _ in range(50)]
     assert len(farm.sessions._links) == 6
-    farm.sessions.find_link(other)
+    farm.sessions.find_link(other_link)
     farm.sessions.find_link(tokens[-1])
     for number in range(500):
         farm.sessions.make_link(f"user {number}", Role.PRINT)
@@ -97,11 +97,11 @@ def test_session_ends_twelve_hours_after_its_last_use_and_after_thirty_days(farm
         farm.wait(11 * HOUR_S)
         used_s += 11 * HOUR_S
     assert abs(used_s + IDLE_S - MAX_SESSION_S) < 12 * HOUR_S
-    unused = farm.open_session()
+    unused_session = farm.open_session()
     farm.wait(IDLE_S - 1.0)
-    assert farm.find(unused) is not None
+    assert farm.find(unused_session) is not None
     farm.wait(1.0)
-    assert farm.find(unused) is None
+    assert farm.find(unused_session) is None
 
 
 def test_session_in_constant_use_is_extended_once_an_hour(farm):
@@ -113,11 +113,11 @@ def test_session_in_constant_use_is_extended_once_an_hour(farm):
 
 
 def test_additional_session_ends_the_oldest_of_its_user(farm):
-    other = farm.open_session("bob")
+    other_session = farm.open_session("bob")
     texts = [farm.open_session() for _ in range(MAX_SESSIONS + 3) if farm.wait(1.0) is None]
     results = [farm.find(text) is not None for text in texts]
     assert results == [False] * 3 + [True] * MAX_SESSIONS
-    assert farm.find(other) is not None
+    assert farm.find(other_session) is not None
     assert len(farm.controller.books.keys) <= MAX_SESSIONS + 2
 
 
@@ -144,12 +144,14 @@ def test_end_of_all_sessions_voids_links_too(farm):
 def test_restarted_daemon_keeps_sessions_and_forgets_links(farm, tmp_path):
     text, token = farm.open_session(), farm.sessions.make_link("ann", Role.PRINT)
     farm.store.close()
-    again = Farm(tmp_path, clock=farm.clock)
-    assert find_key(text, again.controller.books.keys, farm.clock.now_s, KeyKind.SESSION).name == "ann"
-    assert len(list_open_sessions(again.controller.books.keys.values(), farm.clock.now_s)) == 1
+    restarted_farm = Farm(tmp_path, clock=farm.clock)
+    assert (
+        find_key(text, restarted_farm.controller.books.keys, farm.clock.now_s, KeyKind.SESSION).name == "ann"
+    )
+    assert len(list_open_sessions(restarted_farm.controller.books.keys.values(), farm.clock.now_s)) == 1
     with pytest.raises(NoSuchThing):
-        SessionCommands(again.controller).open(token)
-    again.store.close()
+        SessionCommands(restarted_farm.controller).open(token)
+    restarted_farm.store.close()
 
 
 def test_user_and_key_of_the_same_name_have_sessions_of_their_own(farm):

@@ -1,4 +1,4 @@
-"""Materials as people name them."""
+"""Materials by the names that people use."""
 
 import pytest
 from hypothesis import given
@@ -36,8 +36,8 @@ def resources():
 
 
 def choose(text, resources, model="ultimaker2_plus"):
-    named = choose_material(text, build_slicing_printer(PROFILES[model]), 0.4, resources)
-    return named.name, named.kind, named.colour
+    material = choose_material(text, build_slicing_printer(PROFILES[model]), 0.4, resources)
+    return material.name, material.kind, material.colour
 
 
 @pytest.mark.parametrize(
@@ -90,8 +90,8 @@ def section(**values):
 def test_section_of_a_printer_has_file_kind_and_colour(resources):
     result = complete_section(section(material="black PLA"), FleetSection())
     assert (result.material, result.material_kind, result.colour) == ("generic_pla", "PLA", "black")
-    kept = complete_section(section(material="black PLA", colour="white"), FleetSection())
-    assert kept.colour == "white"
+    complete = complete_section(section(material="black PLA", colour="white"), FleetSection())
+    assert complete.colour == "white"
 
 
 def test_folder_of_own_materials_is_read_and_errors_are_reported(resources, tmp_path):
@@ -109,12 +109,12 @@ def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
         section(name="a").with_filament("generic_pla", "PLA", "white"),
         section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),
     ]
-    requested = name_filament(JobOptions(material="pla"), printers, None)
-    assert [p.has_material(requested.material) for p in printers] == [True, True]
-    requirements = Requirements(material=requested.material, colour=None, nozzle_mm=None)
+    requested_filament = name_filament(JobOptions(material="pla"), printers, None)
+    assert [p.has_material(requested_filament.material) for p in printers] == [True, True]
+    requirements = Requirements(material=requested_filament.material, colour=None, nozzle_mm=None)
     assert all(requirements.matches(describe_capabilities(p, lambda _: ())) for p in printers)
-    requested = name_filament(JobOptions(material="black PLA"), printers, None)
-    assert (requested.material, requested.colour) == ("PLA", "black")
+    requested_filament = name_filament(JobOptions(material="black PLA"), printers, None)
+    assert (requested_filament.material, requested_filament.colour) == ("PLA", "black")
     with pytest.raises(Refused, match="no printer of the fleet has ABS; there is black PLA, white PLA"):
         name_filament(JobOptions(material="abs"), printers, None)
     with pytest.raises(Refused, match="no printer of the fleet has gold; there is black PLA"):

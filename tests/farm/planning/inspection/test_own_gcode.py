@@ -12,15 +12,15 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.planning.inspection.own_gcode import FirmwareTime, inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
-from make_gcode import marlin, square, ultigcode
+from make_gcode import make_marlin, make_square, make_ultigcode
 from slicing.errors import EngineMissing
 from slicing.settings import find_resources
 
 LOW, TALL = "ultimaker2_plus", "ultimaker2_extended_plus"
 
 
-def printer(name, model=LOW, **more):
-    return PrinterSection(name=name, model=model, port=f"/dev/{name}", **more)
+def printer(name, model=LOW, **fields):
+    return PrinterSection(name=name, model=model, port=f"/dev/{name}", **fields)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -54,12 +54,12 @@ def inspect(tmp_path, files):
 def plan(tmp_path, files, inspect):
     def run(lines, fleet=(), **options):
         fleet = tuple(fleet or [printer("a"), printer("b", TALL)])
-        inspected = inspect(lines, fleet, **options)
+        inspection = inspect(lines, fleet, **options)
         folder = tmp_path / "work"
         folder.mkdir()
         task = DecomposeTask(
             job=7,
-            model=files / inspected.file,
+            model=files / inspection.file,
             options=JobOptions(**options),
             printers=fleet,
             rounds=1,
@@ -78,9 +78,9 @@ def test_g_code_is_recognised_by_its_name(name):
 
 @pytest.mark.parametrize("name", ["a.gcode.gz", "a.g.zip", "a.bgcode", "a.ufp", "a.gcode.3mf"])
 def test_packed_g_code_is_refused_with_advice(name):
-    with pytest.raises(FarmError, match=r"unpack|plain|package") as raised:
+    with pytest.raises(FarmError, match=r"unpack|plain|package") as error:
         is_gcode(name)
-    assert raised.value.code is ErrorCode.GCODE
+    assert error.value.code is ErrorCode.GCODE
 
 
 def test_packed_models_are_not_treated_as_gcode():
@@ -89,13 +89,13 @@ def test_packed_models_are_not_treated_as_gcode():
 
 
 def test_file_is_stored_with_its_requirements(inspect, files):
-    lines = ultigcode()
-    inspected = inspect(lines)
-    assert (files / inspected.file).read_text().splitlines() == lines
-    assert inspected.own_gcode.nozzle_mm == 0.4
-    assert inspected.own_gcode.min_mm == pytest.approx((-11.5, -11.5, 0.2))
-    assert inspected.own_gcode.max_mm == pytest.approx((8.5, 8.5, 0.6))
-    assert any("UltiGCode" in line for line in inspected.repairs)
+    lines = make_ultigcode()
+    inspection = inspect(lines)
+    assert (files / inspection.file).read_text().splitlines() == lines
+    assert inspection.own_gcode.nozzle_mm == 0.4
+    assert inspection.own_gcode.min_mm == pytest.approx((-11.5, -11.5, 0.2))
+    assert inspection.own_gcode.max_mm == pytest.approx((8.5, 8.5, 0.6))
+    assert any("UltiGCode" in line for line in inspection.repairs)
 
 
 @pytest.mark.parametrize(
@@ -109,83 +109,84 @@ def test_file_is_stored_with_its_requirements(inspect, files):
     ],
 )
 def test_options_for_models_are_refused_for_gcode(inspect, options, flags):
-    with pytest.raises(FarmError, match=flags) as raised:
-        inspect(marlin(), **options)
-    assert raised.value.code is ErrorCode.SETTINGS
+    with pytest.raises(FarmError, match=flags) as error:
+        inspect(make_marlin(), **options)
+    assert error.value.code is ErrorCode.SETTINGS
 
 
 def test_one_printer_may_be_requested(inspect):
-    assert inspect(marlin(), printers=1).scale == 1.0
+    assert inspect(make_marlin(), printers=1).scale == 1.0
 
 
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (ultigcode(nozzle="0.8"), "nozzle of 0.8 mm, and a has 0.4 mm"),
-        (marlin(square(at_mm=210.0)), "X 210.0..230.0"),
-        (marlin(square(at_mm=0.0)), "off its clips"),
-        (marlin(square(layers=1000, layer_mm=0.32)), "up to Z 320.0 mm"),
-        (marlin(body=["G0 Z12", "G0 X-20"]), "moves to X -20.0"),
-        (marlin(body=["G0 Z400"]), "moves to Z 400.0"),
+        (make_ultigcode(nozzle="0.8"), "nozzle of 0.8 mm, and a has 0.4 mm"),
+        (make_marlin(make_square(at_mm=210.0)), "X 210.0..230.0"),
+        (make_marlin(make_square(at_mm=0.0)), "off its clips"),
+        (make_marlin(make_square(layers=1000, layer_mm=0.32)), "up to Z 320.0 mm"),
+        (make_marlin(body=["G0 Z12", "G0 X-20"]), "moves to X -20.0"),
+        (make_marlin(body=["G0 Z400"]), "moves to Z 400.0"),
     ],
 )
 def test_file_that_fits_no_printer_is_refused(inspect, lines, message):
-    with pytest.raises(FarmError, match=message) as raised:
+    with pytest.raises(FarmError, match=message) as error:
         inspect(lines)
-    assert raised.value.code is ErrorCode.NO_FIT
+    assert error.value.code is ErrorCode.NO_FIT
 
 
 def test_file_without_a_nozzle_needs_printers_with_one_size(inspect):
     fleet = [printer("a"), printer("b", nozzle_mm=0.8, colour="red")]
-    with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as raised:
-        inspect(marlin(), fleet)
-    assert raised.value.code is ErrorCode.GCODE
+    with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as error:
+        inspect(make_marlin(), fleet)
+    assert error.value.code is ErrorCode.GCODE
     assert (
-        inspect(marlin(square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red").own_gcode.nozzle_mm is None
+        inspect(make_marlin(make_square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red").own_gcode.nozzle_mm
+        is None
     )
-    assert inspect(ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
+    assert inspect(make_ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
 
 
 def test_refusal_names_the_line(inspect):
-    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as raised:
-        inspect(marlin(body=["M500"]))
-    assert raised.value.code is ErrorCode.GCODE
+    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes the printer's") as error:
+        inspect(make_marlin(body=["M500"]))
+    assert error.value.code is ErrorCode.GCODE
 
 
 def test_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
-    created = plan(marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
-    (plate,), (part,) = created.plates, created.parts
+    plan_result = plan(make_marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
+    (plate,), (part,) = plan_result.plates, plan_result.parts
     assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
-    assert created.serial_s == created.expected_s == plate.expected_s > plate.sliced_s > 0
+    assert plan_result.serial_s == plan_result.expected_s == plate.expected_s > plate.sliced_s > 0
     assert plate.filament_mm == pytest.approx(240 * 0.08 / (math.pi * 2.85**2 / 4), abs=1e-3)
     assert plate.grams == pytest.approx(240 * 0.08 / 1000 * 1.24, rel=0.01)
     assert plate.price == pytest.approx(plate.grams * 0.03)
     assert (files / plate.gcode).read_text().startswith(";FLAVOR:Marlin\n")
-    assert (files / part.file).read_text().splitlines() == marlin()
+    assert (files / part.file).read_text().splitlines() == make_marlin()
 
 
 def test_tall_print_is_assigned_to_a_tall_printer(plan):
-    tall = marlin(square(layers=750, layer_mm=0.32))
+    tall = make_marlin(make_square(layers=750, layer_mm=0.32))
     assert plan(tall).plates[0].printer == "b"
 
 
 def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, files):
-    created = plan(ultigcode(), [printer("a", material="generic_abs")])
-    text = (files / created.plates[0].gcode).read_text()
+    plan_result = plan(make_ultigcode(), [printer("a", material="generic_abs")])
+    text = (files / plan_result.plates[0].gcode).read_text()
     abs_c = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}
     assert {line.split()[0] for line in abs_c} == {"M109", "M190"}
     assert not abs_c & {"M109 S200", "M190 S60"}
 
 
-@pytest.mark.parametrize(("nozzle_c", "requested"), [(250, True), (215, False)])
-def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, requested):
-    lines = [line.replace("S205", f"S{nozzle_c}") for line in marlin()]
+@pytest.mark.parametrize(("nozzle_c", "requested_material"), [(250, True), (215, False)])
+def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, requested_material):
+    lines = [line.replace("S205", f"S{nozzle_c}") for line in make_marlin()]
     for notices in (inspect(lines).repairs, plan(lines).repairs):
-        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is requested
+        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is requested_material
 
 
 @pytest.mark.parametrize(
-    ("message", "material", "warned"),
+    ("message", "material", "has_warning"),
     [
         ("PLA", "generic_pla", False),
         ("PLA+", "generic_pla", False),
@@ -194,15 +195,15 @@ def test_file_for_another_material_is_a_warning(plan, inspect, nozzle_c, request
         ("ABS", "generic_cpe", True),
     ],
 )
-def test_file_with_another_material_name_is_a_warning(plan, inspect, message, material, warned):
-    lines, fleet = [*marlin(), f"; filament_type = {message}"], [printer("a", material=material)]
+def test_file_with_another_material_name_is_a_warning(plan, inspect, message, material, has_warning):
+    lines, fleet = [*make_marlin(), f"; filament_type = {message}"], [printer("a", material=material)]
     for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
-        reported = [line for line in notices if line.startswith("Warning: it was sliced for")]
-        assert [repr(message) in line and material in line for line in reported] == [True] * warned
+        warnings = [line for line in notices if line.startswith("Warning: it was sliced for")]
+        assert [repr(message) in line and material in line for line in warnings] == [True] * has_warning
 
 
 def test_file_for_another_machine_is_a_warning_of_the_job(plan, inspect):
-    lines = [*marlin(), "; printer_model = MK3S"]
+    lines = [*make_marlin(), "; printer_model = MK3S"]
     for notices in (inspect(lines).repairs, plan(lines).repairs):
         assert notices[-1].startswith("Warning: it was sliced for 'MK3S'.")
 
@@ -213,7 +214,7 @@ def test_print_time_matches_the_planner_of_the_firmware():
     clock.wait(3.0)
     for n in range(40):
         clock.move(105.0 + (n % 2), 50.0, 20.0, 0.0, 50.0)
-    # 100 mm at 50 mm/s, and to reach it and leave it 3000 mm/s2
+    # 100 mm at 50 mm/s, with acceleration and deceleration of 3000 mm/s2
     assert (
         3.0 + 2.0 < clock.seconds() < clock.seconds(finish=True) < 3.0 + 2.05 + 40 * (1 / 50 + 2 * 50 / 3000)
     )
@@ -222,8 +223,8 @@ def test_print_time_matches_the_planner_of_the_firmware():
 
 def test_large_file_takes_little_more_memory_than_its_text(inspect):
     points = [(100.0 + n % 17, 100.0 + n % 13, 0.2, 0.02) for n in range(1, 20_000)]
-    lines = marlin([[(100.0, 100.0, 0.2, 0.0), *points]])
-    inspect(marlin())  # Cura's files are read once
+    lines = make_marlin([[(100.0, 100.0, 0.2, 0.0), *points]])
+    inspect(make_marlin())  # Cura's files are read once
     tracemalloc.start()
     try:
         inspect(lines)

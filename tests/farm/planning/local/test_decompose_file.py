@@ -40,18 +40,18 @@ def bar(tmp_path):
 
 
 def test_engine_is_selected_by_name(bar, tmp_path):
-    out = tmp_path / "out"
-    chosen = {"engine": "parallelobox", "faithful": True, "score": "both"}
-    report = decompose_to_folder(bar, out, DecomposeRequest(**USUAL | chosen))
+    path = tmp_path / "out"
+    engine_options = {"engine": "parallelobox", "faithful": True, "score": "both"}
+    report = decompose_to_folder(bar, path, DecomposeRequest(**USUAL | engine_options))
     assert report["engine"] == "parallelobox"
     assert report["options"]["score"] == "high"
     assert 2 <= len(report["parts"]) <= 4
-    assert json.loads((out / "decomposition.json").read_text())["options"]["faithful"] is True
-    assert all((out / part["file"]).is_file() for part in report["parts"])
+    assert json.loads((path / "decomposition.json").read_text())["options"]["faithful"] is True
+    assert all((path / part["file"]).is_file() for part in report["parts"])
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("wrong_option", "message"),
     [
         ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
         ({"engine": "parallelobox", "score": "up"}, "--score up: low, high or both"),
@@ -63,17 +63,17 @@ def test_engine_is_selected_by_name(bar, tmp_path):
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
 )
-def test_invalid_option_is_named(bar, tmp_path, wrong, message):
+def test_invalid_option_is_named(bar, tmp_path, wrong_option, message):
     with pytest.raises(FarmError, match=message):
-        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong))
+        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong_option))
     assert not (tmp_path / "out").exists()
 
 
 def test_refusal_says_a_size_that_fits(bar, tmp_path):
     few = USUAL | {"printers": 1, "granularity": 3}
-    with pytest.raises(FarmError, match=r"--longest-side \d+ was tried, and fits") as refused:
+    with pytest.raises(FarmError, match=r"--longest-side \d+ was tried, and fits") as error:
         decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**few))
-    side_mm = float(str(refused.value).split("(--longest-side ")[1].split()[0])
+    side_mm = float(str(error.value).split("(--longest-side ")[1].split()[0])
     report = decompose_to_folder(
         bar, tmp_path / "out", DecomposeRequest(**few | {"longest_side_mm": side_mm})
     )

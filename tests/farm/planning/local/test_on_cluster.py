@@ -1,9 +1,9 @@
-"""One model on a cluster, without a daemon: the same files as here."""
+"""One model on a cluster, without a daemon: the same files as on this computer."""
 
 import pytest
 import trimesh
 
-from dask_cluster import HERE
+from dask_cluster import INSTALLATION
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.errors import FarmError, Refused
@@ -20,9 +20,11 @@ OPTIONS = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4)
 def cluster(tmp_path, monkeypatch):
     (tmp_path / "w1").mkdir()
 
-    def connect(own, scheduler, certificates):
-        executor = TaskExecutor("w1", tmp_path / "w1", SameProcess(), HERE)
-        return ClusterPool(own, scheduler, HERE, lambda on_workers, _: InlineLink(executor, on_workers))
+    def connect(local_pool, scheduler, certificates):
+        executor = TaskExecutor("w1", tmp_path / "w1", SameProcess(), INSTALLATION)
+        return ClusterPool(
+            local_pool, scheduler, INSTALLATION, lambda on_workers, _: InlineLink(executor, on_workers)
+        )
 
     monkeypatch.setattr(on_cluster, "connect_cluster", connect)
     return Cluster("tls://a:8786", tmp_path, pytest.fail)
@@ -36,11 +38,11 @@ def box(tmp_path):
 
 
 def test_a_slice_is_the_same(cluster, box, tmp_path):
-    there, here = tmp_path / "there" / "box.gcode", tmp_path / "here.gcode"
-    report = slice_on_cluster(cluster, box, there, OPTIONS, tmp_path / "cache")
-    assert report == slice_to_file(box, here, OPTIONS)
-    assert there.read_bytes() == here.read_bytes()
-    assert slice_on_cluster(cluster, box, there, OPTIONS, tmp_path / "cache")["cached"]  # by the worker
+    remote_path, local_path = tmp_path / "there" / "box.gcode", tmp_path / "here.gcode"
+    report = slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")
+    assert report == slice_to_file(box, local_path, OPTIONS)
+    assert remote_path.read_bytes() == local_path.read_bytes()
+    assert slice_on_cluster(cluster, box, remote_path, OPTIONS, tmp_path / "cache")["cached"]  # by the worker
     assert not (tmp_path / "cache").exists()
 
 

@@ -21,7 +21,7 @@ def box(tmp_path):
     return path
 
 
-def slice_(path, out, cache=None, on_step=lambda _: None, **options):
+def slice_(path, output, cache=None, on_step=lambda _: None, **options):
     defaults = {
         "printer_model": "ultimaker2_plus",
         "quality": "glue",
@@ -29,31 +29,31 @@ def slice_(path, out, cache=None, on_step=lambda _: None, **options):
         "nozzle_mm": 0.4,
         "overrides": {},
     }
-    return slice_to_file(path, out, SliceOptions(**{**defaults, **options}), cache, on_step)
+    return slice_to_file(path, output, SliceOptions(**{**defaults, **options}), cache, on_step)
 
 
-def read_refusal(path, out, **options):
+def read_refusal(path, output, **options):
     with pytest.raises(FarmError) as error:
-        slice_(path, out, **options)
+        slice_(path, output, **options)
     assert "\n" not in str(error.value)
     return error.value
 
 
 def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
-    cache, out = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
-    reported = []
-    first = slice_(box, out, cache=cache, on_step=reported.append)
-    content = out.read_bytes()
-    assert reported[:3] == ["box.stl: reading", "box.stl: checking its surface", "slicing box.stl"]
-    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in reported[3:])
-    repeated = slice_(box, out, cache=cache)
-    assert (first["cached"], repeated["cached"]) == (False, True)
-    assert out.read_bytes() == content
-    assert [path.name for path in out.parent.iterdir()] == ["box.gcode"]
-    promised = {"schema", "print_time_s", "filament_mm", "filament_mm3", "grams", "layers", "cached"}
-    assert promised | {"settings", "unprinted", "estimated_s"} <= set(first)
-    assert first["estimated_s"] > first["print_time_s"] > 0
-    assert float(first["settings"]["global"]["layer_height"]) == pytest.approx(0.2, rel=0.04)
+    cache, output = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
+    steps = []
+    first_result = slice_(box, output, cache=cache, on_step=steps.append)
+    content = output.read_bytes()
+    assert steps[:3] == ["box.stl: reading", "box.stl: checking its surface", "slicing box.stl"]
+    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in steps[3:])
+    second_result = slice_(box, output, cache=cache)
+    assert (first_result["cached"], second_result["cached"]) == (False, True)
+    assert output.read_bytes() == content
+    assert [path.name for path in output.parent.iterdir()] == ["box.gcode"]
+    documented_keys = {"schema", "print_time_s", "filament_mm", "filament_mm3", "grams", "layers", "cached"}
+    assert documented_keys | {"settings", "unprinted", "estimated_s"} <= set(first_result)
+    assert first_result["estimated_s"] > first_result["print_time_s"] > 0
+    assert float(first_result["settings"]["global"]["layer_height"]) == pytest.approx(0.2, rel=0.04)
 
 
 REFUSED = {
@@ -69,8 +69,8 @@ REFUSED = {
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
     options, code, message = REFUSED[mistake]
-    out = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
-    error = read_refusal(box, out, **options)
+    output = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
+    error = read_refusal(box, output, **options)
     assert error.code is code
     assert message in str(error)
     assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
@@ -80,8 +80,8 @@ def test_output_over_the_model_is_refused(box, tmp_path):
     content = box.read_bytes()
     link = tmp_path / "link.stl"
     link.symlink_to(box)
-    for out in (box, link):
-        assert "it is the model" in str(read_refusal(box, out))
+    for output in (box, link):
+        assert "it is the model" in str(read_refusal(box, output))
     assert box.read_bytes() == content
 
 
@@ -114,8 +114,8 @@ def test_proposed_scale_of_a_large_model_fits(tmp_path, monkeypatch, size, by_sc
         raise FarmError("it fits")
 
     monkeypatch.setattr("farm.planning.local.slice_file.slice_part", engine)
-    proposed = {"scale": float(scale)} if by_scale else {"longest_side_mm": float(longest)}
-    assert str(read_refusal(path, tmp_path / "out.gcode", **proposed)) == "it fits"
+    size_option = {"scale": float(scale)} if by_scale else {"longest_side_mm": float(longest)}
+    assert str(read_refusal(path, tmp_path / "out.gcode", **size_option)) == "it fits"
 
 
 def test_unwritable_cache_is_not_used(tmp_path):

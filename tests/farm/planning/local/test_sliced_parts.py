@@ -28,19 +28,19 @@ def request(**options) -> DecomposeRequest:
 
 
 def test_slices_are_beside_the_parts_and_replaced(tmp_path):
-    bar, out = tmp_path / "bar.stl", tmp_path / "out"
+    bar, path = tmp_path / "bar.stl", tmp_path / "out"
     trimesh.creation.box((40.0, 12.0, 4.0)).export(bar)
-    report = decompose_to_folder(bar, out, request(quality="paper"), tmp_path / "cache")
-    stored = json.loads((out / "decomposition.json").read_text())
-    assert stored["parts"] == report["parts"]
+    report = decompose_to_folder(bar, path, request(quality="paper"), tmp_path / "cache")
+    record = json.loads((path / "decomposition.json").read_text())
+    assert record["parts"] == report["parts"]
     assert report["sliced_makespan_s"] == max(part["sliced_s"] for part in report["parts"])
     for part in report["parts"]:
         assert part["sliced_s"] == pytest.approx(part["estimated_s"], rel=0.25)
         assert part["grams"] > 0.0
-        assert b"G1" in (out / part["gcode"]).read_bytes()
-    unsliced = decompose_to_folder(bar, out, request(sliced=False))
-    assert "sliced_makespan_s" not in unsliced
-    assert not list(out.glob("*.gcode"))
+        assert b"G1" in (path / part["gcode"]).read_bytes()
+    unsliced_report = decompose_to_folder(bar, path, request(sliced=False))
+    assert "sliced_makespan_s" not in unsliced_report
+    assert not list(path.glob("*.gcode"))
 
 
 def test_quality_decides_the_price(tmp_path):
@@ -56,7 +56,7 @@ def test_quality_decides_the_price(tmp_path):
 
 
 class Slicer:
-    """A slicer with a table of times, round by round."""
+    """Slicer with a table of times for each round."""
 
     def __init__(self, *rounds_s) -> None:
         self.rounds_s = list(rounds_s)
@@ -90,11 +90,11 @@ def cut():
 def test_cuts_are_moved_while_the_slowest_slice_ends_sooner(
     cut, tmp_path, monkeypatch, moves, rounds_s, kept_s, folders
 ):
-    slicer, pending = Slicer(*rounds_s), list(moves)
+    slicer, pending_moves = Slicer(*rounds_s), list(moves)
 
     def relevel(model, previous, times_s, cost, executor):
         assert times_s == rounds_s[len(slicer.folders) - 1]
-        move = pending.pop(0)
+        move = pending_moves.pop(0)
         if isinstance(move, Exception):
             raise move
         return move and replace(previous, faults=("is a sliver",) if move == "faulty" else ())

@@ -1,4 +1,4 @@
-"""Places of parts on beds, as the instructions show them, are those at which the parts are sliced."""
+"""Places of parts on beds in the instructions, which must be those of the slices."""
 
 from types import SimpleNamespace
 
@@ -26,14 +26,14 @@ def make_part(*size_mm):
 @pytest.mark.parametrize("size_mm", [(50.0, 20.0, 10.0), (160.0, 205.0, 10.0), (190.0, 206.0, 10.0)])
 def test_part_is_drawn_where_it_is_sliced(size_mm):
     part = make_part(*size_mm)
-    found = place_on({"um2-01": BED})(part)
+    pose = place_on({"um2-01": BED})(part)
     placement = place(size_mm, BED.room)
-    assert found == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
+    assert pose == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
     vertices, faces = part.printing_mesh()
-    drawn, _ = put_on_bed(vertices, faces, found)
+    drawn_mm, _ = put_on_bed(vertices, faces, pose)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.apply_transform(slice_part._transform(mesh, placement, np.ones(3)))
-    assert drawn[:, :2] == pytest.approx(mesh.vertices[:, :2])
+    assert drawn_mm[:, :2] == pytest.approx(mesh.vertices[:, :2])
 
 
 def test_part_of_an_unknown_printer_and_one_that_does_not_fit_have_no_place():

@@ -26,10 +26,12 @@ MODEL = "ultimaker2_plus"
 
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 3))
 def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, printers, rounds):
-    most = printers * rounds
-    counts = list(iterate_part_counts(copies, printers, most))
-    assert counts[-1][1] == most
-    assert counts[0][0] == -(-copies // printers)  # a round less would not hold one part of each copy
+    max_count = printers * rounds
+    counts = list(iterate_part_counts(copies, printers, max_count))
+    assert counts[-1][1] == max_count
+    assert counts[0][0] == -(
+        -copies // printers
+    )  # in one round less there is no room for one part of each copy
     for (rounds_a, parts_a), (rounds_b, parts_b) in pairwise(counts):
         assert rounds_a < rounds_b and parts_a < parts_b
     for rounds_, parts in counts:
@@ -39,15 +41,15 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
 def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
     count = data.draw(st.integers(1, len(items)))
-    chosen = choose_spaced(sorted(items), count)
-    assert len(chosen) == count
-    taken = Counter(chosen)
+    chosen_items = choose_spaced(sorted(items), count)
+    assert len(chosen_items) == count
+    item_counts = Counter(chosen_items)
     for item, available in Counter(items).items():
-        assert abs(taken[item] - available * count / len(items)) < 1.0
+        assert abs(item_counts[item] - available * count / len(items)) < 1.0
 
 
-def one_copy(*seconds):
-    """The plan of one copy with a plate of each of these times."""
+def make_copy_plan(*seconds):
+    """Make the plan of one copy with a plate for each of these times."""
     event = planned(plates=len(seconds))
     plates = tuple(
         plate.model_copy(update={"sliced_s": s, "expected_s": s + 10.0, "printer": "p0"})
@@ -56,7 +58,7 @@ def one_copy(*seconds):
     return Plan(event.parts, plates, (), 1.0, 100.0, 110.0)
 
 
-def task_of(fleet, tmp_path, factors=None, **options):
+def make_task(fleet, tmp_path, factors=None, **options):
     sections = Fleet.model_validate(
         {
             "printers": [
@@ -71,13 +73,13 @@ def task_of(fleet, tmp_path, factors=None, **options):
 
 
 def test_plan_of_one_copy_is_unchanged(tmp_path):
-    plan = one_copy(50.0)
-    assert multiply_plan(plan, task_of({"p0": {}}, tmp_path)) is plan
+    plan = make_copy_plan(50.0)
+    assert multiply_plan(plan, make_task({"p0": {}}, tmp_path)) is plan
 
 
 def test_each_copy_has_every_part_with_its_number(tmp_path):
     printers = {f"p{i}": {} for i in range(4)}
-    plan = multiply_plan(one_copy(50.0, 90.0), task_of(printers, tmp_path, copies=2))
+    plan = multiply_plan(make_copy_plan(50.0, 90.0), make_task(printers, tmp_path, copies=2))
     assert [(part.id, part.plate, part.copy_number) for part in plan.parts] == [
         ("1/p01.1", "1/01.1", 1),
         ("1/p02.1", "1/02.1", 1),
@@ -94,10 +96,10 @@ def test_each_copy_has_every_part_with_its_number(tmp_path):
 
 def test_printers_get_matching_plates_and_slow_ones_fewer(tmp_path):
     printers = {"p0": {}, "p1": {}, "p2": {"nozzle_mm": 0.8}, "p3": {"material": "generic_abs"}}
-    task = task_of(printers, tmp_path, factors={"p1": 1.25}, copies=9)
-    plan = multiply_plan(one_copy(100.0), task)
-    taken = Counter(plate.printer for plate in plan.plates)
-    assert taken == {"p0": 5, "p1": 4}
+    task = make_task(printers, tmp_path, factors={"p1": 1.25}, copies=9)
+    plan = multiply_plan(make_copy_plan(100.0), task)
+    plate_counts = Counter(plate.printer for plate in plan.plates)
+    assert plate_counts == {"p0": 5, "p1": 4}
     assert {(p.printer, p.time_factor, p.expected_s) for p in plan.plates} == {
         ("p0", 1.0, 110.0),
         ("p1", 1.25, 135.0),
@@ -107,14 +109,14 @@ def test_printers_get_matching_plates_and_slow_ones_fewer(tmp_path):
 
 def test_planned_printers_do_not_exceed_the_request(tmp_path):
     printers = {f"p{i}": {} for i in range(4)}
-    plan = multiply_plan(one_copy(100.0), task_of(printers, tmp_path, copies=4, printers=2))
+    plan = multiply_plan(make_copy_plan(100.0), make_task(printers, tmp_path, copies=4, printers=2))
     assert {plate.printer for plate in plan.plates} == {"p0", "p1"}
 
 
 def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
-    plan = one_copy(*[50.0] * 5)
+    plan = make_copy_plan(*[50.0] * 5)
     with pytest.raises(FarmError, match="submit fewer copies") as error:
-        multiply_plan(plan, task_of({"p0": {}}, tmp_path, copies=MAX_PLATES // 5 + 1))
+        multiply_plan(plan, make_task({"p0": {}}, tmp_path, copies=MAX_PLATES // 5 + 1))
     assert error.value.code is ErrorCode.SETTINGS
 
 
@@ -124,10 +126,10 @@ def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
     st.lists(st.floats(0.8, 1.25), min_size=1, max_size=6),
 )
 def test_loads_are_balanced(tmp_path_factory, seconds, copies, factors):
-    """No printer ends later than the first one to end plus one plate."""
+    """Check that no printer ends later than one plate after the first one."""
     speeds = {f"p{i}": factor for i, factor in enumerate(factors)}
-    task = task_of({name: {} for name in speeds}, tmp_path_factory.getbasetemp(), speeds, copies=copies)
-    plan = multiply_plan(one_copy(*seconds), task)
+    task = make_task({name: {} for name in speeds}, tmp_path_factory.getbasetemp(), speeds, copies=copies)
+    plan = multiply_plan(make_copy_plan(*seconds), task)
     loads = dict.fromkeys(speeds, 0.0)
     for plate in plan.plates:
         loads[plate.printer] += plate.expected_s
@@ -146,7 +148,7 @@ def box(files, tmp_path):
 
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_of_a_model_too_long_for_a_bed_share_the_printers(bar, files, tmp_path):
-    """Two parts at least: four printers print two copies side by side, three take two rounds."""
+    """Cut at least two parts: four printers print two copies at the same time, three need two rounds."""
     for printers, copies, parts in ((4, 2, 2), (3, 2, 3), (2, 2, 2), (8, 2, 4)):
         task = replace(
             decompose_task(bar, files, tmp_path, printers=printers),
@@ -168,12 +170,12 @@ def test_copies_of_a_small_model_stay_whole_unless_a_person_gives_printers(box, 
 @pytest.mark.usefixtures("without_pictures")
 def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     task = replace(decompose_task(box, files, tmp_path, printers=4), options=JobOptions(copies=2))
-    (whole,) = decompose_job(task).parts
-    assert len(decompose_job(replace(task, within_s=whole.price_s * 1.2)).parts) == 1
-    assert len(decompose_job(replace(task, within_s=whole.price_s * 0.9)).parts) == 2
+    (whole_part,) = decompose_job(task).parts
+    assert len(decompose_job(replace(task, within_s=whole_part.price_s * 1.2)).parts) == 1
+    assert len(decompose_job(replace(task, within_s=whole_part.price_s * 0.9)).parts) == 2
     # Six copies on four printers take two rounds.
     six = replace(task, options=JobOptions(copies=6))
-    assert len(decompose_job(replace(six, within_s=whole.price_s * 2.4)).parts) == 1
+    assert len(decompose_job(replace(six, within_s=whole_part.price_s * 2.4)).parts) == 1
 
 
 class Sliced:
@@ -190,17 +192,17 @@ class Sliced:
 def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     options = JobOptions(copies=3, printers=6)
     task = replace(decompose_task(bar, files, tmp_path, printers=6), options=options)
-    cut = decompose_job(task)
-    tasks = slice_tasks(task, cut)
+    decomposition = decompose_job(task)
+    tasks = slice_tasks(task, decomposition)
     gcodes = [tmp_path / f"{i}.gcode" for i in range(len(tasks))]
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")
-    sliced = join_slices(task, cut, tasks, [Sliced(path) for path in gcodes])
-    draw_job(task, cut.drawing_record)
-    booked_plan = book_plan(sliced, files)
-    stored = set(files.rglob("*"))
+    sliced_job = join_slices(task, decomposition, tasks, [Sliced(path) for path in gcodes])
+    draw_job(task, decomposition.drawing_record)
+    booked_plan = book_plan(sliced_job, files)
+    stored_files = set(files.rglob("*"))
     plan = multiply_plan(booked_plan, task)
-    assert set(files.rglob("*")) == stored
+    assert set(files.rglob("*")) == stored_files
     assert len(tasks) == 2 and len(plan.plates) == 6
     assert {plate.gcode for plate in plan.plates} == {plate.gcode for plate in booked_plan.plates}
     assert len({plate.printer for plate in plan.plates}) == 6

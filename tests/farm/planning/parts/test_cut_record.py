@@ -14,17 +14,26 @@ from farm.planning.parts.decompose_job import decompose_job
 
 
 def test_cut_record_is_read_back_exactly(bar, files, tmp_path):
-    """Boxes are grouped by their bytes; an infinite figure is no number of JSON."""
-    cut = decompose_job(decompose_task(bar, files, tmp_path))
-    first = read_cut_record(cut.cut_record)
-    assert len(first.cutting.boxes_mm) == len(cut.parts) and first.parts == ()
-    first = replace(first, lower_bound_s=float("inf"), attempts=(Attempt(Engine.BEST, 7, -0.0, None),))
-    second = read_cut_record(write_cut_record(first, tmp_path))
-    assert replace(second, cutting=None) == replace(first, cutting=None)
+    """Check groups of boxes by their bytes, and infinite figures, for which JSON has no number."""
+    decomposition = decompose_job(decompose_task(bar, files, tmp_path))
+    first_record = read_cut_record(decomposition.cut_record)
+    assert len(first_record.cutting.boxes_mm) == len(decomposition.parts) and first_record.parts == ()
+    first_record = replace(
+        first_record, lower_bound_s=float("inf"), attempts=(Attempt(Engine.BEST, 7, -0.0, None),)
+    )
+    second_record = read_cut_record(write_cut_record(first_record, tmp_path))
+    assert replace(second_record, cutting=None) == replace(first_record, cutting=None)
     for field in fields(Cutting):
-        was, now = getattr(first.cutting, field.name), getattr(second.cutting, field.name)
-        assert was.tobytes() == now.tobytes() if isinstance(was, np.ndarray) else was == now
-    assert write_cut_record(replace(first, cutting=None), tmp_path) is None
+        old_value, new_value = (
+            getattr(first_record.cutting, field.name),
+            getattr(second_record.cutting, field.name),
+        )
+        assert (
+            old_value.tobytes() == new_value.tobytes()
+            if isinstance(old_value, np.ndarray)
+            else old_value == new_value
+        )
+    assert write_cut_record(replace(first_record, cutting=None), tmp_path) is None
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b'{"engine": "best"}', b"\x80\x04"])

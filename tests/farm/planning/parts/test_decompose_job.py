@@ -1,4 +1,4 @@
-"""Decomposition of a submitted model for its printers, without processes around it."""
+"""Decomposition of a submitted model for its printers, without worker processes."""
 
 import json
 from dataclasses import replace
@@ -30,12 +30,12 @@ from recording_controller import Commands, RecordedEffects
 def test_requested_engine_is_used(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
     grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
-    cut = decompose_job(grown)
-    assert len(cut.parts) == 2
+    decomposition = decompose_job(grown)
+    assert len(decomposition.parts) == 2
     report = json.loads((grown.folder / "decomposition.json").read_text())
     assert report["engine"] == "parallelobox"
     assert report["options"]["budget_s"] == 7.0
-    draw_job(grown, cut.drawing_record)
+    draw_job(grown, decomposition.drawing_record)
     page = (grown.folder / "instructions.html").read_text()
     assert page.count("<td>in the middle</td>") + page.count(", from the middle</td>") == 2
 
@@ -45,8 +45,8 @@ def test_too_few_printers_report_the_required_number_unless_in_rounds(bar, files
     with pytest.raises(TooFewPrinters) as error:
         decompose_job(decompose_task(bar, files, tmp_path, printers=1))
     assert error.value.needed == 2
-    cut = decompose_job(decompose_task(bar, files, tmp_path, printers=1, rounds=2))
-    assert [p.printer for p in cut.parts] == ["p0", "p0"]
+    decomposition = decompose_job(decompose_task(bar, files, tmp_path, printers=1, rounds=2))
+    assert [p.printer for p in decomposition.parts] == ["p0", "p0"]
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -69,10 +69,10 @@ def test_dry_run_of_a_whole_model_shows_what_more_printers_would_save(files, tmp
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
     work = replace(decompose_task(box, files, tmp_path), options=JobOptions(dry_run=True))
-    (whole,) = decompose_job(work).parts
+    (whole_part,) = decompose_job(work).parts
     curve = json.loads((work.folder / REPORT).read_text())["curve"]
     assert [point["printers"] for point in curve] == [1, 2]
-    assert curve[0]["makespan_s"] == pytest.approx(whole.price_s, rel=0.3)
+    assert curve[0]["makespan_s"] == pytest.approx(whole_part.price_s, rel=0.3)
     assert curve[1]["makespan_s"] < curve[0]["makespan_s"]
 
 
@@ -82,8 +82,8 @@ def test_fewest_parts_in_time_are_cut(files, tmp_path):
     trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
     work = decompose_task(box, files, tmp_path, printers=3)
-    (whole,) = decompose_job(replace(work, within_s=1e6)).parts
-    takes_s = whole.price_s
+    (whole_part,) = decompose_job(replace(work, within_s=1e6)).parts
+    takes_s = whole_part.price_s
     counts = [
         len(decompose_job(replace(work, within_s=share * takes_s * LATE_SHARE)).parts)
         for share in (1.0, 0.7, 0.01)
@@ -99,23 +99,23 @@ def test_first_layer_is_fitted_in_quality_glue_only(bar, files, tmp_path):
         assert 0.0 <= part.print_options.brim_width_mm <= 8.05
         assert (
             part.print_options.layer_0_expansion_mm == -0.2
-        )  # it was cut across, and that face meets the bed
-    cut = decompose_job(paper)
-    assert {part.print_options for part in cut.parts} == {PartPrintOptions()}
-    assert {item.print_options for item in slice_tasks(paper, cut)} == {PartPrintOptions()}
+        )  # it was cut across, and that face is on the bed
+    decomposition = decompose_job(paper)
+    assert {part.print_options for part in decomposition.parts} == {PartPrintOptions()}
+    assert {item.print_options for item in slice_tasks(paper, decomposition)} == {PartPrintOptions()}
 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
-    def larger(solid, lo, hi):
+    def enlarge(solid, lo, hi):
         return cut_box(solid, lo - 0.5, hi + 0.5)
 
     def too_large(solid, grid, box):
-        return larger(solid, *grid.bounds_mm(box))
+        return enlarge(solid, *grid.bounds_mm(box))
 
     for engine in (exact_search, parallelobox_search):
         monkeypatch.setattr(engine, "cut_cells", too_large)
-    monkeypatch.setattr(plane_shift, "cut_box", larger)
+    monkeypatch.setattr(plane_shift, "cut_box", enlarge)
     with pytest.raises(FarmError) as error:
         decompose_job(decompose_task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
@@ -136,13 +136,13 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
 
 
 def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypatch):
-    observed = []
+    rooms_used = []
 
-    def caught(model, rooms, options, cost, executor):
-        observed.extend(rooms)
+    def record_call(model, rooms, options, cost, executor):
+        rooms_used.extend(rooms)
         raise NoFit("seen enough")
 
-    monkeypatch.setattr("farm.planning.parts.decompose_job.decompose_model", caught)
+    monkeypatch.setattr("farm.planning.parts.decompose_job.decompose_model", record_call)
     nozzles = (0.4, 0.25, 0.8, 0.4)
     printers = [
         section.model_copy(update={"nozzle_mm": nozzle_mm})
@@ -152,30 +152,37 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
     work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), time_factors={"p3": 1.1})
     with pytest.raises(FarmError, match="seen enough"):
         decompose_job(work)
-    assert [room.name for room in observed] == ["p0", "p1", "p2", "p3"]  # nobody asked for the coarse one
-    first, fine, wide, worn = (room.time_factor for room in observed)
-    assert (first, worn) == (1.0, 1.1)
+    assert [room.name for room in rooms_used] == [
+        "p0",
+        "p1",
+        "p2",
+        "p3",
+    ]  # the coarse nozzle was not requested
+    first_factor, fine, wide, worn = (room.time_factor for room in rooms_used)
+    assert (first_factor, worn) == (1.0, 1.1)
     assert wide < 0.8 and fine > 1.5
 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_path):
-    """A model as high as a 2+ and a 2+ Extended together, which needs three parts in their common room."""
+    """Use a model as high as a 2+ and a 2+ Extended, which needs three parts in their common room."""
     path = tmp_path / "upload.stl"
     trimesh.creation.box((80.0, 80.0, 480.0)).export(path)
     tower = inspect_model(path, "tower.stl", JobOptions(), files)
-    low = fleet(1).printers[0]
-    extended = "ultimaker2_extended_plus"
-    changes = {"name": "high", "model": extended, "port": f"sim://{extended}", "nozzle_mm": 0.6}
-    high = low.model_copy(update=changes)
+    low_printer = fleet(1).printers[0]
+    extended_model = "ultimaker2_extended_plus"
+    changes = {"name": "high", "model": extended_model, "port": f"sim://{extended_model}", "nozzle_mm": 0.6}
+    high_printer = low_printer.model_copy(update=changes)
     options = JobOptions(printers=2, engine="guillotine")
-    work = replace(decompose_task(tower, files, tmp_path), printers=(low, high), options=options)
-    cut = decompose_job(work)
-    assert {part.printer for part in cut.parts} == {"p0", "high"}
-    for item, part in zip(slice_tasks(work, cut), cut.parts, strict=True):
+    work = replace(
+        decompose_task(tower, files, tmp_path), printers=(low_printer, high_printer), options=options
+    )
+    decomposition = decompose_job(work)
+    assert {part.printer for part in decomposition.parts} == {"p0", "high"}
+    for item, part in zip(slice_tasks(work, decomposition), decomposition.parts, strict=True):
         height = np.ptp(trimesh.load_mesh(item.stl).bounds[:, 2])
         assert height > 205.0 if part.printer == "high" else height <= 205.0
-        section = {"p0": low, "high": high}[part.printer]
+        section = {"p0": low_printer, "high": high_printer}[part.printer]
         assert item.request == build_settings_request(section, "glue")
         assert max(box.height_mm for box in item.room) == (305.0 if part.printer == "high" else 205.0)
 
@@ -186,7 +193,7 @@ def test_pins_that_are_left_out_are_told_with_the_job(bar, files, tmp_path, monk
         raise RuntimeError("QH6154 initial simplex is flat")
 
     monkeypatch.setattr(connect, "plan_connectors", fail)
-    pinned = replace(decompose_task(bar, files, tmp_path), options=JobOptions(pin_mm=2.85))
-    decomposed = decompose_job(pinned)
-    assert len(decomposed.parts) == 2
-    assert decomposed.repairs[-1] == "Warning: no pins and marks: QH6154 initial simplex is flat."
+    pinned_task = replace(decompose_task(bar, files, tmp_path), options=JobOptions(pin_mm=2.85))
+    result = decompose_job(pinned_task)
+    assert len(result.parts) == 2
+    assert result.repairs[-1] == "Warning: no pins and marks: QH6154 initial simplex is flat."

@@ -23,15 +23,15 @@ FILES = ("assembly.png", "assembly.glb", "instructions.html")
 def test_each_step_is_drawn_once_in_shares_of_enough_steps(steps):
     ranges = split_steps(steps)
     assert len(ranges) != 1 and len(ranges) <= drawings.MAX_SHARES
-    assert [step for first, end in ranges for step in range(first, end)] == list(
+    assert [step for first_step, end in ranges for step in range(first_step, end)] == list(
         range(steps if ranges else 0)
     )
-    assert all(first < end for first, end in ranges)
+    assert all(first_step < end for first_step, end in ranges)
     assert bool(ranges) == (steps >= 2 * drawings.MIN_STEPS)
 
 
 class NotingPool(SameProcess):
-    """Pool that notes the names of its tasks."""
+    """Pool that records the names of its tasks."""
 
     def __init__(self):
         self.names = []
@@ -42,41 +42,41 @@ class NotingPool(SameProcess):
         return work(*args)
 
 
-def draw(pool, task, cut):
+def draw(pool, task, decomposition):
     async def main():
-        own = Drawings(PoolShare(pool, 1))
-        own.start(task, cut)
-        await own.finish(task, cut)
+        drawings = Drawings(PoolShare(pool, 1))
+        drawings.start(task, decomposition)
+        await drawings.finish(task, decomposition)
 
     asyncio.run(main())
 
 
 @pytest.fixture
 def cut(bar, files, tmp_path):
-    """Task and parts of a bar that is cut for six printers."""
+    """Cut a bar for six printers; return task and parts."""
     task = decompose_task(bar, files, tmp_path, printers=6)
     return task, decompose_job(task)
 
 
 def test_pictures_by_several_workers_are_the_same(cut, tmp_path, monkeypatch):
-    task, decomposed = cut
-    assert decomposed.steps >= 2
+    task, result = cut
+    assert result.steps >= 2
     monkeypatch.setattr(drawings, "MIN_STEPS", 1)
-    draw_job(task, decomposed.drawing_record)
-    alone = {name: (task.folder / name).read_bytes() for name in FILES}
+    draw_job(task, result.drawing_record)
+    pictures = {name: (task.folder / name).read_bytes() for name in FILES}
     for name in FILES:
         (task.folder / name).unlink()
     pool = NotingPool()
-    draw(pool, task, decomposed)
-    shares = min(decomposed.steps, drawings.MAX_SHARES)
+    draw(pool, task, result)
+    shares = min(result.steps, drawings.MAX_SHARES)
     assert pool.names == ["draw_overview", *["draw_some_steps"] * shares, "draw_job"]
-    assert {name: (task.folder / name).read_bytes() for name in FILES} == alone
+    assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
 
 
 def test_few_steps_are_drawn_by_one_worker(cut):
-    task, decomposed = cut
+    task, result = cut
     pool = NotingPool()
-    draw(pool, task, decomposed)
+    draw(pool, task, result)
     assert pool.names == ["draw_job"]
 
 
@@ -94,8 +94,8 @@ def test_a_share_that_fails_ends_the_others(cut):
             finally:
                 self.open -= 1
 
-    task, decomposed = cut
+    task, result = cut
     pool = FailingPool()
     with pytest.raises(FarmError, match="no room for a picture"):
-        draw(pool, task, replace(decomposed, steps=40))
+        draw(pool, task, replace(result, steps=40))
     assert pool.open == 0

@@ -43,8 +43,8 @@ def resolve_slice_settings():
 
 
 def test_changed_setting_reaches_the_cost(resolve_slice_settings):
-    before = build_recipe(resolve_slice_settings("glue"), prelude_s=0.0)
-    assert before.infill_connected
+    old_cost = build_recipe(resolve_slice_settings("glue"), prelude_s=0.0)
+    assert old_cost.infill_connected
     for key, value, field in (
         ("infill_sparse_density", 20, "infill_line_distance_mm"),
         ("infill_pattern", "grid", "infill_connected"),
@@ -54,8 +54,8 @@ def test_changed_setting_reaches_the_cost(resolve_slice_settings):
         ("adhesion_type", "skirt", "brim_mm"),
         ("wall_line_width_0", 0.4, "outer_line_width_mm"),
     ):
-        after = build_recipe(resolve_slice_settings("glue", **{key: value}), prelude_s=0.0)
-        assert getattr(after, field) != getattr(before, field), key
+        new_cost = build_recipe(resolve_slice_settings("glue", **{key: value}), prelude_s=0.0)
+        assert getattr(new_cost, field) != getattr(old_cost, field), key
 
 
 def test_prelude_is_counted_once_in_a_price(resolve_slice_settings):
@@ -75,17 +75,17 @@ def block():
     return Solid.box((-30, -25, 0), (30, 25, 30))
 
 
-def cup():
+def make_cup():
     return Solid.box((-30, -30, 0), (30, 30, 40)).subtract(Solid.box((-24, -24, 6), (24, 24, 41)))
 
 
-def bridge():
-    """Two piers and a deck that needs support."""
+def make_bridge():
+    """Make two piers and a deck that needs support."""
     piers = [Solid.box((x, -15, 0), (x + 15, 15, 40)) for x in (-35, 20)]
     return Solid.union([*piers, Solid.box((-35, -15, 30), (35, 15, 40))])
 
 
-def needle():
+def make_needle():
     return Solid.box((-4, -4, 0), (4, 4, 50))
 
 
@@ -105,7 +105,7 @@ def cone():
     ids=["glue", "paper", "wide nozzle", "fine"],
 )
 def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_path):
-    """The factors were fitted without these parts."""
+    """Compare prices of parts without which the factors were fitted."""
     try:
         engine = find_engine()
     except EngineMissing as missing:
@@ -113,7 +113,7 @@ def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_pat
     settings = resolve_slice_settings(**variant)
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     errors = []
-    for make in (block, cup, bridge, needle, cone):
+    for make in (block, make_cup, make_bridge, make_needle, cone):
         vertices, faces = make().arrays()
         stl = tmp_path / f"{make.__name__}.stl"
         write_stl(stl, round_triangles(vertices, faces))
@@ -127,7 +127,7 @@ def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_pat
 
 
 def test_measured_table_agrees_with_the_factors(resolve_slice_settings):
-    """Without a model among the fitted ones, every setting stays below 5 %; the fit is repeated."""
+    """Repeat the fit: the error at every setting is below 5 % for models that are not in the fit."""
     root = Path(__file__).parents[4]
     process = subprocess.run(
         [sys.executable, "-m", "bench.print_time_model", "--dataset", "bench/print_time.csv", "--json"],

@@ -1,4 +1,4 @@
-"""Cuts that are moved by the times of slices."""
+"""Moves of cuts by the times of slices."""
 
 import json
 from dataclasses import replace
@@ -15,34 +15,38 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 
 def test_part_with_a_slow_slice_is_cut_smaller(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
-    cut = decompose_job(work)
-    slow = slice_late(work, cut, late_s=RELEVEL_LATE_S * 3)
-    assert slow.makespan_s() == slow.parts[1].expected_s() == slow.busy_s()[cut.parts[1].printer]
+    decomposition = decompose_job(work)
+    slow = slice_late(work, decomposition, late_s=RELEVEL_LATE_S * 3)
+    assert slow.makespan_s() == slow.parts[1].expected_s() == slow.busy_s()[decomposition.parts[1].printer]
     assert slow.should_relevel()
-    after = relevel_parts(slow, tmp_path / "levelled")
-    assert after.parts[1].geometry.volume_mm3 < cut.parts[1].geometry.volume_mm3
-    assert sum(part.geometry.volume_mm3 for part in after.parts) == pytest.approx(260 * 14 * 12)
-    assert {part.printer for part in after.parts} == {"p0", "p1"}
-    assert all(part.stl.is_file() and part.stl.parent == tmp_path / "levelled" for part in after.parts)
+    new_result = relevel_parts(slow, tmp_path / "levelled")
+    assert new_result.parts[1].geometry.volume_mm3 < decomposition.parts[1].geometry.volume_mm3
+    assert sum(part.geometry.volume_mm3 for part in new_result.parts) == pytest.approx(260 * 14 * 12)
+    assert {part.printer for part in new_result.parts} == {"p0", "p1"}
+    assert all(part.stl.is_file() and part.stl.parent == tmp_path / "levelled" for part in new_result.parts)
     report = json.loads((tmp_path / "levelled" / "decomposition.json").read_text())
     assert [part["volume_mm3"] for part in report["parts"]] == [
-        part.geometry.volume_mm3 for part in after.parts
+        part.geometry.volume_mm3 for part in new_result.parts
     ]
 
 
 def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
-    cut = decompose_job(work)
-    assert not slice_late(work, cut, late_s=RELEVEL_LATE_S).should_relevel()  # in the mean half of that later
-    assert not replace(slice_late(work, cut, 1e4), decomposed=replace(cut, cut_record=None)).should_relevel()
-    level = slice_late(work, cut, late_s=0.0)
+    decomposition = decompose_job(work)
+    assert not slice_late(
+        work, decomposition, late_s=RELEVEL_LATE_S
+    ).should_relevel()  # in the mean half of that later
+    assert not replace(
+        slice_late(work, decomposition, 1e4), decomposed=replace(decomposition, cut_record=None)
+    ).should_relevel()
+    level = slice_late(work, decomposition, late_s=0.0)
     assert relevel_parts(level, tmp_path / "levelled") is None
 
 
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
     work = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": 1.5})
-    cut = decompose_job(work)
-    level = slice_late(work, cut, late_s=0.0)
+    decomposition = decompose_job(work)
+    level = slice_late(work, decomposition, late_s=0.0)
     printed_s = level.parts[0].result.sliced_s
     assert level.busy_s()["p0"] == pytest.approx(
         level.busy_s()["p1"] + 0.5 * printed_s
@@ -51,7 +55,9 @@ def test_slow_printer_is_busy_longer(bar, files, tmp_path):
 
 def test_several_parts_per_printer_are_not_relevelled(bar, files, tmp_path):
     work = decompose_task(bar, files, tmp_path)
-    cut = decompose_job(work)
-    assert slice_late(work, cut, late_s=1e4).should_relevel()
-    both = replace(cut, parts=tuple(replace(part, printer="p0") for part in cut.parts))
-    assert not slice_late(work, both, late_s=1e4).should_relevel()
+    decomposition = decompose_job(work)
+    assert slice_late(work, decomposition, late_s=1e4).should_relevel()
+    two_parts = replace(
+        decomposition, parts=tuple(replace(part, printer="p0") for part in decomposition.parts)
+    )
+    assert not slice_late(work, two_parts, late_s=1e4).should_relevel()

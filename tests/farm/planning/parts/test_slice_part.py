@@ -46,7 +46,7 @@ def test_abs_is_enlarged_by_its_shrinkage(task):
     for material, xy, z in (("generic_abs", 1.007, 1.0035), ("generic_pla", 1.002, 1.001)):
         work = task(cube, material=material, brim_width_mm=0.0)
         plate = slice_part(work)
-        # The nozzle's middle stays half a nozzle inside; Cura 5 makes parts a little narrower.
+        # The nozzle's centre stays half a nozzle inside; Cura 5 makes parts slightly narrower.
         side_mm = 100 * xy - 0.4 + 2 * float(work.settings.extruder["xy_offset"])
         assert plate.max_mm[0] - plate.min_mm[0] == pytest.approx(side_mm, abs=0.01)
         assert plate.max_mm[1] - plate.min_mm[1] == pytest.approx(side_mm, abs=0.01)
@@ -54,19 +54,21 @@ def test_abs_is_enlarged_by_its_shrinkage(task):
 
 
 def test_part_has_its_own_brim_first_layer_and_height(task):
-    # A first layer that is narrower by 0.2 mm is seen where nothing else is in it.
+    # A first layer that is 0.2 mm narrower is visible where it has no other line.
     flat = trimesh.creation.box((40.0, 30.0, 0.27))
-    plain, narrow = (
+    plain_slice, narrow_slice = (
         slice_part(task(flat, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
         for offset in (None, -0.2)
     )
-    assert plain.layers == narrow.layers == 1
-    shrunk = (plain.max_mm[0] - plain.min_mm[0]) - (narrow.max_mm[0] - narrow.min_mm[0])
+    assert plain_slice.layers == narrow_slice.layers == 1
+    shrunk = (plain_slice.max_mm[0] - plain_slice.min_mm[0]) - (
+        narrow_slice.max_mm[0] - narrow_slice.min_mm[0]
+    )
     assert shrunk == pytest.approx(0.4, abs=0.01)
     tall = trimesh.creation.box((12.0, 12.0, 33.33))
-    brimmed = slice_part(task(tall, brim_width_mm=3.0))
-    assert brimmed.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 9 * 0.35 - 0.175, abs=0.05)
-    assert brimmed.height_mm == pytest.approx(33.33 * 1.001, abs=0.02)
+    brim_slice = slice_part(task(tall, brim_width_mm=3.0))
+    assert brim_slice.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 9 * 0.35 - 0.175, abs=0.05)
+    assert brim_slice.height_mm == pytest.approx(33.33 * 1.001, abs=0.02)
 
 
 @pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
@@ -81,7 +83,7 @@ def test_part_that_fills_its_room_fits_after_enlarging(task, material):
 
 
 def test_enlarged_part_is_not_moved(task):
-    """A part that does not lie on its middle: its underside stays on the bed, its box in the bed's middle."""
+    """Keep the underside of an off-centre part on the bed, and its box in the bed's centre."""
     corners = [[x, y, 5.0] for x in (0, 30) for y in (0, 20)] + [[0.0, 0.0, 25.0]]
     plate = slice_part(task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))
     assert plate.min_mm[:2] == pytest.approx((-15.0, -10.0), abs=0.45)
@@ -89,7 +91,7 @@ def test_enlarged_part_is_not_moved(task):
 
 
 def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
-    """A tee on its foot: the undersides of its arms, on supports, keep their skin."""
+    """Print a tee on its foot: the undersides of its arms, on supports, keep their skin."""
     tee = trimesh.util.concatenate(
         [
             trimesh.creation.box((20.0, 20.0, 10.0)),
@@ -99,17 +101,17 @@ def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
         ]
     )
 
-    def skinned_layers(**options):
+    def count_skin_layers(**options):
         gcode = slice_part(task(tee, brim_width_mm=0.0, **options)).gcode.read_text()
         layers = gcode.split(";LAYER:")[1:]
         return [n for n, layer in enumerate(layers) if ";TYPE:SKIN" in layer], len(layers)
 
-    plain, count = skinned_layers()
-    hidden, _ = skinned_layers(bed_face_hidden=True, tops_hidden=True)
-    assert plain[:4] == [0, 1, 2, 3]
-    assert hidden[:2] == [0, 1]
-    arms = [n for n in plain if 3 < n < count - 4]
+    plain_slice, count = count_skin_layers()
+    hidden_count, _ = count_skin_layers(bed_face_hidden=True, tops_hidden=True)
+    assert plain_slice[:4] == [0, 1, 2, 3]
+    assert hidden_count[:2] == [0, 1]
+    arms = [n for n in plain_slice if 3 < n < count - 4]
     assert len(arms) == 4
-    assert [n for n in hidden if 3 < n < count - 4] == arms
-    assert (plain[-4:], hidden[-3:]) == ([*range(count - 4, count)], [*range(count - 3, count)])
-    assert len(hidden) == len(plain) - 3
+    assert [n for n in hidden_count if 3 < n < count - 4] == arms
+    assert (plain_slice[-4:], hidden_count[-3:]) == ([*range(count - 4, count)], [*range(count - 3, count)])
+    assert len(hidden_count) == len(plain_slice) - 3

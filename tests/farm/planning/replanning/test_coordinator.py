@@ -1,4 +1,4 @@
-"""Coordination of replanning, also if the daemon dies meanwhile."""
+"""Coordination of replanning, also if the daemon dies in between."""
 
 import pytest
 
@@ -11,7 +11,7 @@ from farm.state.storage.store import StoreError
 from make_books import make_plan_event as planned
 from recording_controller import MODEL, PLUS, Farm
 
-PLAIN = "ultimaker2"
+UM2 = "ultimaker2"
 HOUR = 3600.0
 
 
@@ -19,22 +19,22 @@ class Clock:
     scale = 1.0
 
     def __init__(self):
-        self.now_s = 20 * HOUR  # of a day on which nobody comes before 8
+        self.now_s = 20 * HOUR  # of a day on which no person is there before 8
 
     def now(self):
         return self.now_s
 
 
 def make_farm(tmp_path, models, plates=1, **options):
-    """A farm that prints a job of plates of ten hours each."""
+    """Make a farm that prints a job of plates of ten hours each."""
     farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
     farm.ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = planned(1, plates)
     hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "family": PLUS}
-    long = tuple(plate.model_copy(update=hours) for plate in event.plates)
-    farm.controller.on_plan(1, Plan(event.parts, long, (), 1.0, 1.0, 10 * HOUR, None))
+    long_plates = tuple(plate.model_copy(update=hours) for plate in event.plates)
+    farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR, None))
     if options.get("hold"):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=1, by="ann"))
     return farm
@@ -53,16 +53,16 @@ def fails(farm, printer, plate):
 
 
 def pieces(farm, plate, hours, printers):
-    """Return the result of a cut: one piece of so many hours for each printer."""
-    old = farm.controller.books.plates[plate]
-    (part,) = (farm.controller.books.parts[name] for name in old.parts)
+    """Return the result of a cut: one piece of this duration for each printer."""
+    old_plate = farm.controller.books.plates[plate]
+    (part,) = (farm.controller.books.parts[name] for name in old_plate.parts)
     parts, plates = [], []
     for letter, printer in zip("abcdefgh", printers, strict=False):
         changes = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
         parts.append(part.model_copy(update=changes))
         time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0}
         changes = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
-        plates.append(old.model_copy(update={"prints": (), **changes, **time}))
+        plates.append(old_plate.model_copy(update={"prints": (), **changes, **time}))
     return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
 
 
@@ -73,8 +73,8 @@ def printing(farm):
 def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
-    ((plate, printers, cut),) = farm.effects.replans
-    assert (plate, printers, cut) == ("1/01", ["b", "c", "d"], True)
+    ((plate, printers, decomposition),) = farm.effects.replans
+    assert (plate, printers, decomposition) == ("1/01", ["b", "c", "d"], True)
     hold = farm.controller.plate_holds().get("1/01")
     assert hold.code is HoldCode.BEING_RECUT
     assert "b, c and d" in hold.text
@@ -108,32 +108,34 @@ def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
         farm.controller.on_replan("1/01", result(farm))
         assert printing(farm) == {"b": "1/01"}
         fails(farm, "b", "1/01")  # the next failure is examined again: two printers are free now
-        assert [cut for _, _, cut in farm.effects.replans] == [True, True]
+        assert [decomposition for _, _, decomposition in farm.effects.replans] == [True, True]
 
 
 def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 5, plates=1)
     fails(farm, "a", "1/01")
-    ((_, promised, _),) = farm.effects.replans
+    ((_, reserved_printers, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
     event = planned(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
-    assert not printing(farm).keys() & set(promised)
+    assert not printing(farm).keys() & set(reserved_printers)
     farm.controller.on_replan("1/01", FarmError("too thin"))
-    assert len(printing(farm).keys() & set(promised)) == 3  # its own plate, and those of the other job
+    assert (
+        len(printing(farm).keys() & set(reserved_printers)) == 3
+    )  # its own plate, and those of the other job
 
 
 def test_replan_is_repeated_after_a_restart(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store.close()
-    repeated = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
-    repeated.controller.on_replan(
+    restarted_farm = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
+    restarted_farm.controller.on_replan(
         "1/01", pieces(farm, "1/01", 4.0, "bcd")
-    )  # it has begun nothing of the kind
-    assert repeated.controller.books.jobs[1].plates == ("1/01",)
-    repeated.ready("b", "c", "d")
-    assert printing(repeated) == {"b": "1/01"}  # which was there first
+    )  # it has not started such a task
+    assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
+    restarted_farm.ready("b", "c", "d")
+    assert printing(restarted_farm) == {"b": "1/01"}  # which was there first
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
@@ -153,17 +155,19 @@ def test_approved_plan_is_not_replanned(tmp_path):
 
 
 def make_replanned_plate(farm, plate, printer, hours):
-    old = farm.controller.books.plates[plate]
+    old_plate = farm.controller.books.plates[plate]
     name = make_next_plate_id(plate)
     time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
-    new = old.model_copy(update={"id": name, "family": PLAIN, "printer": printer, **time})
-    (part,) = (farm.controller.books.parts[item].model_copy(update={"plate": name}) for item in old.parts)
-    return ReplannedPlate((part,), (new,))
+    new_plate = old_plate.model_copy(update={"id": name, "family": UM2, "printer": printer, **time})
+    (part,) = (
+        farm.controller.books.parts[item].model_copy(update={"plate": name}) for item in old_plate.parts
+    )
+    return ReplannedPlate((part,), (new_plate,))
 
 
 def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
-    fails(farm, "a", "1/01")  # its bed is looked at in the morning
+    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
+    fails(farm, "a", "1/01")  # its bed is inspected in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
     assert farm.controller.plate_holds().get("1/01") is not None
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 11.0))
@@ -173,7 +177,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
 
 
 def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, PLUS, PLAIN], plates=2)
+    farm = make_farm(tmp_path, [PLUS, PLUS, UM2], plates=2)
     fails(farm, "a", "1/01")
     farm.controller.on_replan("1/01", FarmError("too thin"))
     farm.controller.clock.now_s -= HOUR
@@ -184,7 +188,7 @@ def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
 
 
 def test_useless_reslice_is_not_repeated(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     fails(farm, "a", "1/01")
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 30.0))
     farm.controller.clock.now_s += HOUR
@@ -196,7 +200,7 @@ def test_useless_reslice_is_not_repeated(tmp_path):
 
 
 def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     fails(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
@@ -210,7 +214,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
 
 
 def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
-    farm = make_farm(tmp_path, [PLUS, PLAIN], plates=1)
+    farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     farm.printers.begin_maintenance("b", "a new belt", "ann")
     fails(farm, "a", "1/01")
     assert farm.effects.replans == []

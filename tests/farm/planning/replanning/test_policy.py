@@ -15,7 +15,7 @@ from scheduling_examples import LOW, box, plate, printer, rules, situation
 HOUR = 3600.0
 NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR  # Monday, 20:00 UTC
 NIGHT = rules(attended=["08:00-18:00"])
-PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
+PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
 
 
 def printer_of(name, family, nozzle_mm=0.4, **changes):
@@ -38,89 +38,103 @@ def test_cost_of_a_piece_equals_that_of_a_decomposition():
 
 
 def test_plate_of_a_bed_full_until_morning_is_resliced():
-    full, other = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", PLAIN)
-    choice = policy.choose_reslice(part(), situation([part()], [full, other], NIGHT, NOW_S), [other])
+    full_printer, other_printer = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", UM2)
+    choice = policy.choose_reslice(
+        part(), situation([part()], [full_printer, other_printer], NIGHT, NOW_S), [other_printer]
+    )
     assert choice == policy.Reslice("1/01", "b")
     assert policy.waits_for_its_printer_kind(HoldCode.BED_NOT_CLEAR)
 
 
 @pytest.mark.parametrize(
-    ("changes", "other"),
+    ("changes", "other_fields"),
     [
-        ({}, {"family": PLAIN, "grams": 10.0}),  # too little filament
-        ({"failed_on": frozenset("b")}, {"family": PLAIN}),
-        ({"places": 0}, {"family": PLAIN}),  # its job prints on as many as it was given
-        ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"family": PLAIN}),
+        ({}, {"family": UM2, "grams": 10.0}),  # too little filament
+        ({"failed_on": frozenset("b")}, {"family": UM2}),
+        ({"places": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
+        ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"family": UM2}),
         (
             {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
-            {"family": PLAIN},
+            {"family": UM2},
         ),  # too high
         ({}, {"family": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
-        ({}, {"family": PLAIN, "unattended": False}),
+        ({}, {"family": UM2, "unattended": False}),
     ],
 )
-def test_plate_waits_if_the_other_printer_does_not_match(changes, other):
-    full = printer_of("a", PLUS, bed=Bed.NOT_CLEAR)
-    free = printer_of("b", **other)
+def test_plate_waits_if_the_other_printer_does_not_match(changes, other_fields):
+    full_printer = printer_of("a", PLUS, bed=Bed.NOT_CLEAR)
+    free_printer = printer_of("b", **other_fields)
     view = part(**changes)
-    assert policy.choose_reslice(view, situation([view], [full, free], NIGHT, NOW_S), [free]) is None
+    assert (
+        policy.choose_reslice(
+            view, situation([view], [full_printer, free_printer], NIGHT, NOW_S), [free_printer]
+        )
+        is None
+    )
 
 
 def test_plate_waits_if_its_printer_is_free_soon():
-    """Ten hours: a fifth of the waiting time has to be saved."""
+    """Use a plate of ten hours: a fifth of the waiting time has to be saved."""
 
-    def choice(hours):
-        busy = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
-        other = printer_of("b", PLAIN)
-        return policy.choose_reslice(part(), situation([part()], [busy, other], rules(), NOW_S), [other])
+    def choose(hours):
+        busy_printer = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
+        other_printer = printer_of("b", UM2)
+        return policy.choose_reslice(
+            part(), situation([part()], [busy_printer, other_printer], rules(), NOW_S), [other_printer]
+        )
 
-    assert choice(2.0) is None
-    assert choice(4.0) is not None
+    assert choose(2.0) is None
+    assert choose(4.0) is not None
 
 
 def test_part_of_a_removed_printer_model_is_sliced_for_another():
-    other = printer_of("b", PLAIN)
-    assert policy.choose_reslice(part(), situation([part()], [other], rules(), NOW_S), [other]) is not None
+    other_printer = printer_of("b", UM2)
+    assert (
+        policy.choose_reslice(part(), situation([part()], [other_printer], rules(), NOW_S), [other_printer])
+        is not None
+    )
 
 
 def test_printer_to_be_inspected_counts_only_with_attended_hours():
-    broken, other = (
+    broken_printer, other_printer = (
         printer_of("a", PLUS, attention_reason="no heat"),
-        printer_of("b", PLAIN, time_factor=2.0),
+        printer_of("b", UM2, time_factor=2.0),
     )  # 20 h
 
-    def choice(start_rules):
+    def choose(start_rules):
         return policy.choose_reslice(
-            part(), situation([part()], [broken, other], start_rules, NOW_S), [other]
+            part(), situation([part()], [broken_printer, other_printer], start_rules, NOW_S), [other_printer]
         )
 
-    assert choice(NIGHT) is None  # by 18:15 on the next day
-    assert choice(rules()) == policy.Reslice("1/01", "b")
+    assert choose(NIGHT) is None  # by 18:15 on the next day
+    assert choose(rules()) == policy.Reslice("1/01", "b")
 
 
 def test_failed_part_is_cut_for_printers_not_needed_by_others():
     fleet = [printer_of(name, PLUS) for name in "abcd"]
-    failed = part(failed_on=frozenset("a"))
-    other = plate("1/02", "b", expected_s=HOUR)
-    choice = policy.choose_recut(failed, situation([failed, other], fleet, NIGHT, NOW_S))
+    failed_part = part(failed_on=frozenset("a"))
+    other_plate = plate("1/02", "b", expected_s=HOUR)
+    choice = policy.choose_recut(failed_part, situation([failed_part, other_plate], fleet, NIGHT, NOW_S))
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
-    short = part(hours=1.0)
-    assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
+    short_part = part(hours=1.0)
+    assert policy.choose_recut(short_part, situation([short_part], fleet, NIGHT, NOW_S)) is None
     two = part(places=2)
     assert len(policy.choose_recut(two, situation([two], fleet, NIGHT, NOW_S)).printers) == 2
     assert policy.choose_recut(part(places=1), situation([part(places=1)], fleet, NIGHT, NOW_S)) is None
-    assert policy.choose_recut(failed, situation([failed], fleet[:1], NIGHT, NOW_S)) is None
+    assert policy.choose_recut(failed_part, situation([failed_part], fleet[:1], NIGHT, NOW_S)) is None
 
 
 def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
-    fleet = [printer_of(name, PLAIN) for name in "bc"]
-    short, long = part(hours=1.0), part(hours=10.0)
-    assert policy.compute_expected_end_s(short, situation([short], fleet, NIGHT, NOW_S)) == float("inf")
-    assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
-    assert policy.choose_reslice(short, situation([short], fleet, NIGHT, NOW_S), fleet) == policy.Reslice(
-        "1/01", "b"
+    fleet = [printer_of(name, UM2) for name in "bc"]
+    short_part, long_part = part(hours=1.0), part(hours=10.0)
+    assert policy.compute_expected_end_s(short_part, situation([short_part], fleet, NIGHT, NOW_S)) == float(
+        "inf"
     )
-    assert policy.choose_recut(long, situation([long], fleet, NIGHT, NOW_S)) == policy.Recut(
+    assert policy.choose_recut(short_part, situation([short_part], fleet, NIGHT, NOW_S)) is None
+    assert policy.choose_reslice(
+        short_part, situation([short_part], fleet, NIGHT, NOW_S), fleet
+    ) == policy.Reslice("1/01", "b")
+    assert policy.choose_recut(long_part, situation([long_part], fleet, NIGHT, NOW_S)) == policy.Recut(
         "1/01", ("b", "c")
     )
 
@@ -136,7 +150,7 @@ fleets = st.lists(
     st.builds(
         printer_of,
         st.sampled_from("abcdef"),
-        st.sampled_from([PLUS, PLAIN]),
+        st.sampled_from([PLUS, UM2]),
         nozzle_mm=st.sampled_from([0.4, 0.8]),
         booked=st.booleans(),
         free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR),
@@ -159,20 +173,26 @@ parts = st.builds(
 @given(parts, fleets)
 def test_recut_requests_matching_free_printers_if_useful(view, fleet):
     by_name = {p.name: p for p in fleet}
-    free = [p for p in fleet if p.obstacle() is None]
+    free_printers = [p for p in fleet if p.obstacle() is None]
     whole_s = policy.compute_expected_end_s(view, situation([view], fleet, NIGHT, NOW_S))
-    sliced = policy.choose_reslice(view, situation([view], fleet, NIGHT, NOW_S), free)
-    if sliced is not None:
-        other = by_name[sliced.printer]
-        assert other.obstacle() is None
-        assert not view.requirements.matches(other.capabilities)
-        assert (other.capabilities.material, other.name in view.failed_on) == ("generic_pla", False)
+    reslice = policy.choose_reslice(view, situation([view], fleet, NIGHT, NOW_S), free_printers)
+    if reslice is not None:
+        other_printer = by_name[reslice.printer]
+        assert other_printer.obstacle() is None
+        assert not view.requirements.matches(other_printer.capabilities)
+        assert (other_printer.capabilities.material, other_printer.name in view.failed_on) == (
+            "generic_pla",
+            False,
+        )
         assert whole_s - NOW_S > policy.MIN_GAIN_S
-    cut = policy.choose_recut(view, situation([view], fleet, NIGHT, NOW_S))
-    if cut is not None:
-        assert 2 <= len(set(cut.printers)) == len(cut.printers) <= policy.MAX_PIECES
-        assert all(by_name[name].obstacle() is None for name in cut.printers)
-        assert view.places is None or len(cut.printers) <= view.places
+    decomposition = policy.choose_recut(view, situation([view], fleet, NIGHT, NOW_S))
+    if decomposition is not None:
+        assert 2 <= len(set(decomposition.printers)) == len(decomposition.printers) <= policy.MAX_PIECES
+        assert all(by_name[name].obstacle() is None for name in decomposition.printers)
+        assert view.places is None or len(decomposition.printers) <= view.places
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
-    assert policy.choose_reslice(view, situation([view], fleet[::-1], NIGHT, NOW_S), free[::-1]) == sliced
-    assert policy.choose_recut(view, situation([view], fleet[::-1], NIGHT, NOW_S)) == cut
+    assert (
+        policy.choose_reslice(view, situation([view], fleet[::-1], NIGHT, NOW_S), free_printers[::-1])
+        == reslice
+    )
+    assert policy.choose_recut(view, situation([view], fleet[::-1], NIGHT, NOW_S)) == decomposition

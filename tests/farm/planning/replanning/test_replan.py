@@ -1,4 +1,4 @@
-"""A part sliced again for another printer, and cut again: the real decomposition and CuraEngine."""
+"""Part that is sliced for another printer, or cut again, by the real decomposition and CuraEngine."""
 
 import asyncio
 import json
@@ -21,9 +21,9 @@ from farm.state.storage.file_store import store_file
 from make_books import make_plan_event
 from same_process import SameProcess
 
-PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
-TURNED = trimesh.transformations.euler_matrix(0.3, np.pi / 2, -1.1)
-TURNED[:3, 3] = (40.0, -7.0, 300.0)
+PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
+ROTATION = trimesh.transformations.euler_matrix(0.3, np.pi / 2, -1.1)
+ROTATION[:3, 3] = (40.0, -7.0, 300.0)
 
 
 @pytest.fixture
@@ -33,8 +33,8 @@ def state(tmp_path):
     return folder
 
 
-def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
-    """A block of a planned job that is rotated in its model."""
+def make_task(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, UM2)):
+    """Make a task for a block of a planned job that is rotated in its model."""
     stl = state.work / "p01.stl"
     block = trimesh.creation.box(size)
     block.apply_translation((0.0, 0.0, size[2] / 2))
@@ -43,41 +43,41 @@ def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
     fleet = Fleet.model_validate(
         {"printers": [{"name": n, "model": model, "port": f"sim://{model}"} for n, model in names]}
     )
-    expected = make_plan_event(1, 2)
-    planned: Part = expected.parts[0]
-    part = planned.model_copy(
+    plan_event = make_plan_event(1, 2)
+    planned_part: Part = plan_event.parts[0]
+    part = planned_part.model_copy(
         update={
             "file": store_file(state.files, stl),
-            "geometry": planned.geometry.model_copy(update={"to_model": tuple(TURNED.ravel())}),
+            "geometry": planned_part.geometry.model_copy(update={"to_model": tuple(ROTATION.ravel())}),
             "print_options": PartPrintOptions(brim_width_mm=3.0),
         }
     )
-    plate: Plate = expected.plates[0]
+    plate: Plate = plan_event.plates[0]
     folder = state.work / "replan"
     folder.mkdir(exist_ok=True)
-    other = expected.parts[1].model_copy(update={"file": part.file})
+    other_part = plan_event.parts[1].model_copy(update={"file": part.file})
     options = JobOptions(engine="guillotine")
-    return ReplanTask(plate, part, options, fleet.printers, state.files, folder, others=(other,))
+    return ReplanTask(plate, part, options, fleet.printers, state.files, folder, others=(other_part,))
 
 
-def in_model(path, to_model):
+def read_in_model_frame(path, to_model):
     mesh = trimesh.load_mesh(path)
     matrix = np.reshape(to_model, (4, 4))
     return Solid.from_arrays(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
 
 
 def test_part_that_ends_sooner_whole_is_not_cut(state):
-    with pytest.raises(FarmError, match="in one piece") as reported:
-        cut_part(task_of(state, (30.0, 20.0, 5.0)))
-    assert reported.value.code is ErrorCode.NO_FIT
+    with pytest.raises(FarmError, match="in one piece") as error:
+        cut_part(make_task(state, (30.0, 20.0, 5.0)))
+    assert error.value.code is ErrorCode.NO_FIT
 
 
-def run_replan(state, task, cut):
+def run_replan(state, task, decomposition):
     results = []
 
     async def main():
         worker = ReplanWorker(state, SameProcess(), lambda *outcome: results.append(outcome))
-        worker.start(task, cut)
+        worker.start(task, decomposition)
         while not results:
             await asyncio.sleep(0)
 
@@ -89,16 +89,16 @@ def run_replan(state, task, cut):
 
 
 def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(state):
-    task = task_of(state)
-    part_solid = in_model(state.files / task.part.file, task.part.geometry.to_model)
-    result = run_replan(state, task, cut=True)
+    task = make_task(state)
+    part_solid = read_in_model_frame(state.files / task.part.file, task.part.geometry.to_model)
+    result = run_replan(state, task, decomposition=True)
     assert isinstance(result, ReplannedPlate), result
-    solids = [in_model(state.files / part.file, part.geometry.to_model) for part in result.parts]
+    solids = [read_in_model_frame(state.files / part.file, part.geometry.to_model) for part in result.parts]
     together = Solid.union(solids)
     volumes = (
-        sum(solid.volume_mm3 for solid in solids),  # nothing is left out
-        together.volume_mm3,  # nothing is there twice
-        part_solid.intersect(together).volume_mm3,  # and all lies where the part does
+        sum(solid.volume_mm3 for solid in solids),  # no volume is missing
+        together.volume_mm3,  # no volume is there twice
+        part_solid.intersect(together).volume_mm3,  # and all pieces are within the part
     )
     assert volumes == pytest.approx((part_solid.volume_mm3,) * 3, rel=1e-5)
     for part, solid in zip(result.parts, solids, strict=True):
@@ -108,7 +108,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     assert [plate.id for plate in result.plates] == [f"1/01{letter}" for letter in letters]
     assert {part.cut_from for part in result.parts} == {"1/p01"}
     assert len({plate.printer for plate in result.plates}) == len(result.plates)
-    kins = {"a": PLUS, "b": PLUS, "c": PLAIN}
+    kins = {"a": PLUS, "b": PLUS, "c": UM2}
     assert all(plate.family == kins[plate.printer] for plate in result.plates)
     report = json.loads((state.files / result.decomposition).read_text())
     assert [(item["id"], item["file"]) for item in report["parts"]] == [
@@ -127,20 +127,20 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
 
 
 def test_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
-    task = task_of(state, (40.0, 30.0, 4.0), (PLAIN,))
-    result = run_replan(state, task, cut=False)
+    task = make_task(state, (40.0, 30.0, 4.0), (UM2,))
+    result = run_replan(state, task, decomposition=False)
     assert isinstance(result, ReplannedPlate), result
     ((part,), (plate,)) = result.parts, result.plates
     assert part == task.part.model_copy(update={"plate": "1/01-2"})
-    assert (plate.id, plate.family, plate.printer, plate.parts) == ("1/01-2", PLAIN, "a", ("1/p01",))
+    assert (plate.id, plate.family, plate.printer, plate.parts) == ("1/01-2", UM2, "a", ("1/p01",))
     assert (state.files / task.part.file).is_file()
     assert (state.files / plate.gcode).is_file()
 
 
 def test_printer_that_would_omit_walls_is_not_used(state, monkeypatch):
-    task = task_of(state, (40.0, 0.5, 4.0), (PLAIN,))
+    task = make_task(state, (40.0, 0.5, 4.0), (UM2,))
     task = replace(task, printers=(task.printers[0].model_copy(update={"nozzle_mm": 0.8}),))
-    result = run_replan(state, task, cut=False)
+    result = run_replan(state, task, decomposition=False)
     assert isinstance(result, FarmError)
     assert (state.files / task.part.file).is_file()
     assert replan.make_next_plate_id("1/01") == "1/01-2"
@@ -156,4 +156,4 @@ def test_pins_of_pieces_avoid_the_distances_of_the_job(state):
         path = state.work / f"report{number}.json"
         path.write_text(json.dumps(report))
         names.append(store_file(state.files, path))
-    assert read_taken_mm(replace(task_of(state), reports=tuple(names))) == (30.0,)
+    assert read_taken_mm(replace(make_task(state), reports=tuple(names))) == (30.0,)

@@ -1,4 +1,4 @@
-"""Policy of plan revisions: they save time, and they end."""
+"""Policy of plan revisions: each saves time, and their number is finite."""
 
 from dataclasses import replace
 
@@ -19,15 +19,15 @@ ANY = Requirements(None, None, None)
 def make_planned_job(hours, names, **changes):
     """Return a planned job with a plate of each of these lengths, for these printers in turn."""
     plates = tuple(
-        plate(f"1/{at:02d}", names[at % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0)
-        for at, item in enumerate(hours, 1)
+        plate(f"1/{index:02d}", names[index % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0)
+        for index, item in enumerate(hours, 1)
     )
     facts = {"planned_for": tuple(names), "requirements": ANY, "planning_s": 300.0}
     return PlannedJob(1, plates, **{**facts, **changes})
 
 
-def choose(job, fleet, *candidates, start_rules=None, others=()):
-    return choose_revision(job, situation([*others, *job.plates], fleet, start_rules), candidates)
+def choose(job, fleet, *candidates, start_rules=None, other_jobs=()):
+    return choose_revision(job, situation([*other_jobs, *job.plates], fleet, start_rules), candidates)
 
 
 def test_plan_is_revised_for_more_free_printers():
@@ -88,35 +88,35 @@ works = st.lists(st.integers(1, 40).map(lambda quarters: quarters / 4), min_size
 def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     states, hours, used, planning_s, night
 ):
-    """No other plan follows one that ends as estimated while the printers are unchanged."""
-    fleet = [printer("abcdefgh"[at], **facts) for at, facts in enumerate(states)]
+    """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
+    fleet = [printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
     names = tuple(p.name for p in fleet)
-    free = tuple(p.name for p in fleet if p.obstacle() is None)
+    free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used], planning_s=float(planning_s))
     start_rules = rules(attended=["08:00-18:00"]) if night else rules()
     moment = replace(situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
-    chosen = choose_revision(job, moment, (free, names))
-    if chosen is None:
+    revision = choose_revision(job, moment, (free_printers, names))
+    if revision is None:
         return
-    assert chosen in (free, names)
+    assert revision in (free_printers, names)
     before_s = find_end_s({p.id for p in job.plates}, moment)
-    plates = estimate_plates(job, chosen)
-    after = moment.with_waiting(plates)
-    after_s = find_end_s({p.id for p in plates}, after)
+    plates = estimate_plates(job, revision)
+    next_situation = moment.with_waiting(plates)
+    after_s = find_end_s({p.id for p in plates}, next_situation)
     gain_s = before_s - (after_s + planning_s)
     assert gain_s >= max(MIN_GAIN_S, MARGIN * (before_s - moment.now_s))
-    again = replace(job, plates=plates, planned_for=chosen)
-    assert choose_revision(again, after, (free, names)) is None
+    revised_job = replace(job, plates=plates, planned_for=revision)
+    assert choose_revision(revised_job, next_situation, (free_printers, names)) is None
 
 
 @pytest.mark.parametrize("priority", [0, 5])
 def test_revision_considers_jobs_of_higher_priority(priority):
-    """The free printers are about to print a job of higher priority."""
+    """Use free printers that will soon print a job of higher priority."""
     fleet = [printer(name) for name in "abcd"]
-    others = [
-        plate(f"9/0{at}", name, job=9, priority=priority, expected_s=40 * HOUR)
-        for at, name in enumerate("cd")
+    other_jobs = [
+        plate(f"9/0{index}", name, job=9, priority=priority, expected_s=40 * HOUR)
+        for index, name in enumerate("cd")
     ]
     job = make_planned_job([8.0, 8.0], "ab")
-    chosen = choose(job, fleet, "abcd", others=others)
-    assert chosen == (("a", "b", "c", "d") if priority == 0 else None)
+    revision = choose(job, fleet, "abcd", other_jobs=other_jobs)
+    assert revision == (("a", "b", "c", "d") if priority == 0 else None)

@@ -16,13 +16,15 @@ def test_every_event_has_a_subject():
 @pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)
 def test_every_state_is_reachable(lifecycle):
     rows = [*lifecycle.transitions, *lifecycle.consequences]
-    reached = {NEW}
+    reached_states = {NEW}
     while True:
-        further = set().union(*(row.ends or () for row in rows if row.starts & reached)) - reached
+        further = (
+            set().union(*(row.ends or () for row in rows if row.starts & reached_states)) - reached_states
+        )
         if not further:
             break
-        reached |= further
-    assert reached - {NEW} == set(lifecycle.states)
+        reached_states |= further
+    assert reached_states - {NEW} == set(lifecycle.states)
 
 
 @pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda item: item.entity)

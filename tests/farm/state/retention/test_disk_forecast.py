@@ -15,8 +15,11 @@ GB = 1e9
     ("use", "nights"),
     [
         (DiskUse(10 * GB, 5 * GB, 0.0, 1 * GB), 9.5),  # nothing to prune before 50 GB
-        (DiskUse(10 * GB, 49 * GB, 40 * GB, 1 * GB), 49.5),  # after a night each is paid by an old one
-        (DiskUse(10 * GB, 49 * GB, 0.0, 1 * GB), 9.5),  # everything is needed
+        (
+            DiskUse(10 * GB, 49 * GB, 40 * GB, 1 * GB),
+            49.5,
+        ),  # after one night each new job replaces an old one
+        (DiskUse(10 * GB, 49 * GB, 0.0, 1 * GB), 9.5),  # all files are needed
         (DiskUse(0.4 * GB, 49 * GB, 40 * GB, 1 * GB), 0.0),
         (DiskUse(2 * GB, 1 * GB, 1 * GB, 1 * GB), 1.5),  # full before the limit is reached
         (DiskUse(10 * GB, 0.0, 0.0, 0.0), math.inf),
@@ -29,21 +32,35 @@ def test_nights_until_full_follow_from_stored_events(use, nights):
 _bytes = st.floats(0, 1e13)
 
 
-@given(free=_bytes, stored=_bytes, prunable=_bytes, day=st.floats(1, 1e12), most=_bytes, more=_bytes)
-def test_more_free_space_is_never_full_earlier(free, stored, prunable, day, most, more):
-    def nights(**changes):
+@given(
+    free_bytes=_bytes,
+    stored_bytes=_bytes,
+    prunable=_bytes,
+    day=st.floats(1, 1e12),
+    max_bytes=_bytes,
+    more_bytes=_bytes,
+)
+def test_more_free_space_is_never_full_earlier(
+    free_bytes, stored_bytes, prunable, day, max_bytes, more_bytes
+):
+    def forecast_nights(**changes):
         use = DiskUse(
             **(
-                {"free_bytes": free, "stored_bytes": stored, "prunable_bytes": prunable, "day_bytes": day}
+                {
+                    "free_bytes": free_bytes,
+                    "stored_bytes": stored_bytes,
+                    "prunable_bytes": prunable,
+                    "day_bytes": day,
+                }
                 | changes
             )
         )
-        return estimate_nights_until_full(use, most, 0.5 * GB)
+        return estimate_nights_until_full(use, max_bytes, 0.5 * GB)
 
     slack = 1 + 1e-9
-    assert nights(free_bytes=free + more) * slack >= nights()
-    assert nights(prunable_bytes=prunable + more) * slack >= nights()
-    assert nights(day_bytes=day + more) <= nights() * slack
+    assert forecast_nights(free_bytes=free_bytes + more_bytes) * slack >= forecast_nights()
+    assert forecast_nights(prunable_bytes=prunable + more_bytes) * slack >= forecast_nights()
+    assert forecast_nights(day_bytes=day + more_bytes) <= forecast_nights() * slack
 
 
 def test_busy_weekend_outweighs_a_quiet_week():

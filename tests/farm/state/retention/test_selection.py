@@ -21,10 +21,10 @@ from farm.state.retention import (
 )
 from farm.state.transitions import apply
 from make_books import apply_events, make_end_event, make_fleet_events, make_job, make_plan_event
-from old_jobs import DAY_S, NOW_S, books_of
+from old_jobs import DAY_S, NOW_S, make_old_books
 
 
-def sizes_of(books, size=100):
+def make_sizes(books, size=100):
     return dict.fromkeys(list_named_files(books), size)
 
 
@@ -33,49 +33,49 @@ def prune(books, number):
 
 
 def test_expired_jobs_are_selected_oldest_first():
-    books = books_of(
+    books = make_old_books(
         (JobState.DONE, 91), (JobState.DONE, 89), (JobState.CANCELLED, 200), (JobState.PRINTING, 0)
     )
     rules = KeepRules(days=90, max_bytes=1e12)
-    assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [3, 1]
+    assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [3, 1]
 
 
 def test_oldest_jobs_are_selected_until_the_rest_fits():
-    books = books_of(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files a job
+    books = make_old_books(*((JobState.DONE, 10 + number) for number in range(5)))  # 7 files per job
     assert len(list_job_file_names(books, books.jobs[1])) == 7
     rules = KeepRules(days=90, max_bytes=2500)
-    assert select_jobs(books, sizes_of(books), rules, NOW_S, NOW_S) == [
+    assert select_jobs(books, make_sizes(books), rules, NOW_S, NOW_S) == [
         5,
         4,
     ]  # without pictures: 3500 - 2 * 600
-    assert select_jobs(books, sizes_of(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
+    assert select_jobs(books, make_sizes(books), KeepRules(90, 3500), NOW_S, NOW_S) == []
 
 
 def test_printers_of_another_job_are_not_free():
-    books = books_of((JobState.DONE, 20), (JobState.DONE, 10), shared=(1, 2))
+    books = make_old_books((JobState.DONE, 20), (JobState.DONE, 10), shared_numbers=(1, 2))
     sizes = dict.fromkeys(list_named_files(books), 0) | {"shared.npz": 500}
     assert select_jobs(books, sizes, KeepRules(90, 400), NOW_S, NOW_S) == [1, 2]
     assert select_jobs(books, sizes, KeepRules(90, 500), NOW_S, NOW_S) == []
 
 
 def test_recent_and_unsaved_jobs_are_not_selected():
-    books = books_of((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
-    full = KeepRules(days=2, max_bytes=0.0)
-    assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S) == [2, 3]
-    assert select_jobs(books, sizes_of(books), full, NOW_S, NOW_S - 3 * DAY_S) == [2]
+    books = make_old_books((JobState.DONE, 1.9), (JobState.DONE, 5), (JobState.DONE, 2.1))
+    full_rules = KeepRules(days=2, max_bytes=0.0)
+    assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S) == [2, 3]
+    assert select_jobs(books, make_sizes(books), full_rules, NOW_S, NOW_S - 3 * DAY_S) == [2]
 
 
 @pytest.mark.parametrize("state", [s for s in JobState if s not in ("done", "failed", "cancelled")])
 def test_job_that_is_open_or_not_judged_is_never_pruned(state):
-    books = books_of((state, 500))
-    assert select_jobs(books, sizes_of(books), KeepRules(2, 0.0), NOW_S, NOW_S) == []
+    books = make_old_books((state, 500))
+    assert select_jobs(books, make_sizes(books), KeepRules(2, 0.0), NOW_S, NOW_S) == []
     with pytest.raises(InvalidTransition):
         prune(books, 1)
 
 
 def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
-    """A bad verdict, or a good one on a failed print, changes the job: its files may be needed."""
-    cancelled = ev.JobCancelled(at_s=201.0, job=1, by="ann")
+    """Keep files that a bad verdict, or a good one on a failed print, may make necessary."""
+    cancelled_event = ev.JobCancelled(at_s=201.0, job=1, by="ann")
     books, _ = apply_events(
         Books(),
         *make_fleet_events(),
@@ -84,7 +84,7 @@ def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
         make_plan_event(plates=2),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x"),
-        cancelled,
+        cancelled_event,
     )
     assert find_need(books, books.jobs[1]) == "on the bed of a"
     with pytest.raises(InvalidTransition, match="on the bed of a"):
@@ -108,66 +108,68 @@ def test_open_print_keeps_the_files_of_a_cancelled_job():
 
 
 def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
-    books = books_of((JobState.DONE, 100), (JobState.DONE, 100))
+    books = make_old_books((JobState.DONE, 100), (JobState.DONE, 100))
     event = ev.JobPruned(at_s=NOW_S, job=1, by="ann", part_pictures={"1/p01": "small.png"})
-    after, instructions = apply(event, books)
-    assert list_job_file_names(after, after.jobs[1]) == {"picture-1.png", "small.png"}
+    new_books, instructions = apply(event, books)
+    assert list_job_file_names(new_books, new_books.jobs[1]) == {"picture-1.png", "small.png"}
     assert instructions == (ev.NameFiles(job=1),)
-    assert list_job_file_names(after, after.jobs[2]) == list_job_file_names(books, books.jobs[2])
+    assert list_job_file_names(new_books, new_books.jobs[2]) == list_job_file_names(books, books.jobs[2])
     with pytest.raises(InvalidTransition, match="pruned"):
-        apply(ev.ReprintRequested(at_s=NOW_S, plate="1/01", why="", by="ann"), after)
+        apply(ev.ReprintRequested(at_s=NOW_S, plate="1/01", why="", by="ann"), new_books)
     with pytest.raises(InvalidTransition, match="pruned already"):
-        prune(after, 1)
+        prune(new_books, 1)
 
 
 def test_parts_that_others_replaced_keep_their_files_while_the_job_is_open():
-    books = books_of((JobState.PRINTING, 0))
+    books = make_old_books((JobState.PRINTING, 0))
     books = put(books, replace_fields(books.jobs[1], parts=("1/p02",), plates=("1/02",)))
     assert {"1-p01.stl", "1-01.gcode"} <= list_named_files(books)
 
 
 def test_jobs_with_missing_files_are_found_after_a_restore():
-    books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
+    books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
     files = list_named_files(books) - {"1-p02.stl", "2-p02.stl"}
     assert list_lost_jobs(books, files) == [1]
     assert list_lost_jobs(prune(books, 1), files) == []
 
 
 def test_unavailable_store_prunes_no_job():
-    """The disk is not mounted, or a person moved the folder."""
-    books = books_of((JobState.DONE, 100), (JobState.PRINTING, 0))
+    """Keep all jobs if the disk is not mounted, or a person moved the folder."""
+    books = make_old_books((JobState.DONE, 100), (JobState.PRINTING, 0))
     assert list_lost_jobs(books, set()) == []
     assert list_lost_jobs(books, list_named_files(books) - {"picture-1.png", "1-p01.stl"}) == []
-    unplanned = put(books, replace_fields(books.jobs[1], picture=None, parts=(), plates=()))
-    assert list_lost_jobs(unplanned, set()) == []
+    unplanned_books = put(books, replace_fields(books.jobs[1], picture=None, parts=(), plates=()))
+    assert list_lost_jobs(unplanned_books, set()) == []
 
 
 _jobs = st.lists(st.tuples(st.sampled_from(JobState), st.floats(0, 400)), min_size=1, max_size=8)
 
 
-@given(jobs=_jobs, days=st.floats(2, 365), most=st.integers(0, 6000), data=st.data())
-def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, most, data):
-    shared = data.draw(st.sets(st.integers(1, len(jobs))))
+@given(jobs=_jobs, days=st.floats(2, 365), max_count=st.integers(0, 6000), data=st.data())
+def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_count, data):
+    shared_numbers = data.draw(st.sets(st.integers(1, len(jobs))))
     bed = data.draw(st.sampled_from(Bed))
-    books = books_of(*jobs, shared=shared)
+    books = make_old_books(*jobs, shared_numbers=shared_numbers)
     books = put(books, replace_fields(books.printers["a"], bed=bed), Outage(id=1, at_s=0.0, printers=()))
-    sizes, rules = sizes_of(books), KeepRules(days, most)
-    selected = select_jobs(books, sizes, rules, NOW_S, NOW_S)
-    after = books
-    for number in selected:
+    sizes, rules = make_sizes(books), KeepRules(days, max_count)
+    selected_jobs = select_jobs(books, sizes, rules, NOW_S, NOW_S)
+    new_books = books
+    for number in selected_jobs:
         assert books.jobs[number].state in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
         assert books.jobs[number].ended_s < NOW_S - MIN_AGE_S
-        after = prune(after, number)
-    deleted = list_named_files(books) - list_named_files(after)
-    assert list_deletable_files(after) == deleted and not list_deletable_files(books)
-    assert deleted <= list_prunable_files(books, list_named_files(books), NOW_S)
+        new_books = prune(new_books, number)
+    deleted_names = list_named_files(books) - list_named_files(new_books)
+    assert list_deletable_files(new_books) == deleted_names and not list_deletable_files(books)
+    assert deleted_names <= list_prunable_files(books, list_named_files(books), NOW_S)
     for number, entry in books.jobs.items():
-        if number not in selected:
-            assert not list_job_file_names(books, entry) & deleted
-        assert entry.picture in list_named_files(after)
-    ends = [books.jobs[number].ended_s for number in selected]
+        if number not in selected_jobs:
+            assert not list_job_file_names(books, entry) & deleted_names
+        assert entry.picture in list_named_files(new_books)
+    ends = [books.jobs[number].ended_s for number in selected_jobs]
     assert ends == sorted(ends)
-    left = [e for n, e in after.jobs.items() if n not in selected and find_need(after, e) is None]
-    old = [e for e in left if e.ended_s < NOW_S - MIN_AGE_S]
-    assert all(e.ended_s >= NOW_S - days * DAY_S for e in old)
-    assert not old or sum(sizes[name] for name in list_named_files(after)) <= most
+    left_jobs = [
+        e for n, e in new_books.jobs.items() if n not in selected_jobs and find_need(new_books, e) is None
+    ]
+    old_jobs = [e for e in left_jobs if e.ended_s < NOW_S - MIN_AGE_S]
+    assert all(e.ended_s >= NOW_S - days * DAY_S for e in old_jobs)
+    assert not old_jobs or sum(sizes[name] for name in list_named_files(new_books)) <= max_count

@@ -42,18 +42,18 @@ def state(tmp_path):
 
 
 def fill(state):
-    """Books with three printers, and their JSON."""
+    """Write books with three printers; return them and their JSON."""
     books = Books()
     with Store(state.books) as store:
         for event in make_fleet_events():
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
+            new_books, _ = apply(event, books)
+            store.commit(event, books, new_books)
+            books = new_books
     return books
 
 
-def books_held():
-    """Books with a job that waits for its approval."""
+def make_held_books():
+    """Make books with a job that waits for its approval."""
     events = (ev.JobSubmitted(at_s=0.0, job=make_job()), ev.PlanningStarted(at_s=0.0, job=1))
     return apply_events(Books(), *make_fleet_events(), *events, planned().model_copy(update={"held": True}))[
         0
@@ -66,11 +66,11 @@ def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
     with Store(state.books):
         for night in range(BACKUP_COUNT + 2):
             back_up(state, NIGHT_S + night * DAY_S)
-    created = [parse_backup_time_s(copy) for copy in list_backups(state)]
-    assert created == [NIGHT_S + night * DAY_S for night in range(BACKUP_COUNT + 1, 1, -1)]
-    assert not is_due(state, created[0] + DAY_S - 1)
-    (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
-    assert [parse_backup_time_s(copy) for copy in list_backups(state)] == created
+    backup_times_s = [parse_backup_time_s(copy) for copy in list_backups(state)]
+    assert backup_times_s == [NIGHT_S + night * DAY_S for night in range(BACKUP_COUNT + 1, 1, -1)]
+    assert not is_due(state, backup_times_s[0] + DAY_S - 1)
+    (state.backups / "books-before-upgrade.db").touch()  # a person's copy: neither used nor deleted
+    assert [parse_backup_time_s(copy) for copy in list_backups(state)] == backup_times_s
     with Store(list_backups(state)[0]) as copy:
         assert copy.load() == books
 
@@ -97,16 +97,16 @@ def test_damaged_database_is_restored_from_the_newest_intact_backup(state, damag
 
 def test_backup_is_recognised_until_it_is_restored(state):
     fill(state)
-    back_up(state, NIGHT_S).replace(state.books)  # by hand, say
-    for _ in range(2):  # the first daemon dies before it has booked what that means
+    back_up(state, NIGHT_S).replace(state.books)  # for example by hand
+    for _ in range(2):  # the first daemon dies before it has recorded the restore
         store, copied_s = open_books(state, NIGHT_S + DAY_S)
         with store:
             assert copied_s == NIGHT_S
             books = store.load()
             event = ev.BooksRestored(at_s=NIGHT_S + DAY_S, copied_s=NIGHT_S)
-            after, _ = apply(event, books)
+            new_books, _ = apply(event, books)
     with Store(state.books) as store:
-        store.commit(event, books, after)
+        store.commit(event, books, new_books)
     store, copied_s = open_books(state, NIGHT_S + DAY_S)
     with store:
         assert copied_s is None
@@ -150,26 +150,26 @@ def test_failed_backup_is_reported_and_retried(state, problem, tmp_path, monkeyp
     else:
         error = OSError(28, "No space left on device") if problem == "the disk" else ValueError("oh")
         monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
-    farm, timers, tidied = Farm(tmp_path / "farm"), [], []
+    farm, timers, cleanups = Farm(tmp_path / "farm"), [], []
     nightly = backups.NightlyBackup(
         state,
         Clock(),
         UTC,
         lambda *timer: timers.append(timer),
         partial(farm.controller.warn, "backup"),
-        tidied.append,
+        cleanups.append,
     )
     asyncio.run(nightly.begin())
-    ((_, _, again),) = timers
+    ((_, _, next_timer),) = timers
     context = farm.view_context(state)
     assert [item.code for item in list_tasks(context)][:1] == ["farm"]
     assert "the nightly backup of the database failed" in list_tasks(context)[0].text
     if problem == "no folder":
         state.backups.unlink()
     monkeypatch.undo()
-    asyncio.run(again())
+    asyncio.run(next_timer())
     assert len(timers) == 2
-    assert tidied == list_backups(state)
+    assert cleanups == list_backups(state)
     assert len(list_backups(state)) == 1
     assert "farm" not in [item.code for item in list_tasks(farm.view_context(state))]
 
@@ -192,27 +192,29 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
-    reported = len(farm.effects.instructions)
+    instruction_count = len(farm.effects.instructions)
     farm.controller.start(farm.effects, restored_s=NIGHT_S)
     books = farm.controller.books
     assert {printer.bed for printer in books.printers.values()} == {Bed.NOT_CLEAR}
     assert {printer.filament for printer in books.printers.values()} == {FilamentState.UNKNOWN}
     assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert books.jobs[2].options.hold
-    again, _ = apply(ev.PlanningStarted(at_s=NIGHT_S, job=2), books)
-    again, _ = apply(planned(2, 1).model_copy(update={"held": True}), again)
-    assert again.jobs[2].hold == books.jobs[1].hold  # it may have been planned and printed since the copy
-    frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), books_held())
-    assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held one approved
+    next_books, _ = apply(ev.PlanningStarted(at_s=NIGHT_S, job=2), books)
+    next_books, _ = apply(planned(2, 1).model_copy(update={"held": True}), next_books)
+    assert (
+        next_books.jobs[2].hold == books.jobs[1].hold
+    )  # the job may have been planned and printed since the copy
+    frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), make_held_books())
+    assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held job may have been approved
     for name in "ab":
-        farm.report(name)  # its agent knows nothing of the print that was only assigned
+        farm.report(name)  # its agent does not know the print, which was only assigned
     assert {p.state for p in farm.controller.books.prints.values()} == {PrintState.CANCELLED}
-    assert not [i for i in farm.effects.instructions[reported:] if isinstance(i, ev.SendStart)]
+    assert not [i for i in farm.effects.instructions[instruction_count:] if isinstance(i, ev.SendStart)]
     for name in "ab":
         farm.clear_bed(name, FilamentState.PARKED)
-    assert not [i for i in farm.effects.instructions[reported:] if isinstance(i, ev.SendStart)]
+    assert not [i for i in farm.effects.instructions[instruction_count:] if isinstance(i, ev.SendStart)]
     farm.controller.handle(ev.JobApproved(at_s=farm.controller.clock.now(), job=1, by="ann"))
-    assert len([i for i in farm.effects.instructions[reported:] if isinstance(i, ev.SendStart)]) == 2
+    assert len([i for i in farm.effects.instructions[instruction_count:] if isinstance(i, ev.SendStart)]) == 2
 
 
 def test_full_disk_empties_the_slice_cache_for_the_backup(state, monkeypatch):

@@ -1,4 +1,4 @@
-"""The file store: names are hashes, files never change."""
+"""File store: names are hashes, files never change."""
 
 import hashlib
 import os
@@ -72,7 +72,7 @@ def test_unnamed_files_are_deleted_an_hour_after_they_were_stored(tmp_path):
 
 
 def test_file_that_is_stored_again_counts_as_new(tmp_path):
-    """A worker stores a model that an old job had; the event that names it follows."""
+    """Store a model of an old job again; the event that names it follows later."""
     store = tmp_path / "files"
     store.mkdir()
     name = store_content(store, tmp_path, b"solid")
@@ -101,7 +101,7 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
             delete_files(store, list_files(store), time.time())
 
     with ThreadPoolExecutor() as pool:
-        deleting = pool.submit(delete)
+        deletion = pool.submit(delete)
         try:
             for _ in range(300):
                 name = store_content(store, tmp_path, b"solid")
@@ -110,15 +110,15 @@ def test_file_stored_during_a_deletion_is_kept(tmp_path):
                     os.utime(store / name, (1000.0, 1000.0))  # old enough to be deleted at any moment
         finally:
             stop.set()
-        deleting.result()
+        deletion.result()
 
 
 def test_links_to_deleted_files_are_removed(tmp_path):
     store, jobs = tmp_path / "files", tmp_path / "jobs"
     store.mkdir()
-    kept, removed = store_content(store, tmp_path, b"a"), store_content(store, tmp_path, b"b")
-    name_files(jobs / "1", store, {"p01.stl": kept, "p02.stl": removed})
+    kept_name, removed_name = store_content(store, tmp_path, b"a"), store_content(store, tmp_path, b"b")
+    name_files(jobs / "1", store, {"p01.stl": kept_name, "p02.stl": removed_name})
     (jobs / "1" / "notes.txt").write_text("mine")
-    (store / removed).unlink()
+    (store / removed_name).unlink()
     unlink_missing_files(jobs)
     assert {path.name for path in (jobs / "1").iterdir()} == {"p01.stl", "notes.txt"}

@@ -23,7 +23,7 @@ from make_books import (
 )
 
 
-def in_form(db, version):
+def convert_to_version(db, version):
     """Convert the books to those of an older farm."""
     for kind, table in TABLES.items():
         if FIRST_VERSIONS.get(kind, 0) > version:
@@ -42,41 +42,41 @@ def test_store_returns_committed_entities(tmp_path):
             ev.PlanningStarted(at_s=0.0, job=1),
             make_plan_event(),
         ):
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
+            new_books, _ = apply(event, books)
+            store.commit(event, books, new_books)
+            books = new_books
     with Store(tmp_path / "farm.db") as store:
         assert store.load() == books
         assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
 
 
 def test_books_in_a_public_folder_are_private(tmp_path):
-    """Includes those of an older farm, which exist already."""
+    """Include existing books of an older farm."""
     tmp_path.chmod(0o755)
-    old = os.umask(0o022)
+    old_mask = os.umask(0o022)
     try:
         for _ in range(2):
             with Store(tmp_path / "farm.db") as store:
-                before = Books()
-                after, _ = apply(make_fleet_events()[0], before)
-                store.commit(make_fleet_events()[0], before, after)
+                old_books = Books()
+                new_books, _ = apply(make_fleet_events()[0], old_books)
+                store.commit(make_fleet_events()[0], old_books, new_books)
                 modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()}
                 assert {"farm.db", "farm.db-wal", "farm.db-shm"} <= set(modes)
                 assert set(modes.values()) == {0o600}, modes
             (tmp_path / "farm.db").chmod(0o644)
     finally:
-        os.umask(old)
+        os.umask(old_mask)
 
 
 def test_failed_commit_changes_nothing(tmp_path):
     store = Store(tmp_path / "farm.db")
-    before = Books()
-    after, _ = apply(make_fleet_events()[0], before)
+    old_books = Books()
+    new_books, _ = apply(make_fleet_events()[0], old_books)
     store.close()
     with pytest.raises(StoreError, match="cannot be written"):
-        store.commit(make_fleet_events()[0], before, after)
-    with Store(tmp_path / "farm.db") as repeated:
-        assert repeated.load() == before
+        store.commit(make_fleet_events()[0], old_books, new_books)
+    with Store(tmp_path / "farm.db") as second_store:
+        assert second_store.load() == old_books
 
 
 def test_invalid_database_is_an_error_with_its_path(tmp_path):
@@ -92,9 +92,9 @@ def test_database_of_the_first_schema_is_migrated(tmp_path):
     books = make_printing_books(plates=1)
     with Store(path) as store:
         store.commit(make_plan_event(), Books(), books)
-    with sqlite3.connect(path) as db:  # a verdict was the part's
+    with sqlite3.connect(path) as db:  # a verdict was a field of the part
         db.execute("UPDATE part SET body = json_set(body, '$.verdict', NULL)")
-        in_form(db, 1)
+        convert_to_version(db, 1)
     db.close()
     with Store(path) as store:
         assert store.load() == books
@@ -140,7 +140,7 @@ def test_part_cleared_in_an_earlier_version_is_good(tmp_path):
     with sqlite3.connect(path) as db:
         db.execute("UPDATE print SET body = json_remove(body, '$.verdict')")
         db.execute("UPDATE job SET body = json_set(body, '$.state', 'printed')")
-        in_form(db, 1)
+        convert_to_version(db, 1)
     db.close()
     with Store(path) as store:
         books = store.load()
@@ -156,29 +156,33 @@ def test_books_from_before_keys_are_read_and_get_their_table(tmp_path, version):
     with Store(path) as store:
         books, _ = apply(make_fleet_events()[0], Books())
         store.commit(make_fleet_events()[0], Books(), books)
-        in_form(store._db, version)
+        convert_to_version(store._db, version)
     assert read_books(path) == (books, version)
     with Store(path) as store:
         assert store.load() == books
         event = ev.KeyAdded(at_s=1.0, key=make_key())
-        after, _ = apply(event, books)
-        store.commit(event, books, after)
-    assert read_books(path) == (after, SCHEMA_VERSION)
+        new_books, _ = apply(event, books)
+        store.commit(event, books, new_books)
+    assert read_books(path) == (new_books, SCHEMA_VERSION)
 
 
 def test_removed_key_is_removed_from_the_disk(tmp_path):
     path = tmp_path / "farm.db"
-    old, new = (
-        make_key(id=name, kind=KeyKind.SESSION, expires_s=float(at)) for at, name in ((5, "s1"), (50, "s2"))
+    old_key, new_key = (
+        make_key(id=name, kind=KeyKind.SESSION, expires_s=float(expires_s))
+        for expires_s, name in ((5, "s1"), (50, "s2"))
     )
     books = Books()
     with Store(path) as store:
-        for event in (ev.SessionOpened(at_s=1.0, session=old), ev.SessionOpened(at_s=10.0, session=new)):
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
+        for event in (
+            ev.SessionOpened(at_s=1.0, session=old_key),
+            ev.SessionOpened(at_s=10.0, session=new_key),
+        ):
+            new_books, _ = apply(event, books)
+            store.commit(event, books, new_books)
+            books = new_books
         assert store.load() == books
-    assert read_books(path)[0].keys == {"s2": new}
+    assert read_books(path)[0].keys == {"s2": new_key}
 
 
 def test_key_of_a_version_without_sessions_is_no_session():
@@ -191,17 +195,17 @@ def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         with pytest.raises(StoreError), store.transaction():
             for event in events:
-                after, _ = apply(event, books)
-                store.commit(event, books, after)
-                books = after
+                new_books, _ = apply(event, books)
+                store.commit(event, books, new_books)
+                books = new_books
             store._db.execute("INSERT INTO no_such_table VALUES (1)")
         assert store.load() == Books() and store.find_last_event() == 0
         books = Books()
         with store.transaction():
             for event in events:
-                after, _ = apply(event, books)
-                store.commit(event, books, after)
-                books = after
+                new_books, _ = apply(event, books)
+                store.commit(event, books, new_books)
+                books = new_books
         assert store.load() == books and store.find_last_event() == len(events)
         assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
 
@@ -215,9 +219,9 @@ def test_rows_leave_defaults_out_and_complete_rows_are_read_too(tmp_path):
             ev.PlanningStarted(at_s=0.0, job=1),
             make_plan_event(),
         ):
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
+            new_books, _ = apply(event, books)
+            store.commit(event, books, new_books)
+            books = new_books
         assert store.load() == books
         (body,) = store._db.execute("SELECT body FROM plate WHERE id = '1/01'").fetchone()
         assert "sliced_s" in body and "replaced_by" not in body and "null" not in body
@@ -232,7 +236,11 @@ def test_entities_that_are_read_share_the_set_of_their_fields(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         books, _ = apply_events(Books(), *make_fleet_events())
         store.commit(make_fleet_events()[0], Books(), books)
-        first, second, *_ = store.load().printers.values()
-    assert first.model_fields_set is second.model_fields_set
-    copy = first.model_copy(update={"maintenance": "oil"})
-    assert copy.maintenance == "oil" and second.maintenance is None and "maintenance" in copy.model_fields_set
+        first_printer, second_printer, *_ = store.load().printers.values()
+    assert first_printer.model_fields_set is second_printer.model_fields_set
+    copy = first_printer.model_copy(update={"maintenance": "oil"})
+    assert (
+        copy.maintenance == "oil"
+        and second_printer.maintenance is None
+        and "maintenance" in copy.model_fields_set
+    )

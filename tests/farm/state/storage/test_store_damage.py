@@ -35,7 +35,7 @@ NOW_S = 1000.0
 
 
 class Night:
-    """The folder of a killed daemon, with its books after each event."""
+    """Folder of a killed daemon, with its books after each event."""
 
     def __init__(self, folder, history):
         self.folder, self.history = folder, history
@@ -43,23 +43,23 @@ class Night:
 
 @pytest.fixture(scope="module")
 def night(tmp_path_factory):
-    """Most of the commits are still in the write-ahead log."""
+    """Kill a daemon with most commits still in the write-ahead log."""
     state = StateFolder(tmp_path_factory.mktemp("night"))
     history = [Books()]
     with Store(state.books) as store:
         for number, event in enumerate(EVENTS):
             if number == BACKED_UP:
                 back_up(state, 1.0)
-            after, _ = apply(event, history[-1])
-            store.commit(event, history[-1], after)
-            history.append(after)
-        killed = tmp_path_factory.mktemp("killed") / "state"
-        shutil.copytree(state.root, killed)
-    return Night(killed, history)
+            new_books, _ = apply(event, history[-1])
+            store.commit(event, history[-1], new_books)
+            history.append(new_books)
+        killed_folder = tmp_path_factory.mktemp("killed") / "state"
+        shutil.copytree(state.root, killed_folder)
+    return Night(killed_folder, history)
 
 
 def check(night, folder, damage_database):
-    """Open books after damage; return whether they were restored, or None if refused."""
+    """Open books after damage; return True if they were restored, None if they were refused."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(night.folder, folder)
     state = StateFolder(folder)
@@ -75,36 +75,36 @@ def check(night, folder, damage_database):
             assert books == night.history[-1]
             return False
         assert books in night.history[BACKED_UP:]
-        after, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
-        store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, after)
-        assert all(printer.bed is Bed.NOT_CLEAR for printer in after.printers.values())
+        new_books, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
+        store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, new_books)
+        assert all(printer.bed is Bed.NOT_CLEAR for printer in new_books.printers.values())
     store, restored_s = open_books(state, NOW_S + 1.0)
     with store:
-        assert (store.load(), restored_s) == (after, None)
+        assert (store.load(), restored_s) == (new_books, None)
     return True
 
 
-def flip(path, at, bit=0):
+def flip_bit(path, offset, bit=0):
     data = bytearray(path.read_bytes())
-    data[at % len(data)] ^= 1 << bit
+    data[offset % len(data)] ^= 1 << bit
     path.write_bytes(data)
 
 
 @settings(max_examples=200, deadline=None)
 @given(
-    of=st.sampled_from(["", "", "-wal", "-wal", "-count"]),
-    at=st.integers(0, 2**20),
+    file_name=st.sampled_from(["", "", "-wal", "-wal", "-count"]),
+    offset=st.integers(0, 2**20),
     bit=st.integers(0, 7),
 )
-def test_flipped_bit_anywhere_is_detected(night, tmp_path_factory, of, at, bit):
+def test_flipped_bit_anywhere_is_detected(night, tmp_path_factory, file_name, offset, bit):
     folder = tmp_path_factory.getbasetemp() / "flipped"
-    check(night, folder, lambda state: flip(state.books.with_name(f"farm.db{of}"), at, bit))
+    check(night, folder, lambda state: flip_bit(state.books.with_name(f"farm.db{file_name}"), offset, bit))
 
 
 @settings(max_examples=30, deadline=None)
 @given(share=st.floats(0, 0.999))
 def test_truncated_write_ahead_log_is_detected(night, tmp_path_factory, share):
-    """SQLite does not detect a truncated log, after which former clear beds would be used."""
+    """Detect a truncated log, which SQLite does not, and after which former clear beds would be used."""
 
     def cut(state):
         log = state.books.with_name("farm.db-wal")
@@ -116,7 +116,7 @@ def test_truncated_write_ahead_log_is_detected(night, tmp_path_factory, share):
 def test_intact_database_is_opened_unchanged(night, tmp_path):
     assert check(night, tmp_path / "state", lambda state: None) is False
     state = StateFolder(tmp_path / "state")
-    for path in state.root.glob("farm.db*"):  # moved away by a person, or most of it
+    for path in state.root.glob("farm.db*"):  # moved by a person, or most of it
         if not path.name.endswith("-count"):
             path.unlink()
     shutil.rmtree(state.backups)
@@ -126,7 +126,7 @@ def test_intact_database_is_opened_unchanged(night, tmp_path):
 
 
 def test_every_changed_row_is_found(night, tmp_path):
-    """A changed digit of a time leaves the pages of SQLite valid."""
+    """Find a changed digit of a time, which leaves the pages of SQLite valid."""
     import sqlite3
 
     def change(table):

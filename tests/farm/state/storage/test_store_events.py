@@ -11,12 +11,12 @@ from farm.state.books import Books
 from farm.state.storage.store import Store, StoreError
 
 
-def record(store, *times_s, by="ann"):
+def record(store, *times_s, person="ann"):
     for at_s in times_s:
-        store.commit(ev.MaintenanceEnded(at_s=at_s, printer="a", by=by), Books(), Books())
+        store.commit(ev.MaintenanceEnded(at_s=at_s, printer="a", by=person), Books(), Books())
 
 
-def times(store):
+def list_times_s(store):
     return [at_s for at_s, _, _ in store.events()]
 
 
@@ -24,49 +24,52 @@ def times(store):
 @given(
     times_s=st.lists(st.floats(0, 100), max_size=12),
     before_s=st.floats(0, 110),
-    most=st.integers(1, 20),
+    max_count=st.integers(1, 20),
     at_once=st.integers(1, 5),
 )
-def test_remaining_events_are_the_latest(tmp_path_factory, times_s, before_s, most, at_once):
+def test_remaining_events_are_the_latest(tmp_path_factory, times_s, before_s, max_count, at_once):
     path = tmp_path_factory.mktemp("books") / "farm.db"
     with Store(path) as store:
         record(store, *times_s)
-        last = store.find_last_old_event(before_s, most)
-        expected = store.count_events(last)
-        deleted = 0
-        while some := store.delete_events(last, at_once):
-            deleted += some
-        kept = times(store)
-        assert deleted == expected == len(times_s) - len(kept)
-        assert kept == times_s[len(times_s) - len(kept) :]
-        assert len(kept) <= most and bool(kept) is bool(times_s)
-        assert all(at_s < before_s for at_s in times_s[:deleted]) or deleted == len(times_s) - most
+        last_number = store.find_last_old_event(before_s, max_count)
+        expected_count = store.count_events(last_number)
+        deleted_count = 0
+        while batch_count := store.delete_events(last_number, at_once):
+            deleted_count += batch_count
+        kept_times_s = list_times_s(store)
+        assert deleted_count == expected_count == len(times_s) - len(kept_times_s)
+        assert kept_times_s == times_s[len(times_s) - len(kept_times_s) :]
+        assert len(kept_times_s) <= max_count and bool(kept_times_s) is bool(times_s)
+        assert (
+            all(at_s < before_s for at_s in times_s[:deleted_count])
+            or deleted_count == len(times_s) - max_count
+        )
         record(store, 200.0)
     with Store(path) as store:
         assert store.copied_s is None  # nothing counts as lost
-        assert times(store) == [*kept, 200.0]
+        assert list_times_s(store) == [*kept_times_s, 200.0]
 
 
 def test_deleting_events_makes_the_file_smaller(tmp_path):
     path = tmp_path / "farm.db"
     with Store(path) as store:
-        record(store, *(float(n) for n in range(300)), by="a" * 4000)
+        record(store, *(float(n) for n in range(300)), person="a" * 4000)
         assert not store.release_space(min_bytes=10**6)  # nothing is unused
         while store.delete_events(store.find_last_old_event(0.0, 10)):
             pass
         assert not store.release_space()  # less than 16 MB
         assert store.release_space(min_bytes=10**5)
         assert path.stat().st_size < 300 * 4000 / 5
-        assert times(store) == [float(n) for n in range(290, 300)]
+        assert list_times_s(store) == [float(n) for n in range(290, 300)]
 
 
 def test_events_that_cannot_be_deleted_are_an_error_of_the_store(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         record(store, 1.0, 2.0)
-        with sqlite3.connect(tmp_path / "farm.db", isolation_level=None) as other:
-            other.execute("BEGIN IMMEDIATE")
+        with sqlite3.connect(tmp_path / "farm.db", isolation_level=None) as connection:
+            connection.execute("BEGIN IMMEDIATE")
             store._db.execute("PRAGMA busy_timeout = 0")
             with pytest.raises(StoreError, match="old events cannot be deleted"):
                 store.delete_events(1)
-        other.close()
-        assert times(store) == [1.0, 2.0]
+        connection.close()
+        assert list_times_s(store) == [1.0, 2.0]

@@ -27,7 +27,9 @@ def list_defaults() -> dict[str, Any]:
 
 def test_defaults_of_stored_fields_stay():
     """A new field may be added to the file; another default needs a migration that writes the old one out."""
-    recorded, defaults = json.loads(RECORDED.read_text()), list_defaults()
-    changed_fields = {name for name, value in recorded.items() if defaults.get(name, value) != value}
+    recorded_defaults, defaults = json.loads(RECORDED.read_text()), list_defaults()
+    changed_fields = {name for name, value in recorded_defaults.items() if defaults.get(name, value) != value}
     assert not changed_fields
-    assert defaults.keys() <= recorded.keys(), "add these with their defaults to stored_defaults.json"
+    assert defaults.keys() <= recorded_defaults.keys(), (
+        "add these with their defaults to stored_defaults.json"
+    )

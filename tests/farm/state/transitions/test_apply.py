@@ -66,12 +66,12 @@ UNFIT = {
 }
 
 
-@pytest.mark.parametrize(("before", "event", "message"), UNFIT.values(), ids=UNFIT)
-def test_invalid_transition_names_its_cause(before, event, message):
-    books, _ = apply_events(make_printing_books(), *before)
-    with pytest.raises(InvalidTransition, match=message) as raised:
+@pytest.mark.parametrize(("events_before", "event", "message"), UNFIT.values(), ids=UNFIT)
+def test_invalid_transition_names_its_cause(events_before, event, message):
+    books, _ = apply_events(make_printing_books(), *events_before)
+    with pytest.raises(InvalidTransition, match=message) as error:
         apply(event, books)
-    assert type(event).__name__ in str(raised.value)
+    assert type(event).__name__ in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -91,9 +91,9 @@ def test_unknown_entity_is_named(event):
 
 def test_state_outside_the_transition_table_is_an_error():
     books, _ = apply_events(Books(), *make_fleet_events(Bed.UNKNOWN))
-    started = make_job().model_copy(update={"state": "printing"})
+    started_job = make_job().model_copy(update={"state": "printing"})
     with pytest.raises(InvalidTransition, match="would be printing"):
-        apply(ev.JobSubmitted(at_s=1.0, job=started), books)
+        apply(ev.JobSubmitted(at_s=1.0, job=started_job), books)
 
 
 def test_error_has_the_history_of_its_entity_only(tmp_path):
@@ -110,21 +110,21 @@ def test_error_has_the_history_of_its_entity_only(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         books = Books()
         for event in events:
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
-        with pytest.raises(InvalidTransition) as raised:
+            new_books, _ = apply(event, books)
+            store.commit(event, books, new_books)
+            books = new_books
+        with pytest.raises(InvalidTransition) as error:
             apply(HEATING, books)
-        reported = store.add_history(raised.value)
-        with pytest.raises(InvalidTransition) as raised:
+        message = store.add_history(error.value)
+        with pytest.raises(InvalidTransition) as error:
             apply(ev.PlanningStarted(at_s=9.0, job=1), books)
-        of_the_job = store.add_history(raised.value)
-    assert [line.partition(" ")[2].partition(" ")[2] for line in reported.history] == [
+        of_the_job = store.add_history(error.value)
+    assert [line.partition(" ")[2].partition(" ")[2] for line in message.history] == [
         "PlateAssigned",
         "PrintProgressed heating",
         "PrintEnded done",
     ]
-    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(reported)
+    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(message)
     assert [line.split()[2] for line in of_the_job.history] == [
         "JobSubmitted",
         "PlanningStarted",

@@ -38,9 +38,7 @@ def test_expected_time_follows_what_was_reported_within_bounds():
         == 1.0
     )
     assert compute_assembly_ratio([make_glued_job(60.0)]) == pytest.approx(1.0)
-    assert compute_assembly_ratio([make_glued_job(90.0)]) == pytest.approx(
-        1.25
-    )  # half of what one report says
+    assert compute_assembly_ratio([make_glued_job(90.0)]) == pytest.approx(1.25)  # half of one report's time
     assert compute_assembly_ratio([make_glued_job(90.0)] * 9) == pytest.approx(1.45)
     assert compute_assembly_ratio([make_glued_job(9_000.0)]) == pytest.approx(2.5)  # as 240 minutes
     assert compute_assembly_ratio([make_glued_job(0.1)] * 99) == pytest.approx(0.2575)
@@ -51,10 +49,10 @@ def test_expected_time_follows_what_was_reported_within_bounds():
 
 def test_printing_has_to_end_before_the_gluing():
     options = JobOptions(assembled_by="18:00")
-    waiting = make_job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
-    assert waiting.compute_print_deadline_s(1.5) == 10_000.0
-    expected = waiting.model_copy(update={"assembly_s": 3_000.0})
-    assert (expected.compute_print_deadline_s(1.0), expected.compute_print_deadline_s(1.5)) == (
+    waiting_job = make_job().model_copy(update={"options": options, "assembled_by_s": 10_000.0})
+    assert waiting_job.compute_print_deadline_s(1.5) == 10_000.0
+    expected_job = waiting_job.model_copy(update={"assembly_s": 3_000.0})
+    assert (expected_job.compute_print_deadline_s(1.0), expected_job.compute_print_deadline_s(1.5)) == (
         7_000.0,
         5_500.0,
     )

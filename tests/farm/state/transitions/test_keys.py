@@ -30,21 +30,21 @@ def test_restored_backup_revokes_all_keys():
 
 
 def test_each_role_includes_those_before_it():
-    allowed = {(role, needed) for role in Role for needed in Role if role.allows(needed)}
+    allowed_pairs = {(role, needed_role) for role in Role for needed_role in Role if role.allows(needed_role)}
     look, send, operate = Role
-    assert allowed == {
+    assert allowed_pairs == {
         (look, look), (send, look), (send, send), (operate, look), (operate, send), (operate, operate)
     }  # fmt: skip
 
 
-def session(name, user="ann", at_s=0.0, expires_s=100.0):
-    opened = make_key(user, id=name, kind=KeyKind.SESSION, created_s=at_s, expires_s=expires_s)
-    return ev.SessionOpened(at_s=at_s, session=opened)
+def make_session(name, user="ann", at_s=0.0, expires_s=100.0):
+    session_key = make_key(user, id=name, kind=KeyKind.SESSION, created_s=at_s, expires_s=expires_s)
+    return ev.SessionOpened(at_s=at_s, session=session_key)
 
 
 def test_used_session_is_valid_until_its_later_end():
     books, _ = apply_events(
-        Books(), session("s1"), ev.SessionExtended(at_s=90.0, session="s1", expires_s=190.0)
+        Books(), make_session("s1"), ev.SessionExtended(at_s=90.0, session="s1", expires_s=190.0)
     )
     assert books.key("s1").is_valid(189.0)
     assert not books.key("s1").is_valid(190.0)
@@ -52,16 +52,18 @@ def test_used_session_is_valid_until_its_later_end():
 
 def test_ended_sessions_of_a_user_leave_the_books_when_the_user_opens_another():
     books, _ = apply_events(
-        add_key(name="ann", expires_s=1.0), session("s1"), session("s2"), session("s3", "bob")
+        add_key(name="ann", expires_s=1.0), make_session("s1"), make_session("s2"), make_session("s3", "bob")
     )
-    books, _ = apply_events(books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), session("s4", at_s=60.0))
+    books, _ = apply_events(
+        books, ev.KeyRevoked(at_s=50.0, key="s1", by="ann"), make_session("s4", at_s=60.0)
+    )
     assert set(books.keys) == {"abcd2345", "s2", "s3", "s4"}  # never a key, and of this user alone
-    books, _ = apply_events(books, session("s5", at_s=150.0, expires_s=300.0))
+    books, _ = apply_events(books, make_session("s5", at_s=150.0, expires_s=300.0))
     assert set(books.keys) == {"abcd2345", "s3", "s5"}
 
 
 def test_restored_backup_ends_every_session():
     books, _ = apply_events(
-        Books(), *make_fleet_events(), session("s1"), ev.BooksRestored(at_s=50.0, copied_s=10.0)
+        Books(), *make_fleet_events(), make_session("s1"), ev.BooksRestored(at_s=50.0, copied_s=10.0)
     )
     assert books.key("s1").revoked_s == 50.0

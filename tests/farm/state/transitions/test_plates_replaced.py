@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from example_night import view_context_of
+from example_night import make_view_context
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.planning.booking import list_job_files
 from farm.state import events as ev
@@ -16,23 +16,26 @@ from make_books import apply_events, make_end_event, make_printing_books
 
 
 def make_replaced_event(books, plate, names=("a", "b")):
-    """A plate's part cut into pieces of these letters; with none, sliced again."""
-    old = books.plates[plate]
-    (part,) = (books.parts[name] for name in old.parts)
+    """Make the event of a plate whose part is cut into pieces with these letters, or is resliced."""
+    old_plate = books.plates[plate]
+    (part,) = (books.parts[name] for name in old_plate.parts)
     if not names:
-        new = old.model_copy(update={"id": f"{plate}-2", "prints": (), "printer": "c"})
+        new_plate = old_plate.model_copy(update={"id": f"{plate}-2", "prints": (), "printer": "c"})
         return ev.PlateReplaced(
-            at_s=9.0, plate=plate, parts=(part.model_copy(update={"plate": new.id}),), plates=(new,)
+            at_s=9.0,
+            plate=plate,
+            parts=(part.model_copy(update={"plate": new_plate.id}),),
+            plates=(new_plate,),
         )
     parts, plates = [], []
     for name in names:
         changes = {"id": f"{part.id}{name}", "plate": f"{plate}{name}", "cut_from": part.id}
         parts.append(part.model_copy(update=changes))
         changes = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
-        plates.append(old.model_copy(update=changes))
-    new = {"parts": tuple(parts), "plates": tuple(plates)}
+        plates.append(old_plate.model_copy(update=changes))
+    new_plate = {"parts": tuple(parts), "plates": tuple(plates)}
     return ev.PlateReplaced(
-        at_s=9.0, plate=plate, **new, picture="n.png", decomposition="c.json", instructions="i.html"
+        at_s=9.0, plate=plate, **new_plate, picture="n.png", decomposition="c.json", instructions="i.html"
     )
 
 
@@ -54,11 +57,11 @@ def failed_once():
 
 def test_pieces_replace_their_part_and_continue_its_attempts():
     books = failed_once()
-    books, reported = apply_events(books, make_replaced_event(books, "1/02"))
+    books, instructions = apply_events(books, make_replaced_event(books, "1/02"))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
-    assert (job.picture, reported) == ("n.png", [ev.NameFiles(job=1)])
+    assert (job.picture, instructions) == ("n.png", [ev.NameFiles(job=1)])
     assert list_job_files(job, (), ())["decomposition-p02.json"] == "c.json"
     assert list_job_files(job, (), ())["instructions-p02.html"] == "i.html"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
@@ -92,14 +95,14 @@ def test_resliced_part_keeps_its_name_and_prints():
 def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
     books = failed_once()
     event = make_replaced_event(books, "1/02")
-    other = {
+    other_events = {
         "printing": [make_begun_event("1/02", "a", "z")],
         "printed": [make_begun_event("1/02", "a", "z"), make_end_event("z")],
         "cancelled": [ev.PlateCancelled(at_s=8.0, plate="1/02", by="ann")],
         "held": [ev.BooksRestored(at_s=8.0, copied_s=7.0)],
         "replaced": [make_replaced_event(books, "1/02", ())],
     }[meanwhile]
-    books, _ = apply_events(books, *other)
+    books, _ = apply_events(books, *other_events)
     with pytest.raises(InvalidTransition):
         apply_events(books, event)
 
@@ -115,56 +118,60 @@ steps = st.lists(
 
 
 @given(steps)
-def test_replacing_plates_neither_loses_nor_repeats_a_part(taken):
-    """After any reslices and recuts, the current plates are the planned parts, each piece once."""
+def test_replacing_plates_neither_loses_nor_repeats_a_part(choices):
+    """Check that after any reslices and recuts the current plates have each piece of the parts once."""
     books = make_printing_books(3)
-    for number, (kind, which, printer) in enumerate(taken):
-        waiting = sorted(plate.id for plate in books.waiting_plates())
+    for number, (kind, choice, printer) in enumerate(choices):
+        waiting_ids = sorted(plate.id for plate in books.waiting_plates())
         attempt = books.open_print_on(printer)
-        if kind in ("slice", "cut") and waiting:
+        if kind in ("slice", "cut") and waiting_ids:
             letters = "ab" if kind == "cut" else ()
-            books, _ = apply_events(books, make_replaced_event(books, waiting[which % len(waiting)], letters))
-        elif kind == "begin" and waiting and attempt is None and books.printers[printer].bed is Bed.CLEAR:
             books, _ = apply_events(
-                books, make_begun_event(waiting[which % len(waiting)], printer, f"p{number}")
+                books, make_replaced_event(books, waiting_ids[choice % len(waiting_ids)], letters)
+            )
+        elif kind == "begin" and waiting_ids and attempt is None and books.printers[printer].bed is Bed.CLEAR:
+            books, _ = apply_events(
+                books, make_begun_event(waiting_ids[choice % len(waiting_ids)], printer, f"p{number}")
             )
         elif kind in ("done", "fail") and attempt is not None:
             state = PrintState.DONE if kind == "done" else PrintState.FAILED
             books, _ = apply_events(books, make_end_event(attempt.id, state, 200.0 + number, fault="mintemp"))
         elif kind in ("clear", "bad") and attempt is None:
-            bad = kind == "bad" and books.print_to_judge(printer) is not None
-            books, _ = apply_events(books, make_cleared_event(printer, Verdict.BAD if bad else Verdict.GOOD))
+            is_bad = kind == "bad" and books.print_to_judge(printer) is not None
+            books, _ = apply_events(
+                books, make_cleared_event(printer, Verdict.BAD if is_bad else Verdict.GOOD)
+            )
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
     current = [name for plate in books.plates_of(job) for name in plate.parts]
     assert sorted(current) == sorted(job.parts)
     assert all(books.parts[name].plate in job.plates for name in job.parts)
-    for part_id in ("1/p01", "1/p02", "1/p03"):  # each is there, or all of its pieces are
-        assert sum(_share(books, name, part_id) for name in job.parts) == pytest.approx(1.0)
+    for part_id in ("1/p01", "1/p02", "1/p03"):  # each part is there, or all of its pieces
+        assert sum(compute_share(books, name, part_id) for name in job.parts) == pytest.approx(1.0)
     assert all(attempt.plate in job.plates for attempt in books.open_prints())
     for plate in books.plates_of(job):  # good ones have one print that counts
-        kept = [
+        kept_plates = [
             p for p in books.prints_of(plate) if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
         ]
-        assert len(kept) <= 1
+        assert len(kept_plates) <= 1
     if job.state in (JobState.PRINTED, JobState.DONE):
         assert {books.plate_state(p) for p in books.plates_of(job)} <= {PlateState.PRINTED, PlateState.GOOD}
 
 
-def _share(books, part, part_id):
+def compute_share(books, part, part_id):
     """Compute the share of a planned part; every cut makes halves."""
     if part == part_id:
         return 1.0
     parent = books.parts[part].cut_from
-    return 0.0 if parent is None else _share(books, parent, part_id) / 2
+    return 0.0 if parent is None else compute_share(books, parent, part_id) / 2
 
 
 def test_failures_of_a_cut_part_are_shown_once():
     books = failed_once()
     books, _ = apply_events(books, make_replaced_event(books, "1/02"), make_begun_event("1/02a", "a", "y"))
-    view = describe_job(view_context_of(books), books.jobs[1])
-    shown = {part.id: [item.part for item in part.prints] for part in view.parts}
-    assert shown == {
+    view = describe_job(make_view_context(books), books.jobs[1])
+    shown_prints = {part.id: [item.part for item in part.prints] for part in view.parts}
+    assert shown_prints == {
         "1/p01": [],
         "1/p02a": ["1/p02", "1/p02a"],
         "1/p02b": ["1/p02"],

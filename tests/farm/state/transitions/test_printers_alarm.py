@@ -12,14 +12,14 @@ from farm.state.reconciliation import detect_alarm
 from farm.views import ViewContext, describe_printer, list_due_notices, list_tasks
 from make_books import apply_events, make_printing_books
 
-FOUND = "the nozzle went up to 257 C, above 210"
-CUT = f"{FOUND}; power_off_cmd cut its mains"
+FINDING = "the nozzle went up to 257 C, above 210"
+CUT_TEXT = f"{FINDING}; power_off_cmd cut its mains"
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}
 )
 
 
-def snapshot(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
+def snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapshot:
     """Build a snapshot of the agent of a while its print ends."""
     message = AgentPrint(
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
@@ -29,13 +29,15 @@ def snapshot(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
         "printer": "a", "link": Link.BUSY, "agent_pid": 7, "nozzle_c": 271.4, "bed_c": 60.2,
         "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": message,
     }  # fmt: skip
-    return AgentSnapshot.model_validate(expected | more)
+    return AgentSnapshot.model_validate(expected | fields)
 
 
 def begin_print():
     assigned_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-    going = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True)
-    return apply_events(make_printing_books(), assigned_event, going)[0]
+    progress_event = ev.PrintProgressed(
+        at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True
+    )
+    return apply_events(make_printing_books(), assigned_event, progress_event)[0]
 
 
 def context(books, message):
@@ -48,13 +50,13 @@ def apply_report(books, message, at_s=50.0):
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
     books = apply_report(begin_print(), snapshot())
-    first = list_tasks(context(books, snapshot()))[0]
-    assert (first.code, first.printers) == ("alarm", ["a"])
-    assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
+    first_task = list_tasks(context(books, snapshot()))[0]
+    assert (first_task.code, first_task.printers) == ("alarm", ["a"])
+    assert first_task.text == f"go to a now: {FINDING} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
     assert [task.printers for task in list_tasks(context(books, snapshot()))].count(["a"]) == 1
-    observed = describe_printer(context(books, snapshot()), FLEET.printers[0], None)
-    assert (observed.state, observed.look) == ("look", FOUND)
-    idle = snapshot(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
+    printer_view = describe_printer(context(books, snapshot()), FLEET.printers[0], None)
+    assert (printer_view.state, printer_view.look) == ("look", FINDING)
+    idle = snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
     assert "(fault, nozzle 271 C" in list_tasks(context(make_printing_books(), idle))[0].text
 
 
@@ -66,36 +68,36 @@ def test_alarm_precedes_other_states_of_the_printer(hand: str):
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
         )
     else:
-        lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
-        books, _ = apply_events(books, *lost)
+        lost_events = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
+        books, _ = apply_events(books, *lost_events)
         assert books.outage is not None
     assert list_tasks(context(books, snapshot()))[0].code == "alarm"
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
     books = apply_report(begin_print(), snapshot())
-    reported = list_due_notices(books, 50.0, 0.0, ())
-    assert [notice.text for notice in reported] == [f"go to a now: {FOUND}"]
+    notices = list_due_notices(books, 50.0, 0.0, ())
+    assert [notice.text for notice in notices] == [f"go to a now: {FINDING}"]
     books = apply_report(books, snapshot(), 51.0)
-    assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in reported}) == []
-    books = apply_report(books, snapshot(CUT), 52.0)
-    assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in reported})] == [
-        f"go to a now: {CUT}"
+    assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in notices}) == []
+    books = apply_report(books, snapshot(CUT_TEXT), 52.0)
+    assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in notices})] == [
+        f"go to a now: {CUT_TEXT}"
     ]
 
 
 def test_alarm_after_a_cleared_one_is_notified():
     books = apply_report(begin_print(), snapshot())
-    failed = ev.PrintEnded(
-        at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,
-        ended_s=60.0, extruded=True, filament="unknown",
+    failed_event = ev.PrintEnded(
+        at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT_TEXT,
+        started_s=2.0, ended_s=60.0, extruded=True, filament="unknown",
     )  # fmt: skip
-    books, _ = apply_events(books, failed)
-    assert books.printers["a"].attention_reason == CUT
+    books, _ = apply_events(books, failed_event)
+    assert books.printers["a"].attention_reason == CUT_TEXT
     books, _ = apply_events(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
     entry = books.printers["a"]
     assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
         books, 70.0, 70.0, ()
     ) == []
     books = apply_report(books, snapshot(), 80.0)
-    assert books.printers["a"].attention_reason == FOUND
+    assert books.printers["a"].attention_reason == FINDING

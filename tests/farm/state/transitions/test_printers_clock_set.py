@@ -1,4 +1,4 @@
-"""Steps of the host's clock: durations and the order of prints stay."""
+"""Steps of the host's clock: durations and the order of prints are kept."""
 
 from farm.model import HoldCode, PrintState, Verdict
 from farm.scheduling.holds import find_plate_holds
@@ -13,7 +13,7 @@ from make_books import apply_events, make_end_event, make_printing_books
 
 def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
     path = tmp_path / "farm.db"
-    earlier = (
+    earlier_events = (
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x", at_s=5000.0),
         ev.BedCleared(at_s=5001.0, printer="a", by="ann"),
@@ -23,25 +23,27 @@ def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):
     )
     with Store(path) as store:
         books = make_printing_books()
-        store.commit(earlier[0], Books(), books)
-        for event in earlier:
-            before = books
+        store.commit(earlier_events[0], Books(), books)
+        for event in earlier_events:
+            old_books = books
             books, _ = apply(event, books)
-            store.commit(event, before, books)
+            store.commit(event, old_books, books)
         assert books.print_to_judge("a").id == "y"
-        first = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
-        store.commit(earlier[0], books, put(books, first))  # written last
+        first_print = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
+        store.commit(earlier_events[0], books, put(books, first_print))  # written last
         assert store.load().print_to_judge("a").id == "y"
     books, _ = apply_events(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
     assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
 
 
 def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
-    lost = (
+    lost_events = (
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),
     )
-    books, _ = apply_events(make_printing_books(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
+    books, _ = apply_events(
+        make_printing_books(plates=1), *lost_events, ev.ClockSet(at_s=1000.0, by_s=-4000.0)
+    )
     assert find_plate_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
     assert find_plate_holds(books, [], 1000.0) == {}
     assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]

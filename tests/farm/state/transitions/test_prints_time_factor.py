@@ -23,20 +23,20 @@ LENGTHS = st.floats(MIN_LEARNED_S, 100 * HOUR_S)
 ANY_TIME = st.floats(0.0, 1e9)
 
 
-def learn(ratios, factor=1.0):
+def apply_ratios(ratios, factor=1.0):
     for ratio in ratios:
         factor = update_time_factor(factor, HOUR_S, ratio * HOUR_S)
     return factor
 
 
 @given(FACTORS, FACTORS, LENGTHS)
-def test_time_factor_converges_to_the_true_ratio(start, true, expected_s):
+def test_time_factor_converges_to_the_true_ratio(start, true_ratio, expected_s):
     factor = start
     for _ in range(60):
-        nearer = update_time_factor(factor, expected_s, true * expected_s)
-        assert abs(nearer - true) <= abs(factor - true) + 1e-12
+        nearer = update_time_factor(factor, expected_s, true_ratio * expected_s)
+        assert abs(nearer - true_ratio) <= abs(factor - true_ratio) + 1e-12
         factor = nearer
-    assert factor == pytest.approx(true, abs=1e-4)
+    assert factor == pytest.approx(true_ratio, abs=1e-4)
 
 
 @given(FACTORS, ANY_TIME, ANY_TIME, ANY_TIME)
@@ -48,13 +48,13 @@ def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s
 
 @given(st.lists(st.floats(0.9, 1.2), min_size=1, max_size=5), FACTORS)
 def test_order_of_prints_hardly_affects_the_factor(ratios, start):
-    ends = [learn(order, start) for order in itertools.permutations(ratios)]
+    ends = [apply_ratios(order, start) for order in itertools.permutations(ratios)]
     assert max(ends) - min(ends) <= max(ratios) - min(ratios) + 1e-9
 
 
 @given(st.lists(st.floats(1.0, 1.1), min_size=1, max_size=30))
 def test_time_factor_stays_within_observed_ratios(ratios):
-    assert 1.0 <= learn(ratios) <= max(ratios)
+    assert 1.0 <= apply_ratios(ratios) <= max(ratios)
 
 
 @pytest.mark.parametrize(
@@ -71,8 +71,8 @@ def test_unrepresentative_print_does_not_change_the_factor(expected_s, reached_s
     assert update_time_factor(1.05, expected_s, reached_s, starved_s) == 1.05
 
 
-def long_plate(books, factor):
-    """A plate of an hour of layers and 100 s beside them, planned with a factor."""
+def make_long_plate(books, factor):
+    """Make a plate of an hour of layers and another 100 s, planned with a factor."""
     plate = books.plates["1/01"]
     changes = {
         "sliced_s": HOUR_S,
@@ -85,7 +85,7 @@ def long_plate(books, factor):
 
 def print_plates(state=PrintState.DONE, planned=1.0, elapsed_s=1.1 * HOUR_S + 100.0):
     return apply_events(
-        long_plate(make_printing_books(plates=2), planned),
+        make_long_plate(make_printing_books(plates=2), planned),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         make_end_event("x", state, at_s=2.0 + elapsed_s, fault=None, reason="r"),
     )[0]
@@ -108,7 +108,7 @@ def test_failed_print_does_not_update_the_factor():
 def test_paused_print_does_not_update_the_factor():
     facts = {"print_id": "x", "started_s": 2.0, "extruded": True}
     books, _ = apply_events(
-        long_plate(make_printing_books(), 1.0),
+        make_long_plate(make_printing_books(), 1.0),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **facts),
         ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **facts),

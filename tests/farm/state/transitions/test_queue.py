@@ -1,4 +1,4 @@
-"""Order of the jobs, as people move them."""
+"""Order of jobs that people move."""
 
 import pytest
 from hypothesis import given
@@ -12,8 +12,8 @@ from farm.state.lifecycles import InvalidTransition
 from make_books import apply_events, make_fleet_events, make_job, make_plan_event
 
 
-def queued(*priorities):
-    """Books with a queued job of each priority."""
+def make_queued_books(*priorities):
+    """Make books with a queued job of each priority."""
     events = (
         ev.JobSubmitted(
             at_s=0.0, job=make_job(n).model_copy(update={"options": JobOptions(priority=priority)})
@@ -23,22 +23,22 @@ def queued(*priorities):
     return apply_events(Books(), *make_fleet_events(), *events)[0]
 
 
-def order(books):
+def list_order(books):
     return [entry.id for entry in books.open_jobs()]
 
 
-def move(books, number, before):
-    return apply_events(books, ev.JobMoved(at_s=1.0, job=number, before=before, by="ann"))[0]
+def move(books, number, next_number):
+    return apply_events(books, ev.JobMoved(at_s=1.0, job=number, before=next_number, by="ann"))[0]
 
 
 def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
-    books = queued(0, 0, 5, 0)
-    assert order(books) == [3, 1, 2, 4]
-    books = move(books, 4, before=1)
-    assert order(books) == [3, 4, 1, 2]
-    assert order(move(books, 2, before=3)) == [2, 3, 4, 1]  # before a job of higher priority
-    assert order(move(books, 3, before=None)) == [4, 1, 2, 3]
-    assert [entry.id for entry in move(books, 2, before=3).queue()] == [2, 3, 4, 1]
+    books = make_queued_books(0, 0, 5, 0)
+    assert list_order(books) == [3, 1, 2, 4]
+    books = move(books, 4, next_number=1)
+    assert list_order(books) == [3, 4, 1, 2]
+    assert list_order(move(books, 2, next_number=3)) == [2, 3, 4, 1]  # before a job of higher priority
+    assert list_order(move(books, 3, next_number=None)) == [4, 1, 2, 3]
+    assert [entry.id for entry in move(books, 2, next_number=3).queue()] == [2, 3, 4, 1]
 
 
 @given(
@@ -46,50 +46,55 @@ def test_jobs_are_served_by_priority_and_submission_until_they_are_moved():
     st.lists(st.tuples(st.integers(1, 6), st.one_of(st.none(), st.integers(1, 6))), max_size=12),
 )
 def test_moved_job_keeps_its_place_and_the_others_their_order(priorities, moves):
-    books = queued(*priorities)
-    for number, before in moves:
-        if number > len(priorities) or before == number or (before or 0) > len(priorities):
+    books = make_queued_books(*priorities)
+    for number, next_number in moves:
+        if number > len(priorities) or next_number == number or (next_number or 0) > len(priorities):
             continue
-        others = [n for n in order(books) if n != number]
-        place = len(others) if before is None else others.index(before)
-        books = move(books, number, before)
-        assert order(books) == [*others[:place], number, *others[place:]]
-    later = ev.JobSubmitted(at_s=2.0, job=make_job(len(priorities) + 1))
-    last = order(apply_events(books, later)[0])
-    same = [n for n in last if books.jobs.get(n, later.job).priority == 0]
-    assert same[-1] == len(priorities) + 1  # behind all jobs of its priority
+        other_numbers = [n for n in list_order(books) if n != number]
+        place = len(other_numbers) if next_number is None else other_numbers.index(next_number)
+        books = move(books, number, next_number)
+        assert list_order(books) == [*other_numbers[:place], number, *other_numbers[place:]]
+    later_event = ev.JobSubmitted(at_s=2.0, job=make_job(len(priorities) + 1))
+    last_order = list_order(apply_events(books, later_event)[0])
+    same_numbers = [n for n in last_order if books.jobs.get(n, later_event.job).priority == 0]
+    assert same_numbers[-1] == len(priorities) + 1  # behind all jobs of its priority
 
 
 def test_two_jobs_can_be_swapped_any_number_of_times():
-    books = queued(0, 0, 0)
+    books = make_queued_books(0, 0, 0)
     for _ in range(200):
-        first, second, _last = order(books)
-        books = move(books, second, before=first)
-        assert order(books)[:2] == [second, first]
+        first_number, second_number, _last = list_order(books)
+        books = move(books, second_number, next_number=first_number)
+        assert list_order(books)[:2] == [second_number, first_number]
     for _ in range(200):
-        _first, second, last = order(books)
-        books = move(books, second, before=None)
-        assert order(books)[1:] == [last, second]
-    later = apply_events(books, ev.JobSubmitted(at_s=2.0, job=make_job(4)))[0]
-    assert order(later)[-1] == 4
+        _first, second_number, last_order = list_order(books)
+        books = move(books, second_number, next_number=None)
+        assert list_order(books)[1:] == [last_order, second_number]
+    later_event = apply_events(books, ev.JobSubmitted(at_s=2.0, job=make_job(4)))[0]
+    assert list_order(later_event)[-1] == 4
 
 
 def test_job_cannot_be_put_before_one_that_is_not_in_the_queue():
-    books = queued(0, 0)
+    books = make_queued_books(0, 0)
     books, _ = apply_events(books, ev.JobCancelled(at_s=1.0, job=1))
     with pytest.raises(InvalidTransition, match="not in the queue"):
-        move(books, 2, before=1)
+        move(books, 2, next_number=1)
     with pytest.raises(InvalidTransition):
-        move(books, 1, before=2)
+        move(books, 1, next_number=2)
 
 
 def test_plates_are_served_in_the_order_of_their_jobs():
     books = apply_events(Books(), *make_fleet_events())[0]
     for number in (1, 2):
-        submitted = ev.JobSubmitted(at_s=0.0, job=make_job(number))
+        submitted_event = ev.JobSubmitted(at_s=0.0, job=make_job(number))
         books, _ = apply_events(
-            books, submitted, ev.PlanningStarted(at_s=0.0, job=number), make_plan_event(number, plates=2)
+            books,
+            submitted_event,
+            ev.PlanningStarted(at_s=0.0, job=number),
+            make_plan_event(number, plates=2),
         )
-    books = move(books, 2, before=1)
-    waiting = sorted(describe_plates(books.waiting_plates(), books), key=lambda plate: plate.priority_key)
-    assert [plate.id for plate in waiting] == ["2/01", "2/02", "1/01", "1/02"]
+    books = move(books, 2, next_number=1)
+    waiting_plates = sorted(
+        describe_plates(books.waiting_plates(), books), key=lambda plate: plate.priority_key
+    )
+    assert [plate.id for plate in waiting_plates] == ["2/01", "2/02", "1/01", "1/02"]

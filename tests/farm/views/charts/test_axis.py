@@ -11,7 +11,7 @@ from farm.views.charts import TimeAxis
 BERLIN = ZoneInfo("Europe/Berlin")
 
 
-def axis(begin, end):
+def make_axis(begin, end):
     begin_s, end_s = (
         datetime.fromisoformat(text).replace(tzinfo=BERLIN).timestamp() for text in (begin, end)
     )
@@ -19,13 +19,13 @@ def axis(begin, end):
 
 
 def test_marks_are_round_times_of_the_zone_and_midnight_has_its_day():
-    marks = axis("2026-11-20T21:10", "2026-11-21T03:00").list_marks(6)
+    marks = make_axis("2026-11-20T21:10", "2026-11-21T03:00").list_marks(6)
     assert [mark.text for mark in marks] == ["Fri 22:00", "23:00", "Sat 00:00", "01:00", "02:00", "03:00"]
     assert marks[-1].x == 900.0
 
 
 def test_marks_stay_round_when_daylight_saving_ends():
-    marks = axis("2026-10-24T18:00", "2026-10-25T12:00").list_marks(6)
+    marks = make_axis("2026-10-24T18:00", "2026-10-25T12:00").list_marks(6)
     assert [mark.text for mark in marks] == ["Sat 20:00", "Sun 00:00", "04:00", "08:00", "12:00"]
 
 

@@ -12,7 +12,7 @@ STATIC = files("farm.web.pages").joinpath("static")
 
 
 def read_variables(text, is_dark):
-    """Return the variables of the first block, with those of the dark one over them."""
+    """Return the variables of the first block, replaced by those of the dark one."""
     light, _, dark = text.partition("@media print")[0].partition(
         "@media screen and (prefers-color-scheme: dark)"
     )
@@ -21,18 +21,18 @@ def read_variables(text, is_dark):
 
 
 def compute_luminance(colour):
-    """Compute the relative luminance of a colour, as WCAG 2 defines it."""
+    """Compute the relative luminance of a colour by WCAG 2."""
     digits = colour.lstrip("#")
     digits = digits if len(digits) == 6 else "".join(2 * digit for digit in digits)
-    shares = [int(digits[at : at + 2], 16) / 255 for at in (0, 2, 4)]
+    shares = [int(digits[start : start + 2], 16) / 255 for start in (0, 2, 4)]
     linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
     return sum(weight * value for weight, value in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
 
 
-def compute_contrast(first, second):
-    """Compute the contrast of two colours, as WCAG 2 defines it."""
-    low, high = sorted((compute_luminance(first), compute_luminance(second)))
-    return (high + 0.05) / (low + 0.05)
+def compute_contrast(first_colour, second_colour):
+    """Compute the contrast of two colours by WCAG 2."""
+    darker, lighter = sorted((compute_luminance(first_colour), compute_luminance(second_colour)))
+    return (lighter + 0.05) / (darker + 0.05)
 
 
 @pytest.mark.parametrize("is_dark", [False, True])

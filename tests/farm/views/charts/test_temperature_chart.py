@@ -18,9 +18,9 @@ def test_silent_printer_has_no_chart():
 
 
 def test_line_is_interrupted_while_the_printer_does_not_answer():
-    heated = [Temperatures(60.0 * n, 200 + n, 60, 210, 60) for n in range(10)]
-    gap, cold = Temperatures(700.0, None, None, None, None), Temperatures(900.0, 30, 25, 0, 0)
-    nozzle, target, bed, _ = lay_out([*heated, gap, cold]).curves
+    hot_readings = [Temperatures(60.0 * n, 200 + n, 60, 210, 60) for n in range(10)]
+    gap, cold_reading = Temperatures(700.0, None, None, None, None), Temperatures(900.0, 30, 25, 0, 0)
+    nozzle, target, bed, _ = lay_out([*hot_readings, gap, cold_reading]).curves
     assert [len(piece) for piece in nozzle.pieces] == [10, 1]
     assert [len(piece) for piece in bed.pieces] == [2, 1]  # level: its ends alone
     assert nozzle.pieces[0][0][1] > nozzle.pieces[0][-1][1]  # hotter is higher
@@ -36,6 +36,6 @@ def test_every_point_is_inside_of_the_chart(values):
     if chart is None:
         assert all(nozzle_c is None and bed_c is None for nozzle_c, bed_c, *_ in values)
         return
-    drawn = [point for curve in chart.curves[::2] for piece in curve.pieces for point in piece]
-    assert all(chart.left <= x <= chart.width and chart.top <= y <= chart.bottom for x, y in drawn)
+    points = [point for curve in chart.curves[::2] for piece in curve.pieces for point in piece]
+    assert all(chart.left <= x <= chart.width and chart.top <= y <= chart.bottom for x, y in points)
     assert len(chart.rows) <= 49

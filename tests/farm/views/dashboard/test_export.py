@@ -16,7 +16,7 @@ TEXT = st.text(max_size=20) | st.sampled_from(
 )
 
 
-def row(**changes):
+def make_row(**changes):
     facts = {
         "part": "1/p01", "printer": "a", "state": PrintState.DONE, "fault": None, "reason": None,
         "verdict": None, "why": None, "started": None, "ended": None, "job": 1, "name": "m.stl", "note": None,
@@ -32,17 +32,17 @@ def read(text):
 
 @given(st.lists(st.tuples(TEXT, TEXT, TEXT), max_size=5))
 def test_text_is_kept_and_no_cell_is_a_formula(texts):
-    rows = [row(name=name, reason=reason, note=note) for name, reason, note in texts]
-    found = read(write_csv(rows))
-    assert len(found) == len(rows)
-    for line, texts_of_row in zip(found, texts, strict=True):
+    rows = [make_row(name=name, reason=reason, note=note) for name, reason, note in texts]
+    rows_read = read(write_csv(rows))
+    assert len(rows_read) == len(rows)
+    for line, texts_of_row in zip(rows_read, texts, strict=True):
         assert not any(cell.lstrip().startswith(("=", "+", "-", "@")) for cell in line.values())
-        shown = [line[name].removeprefix("'") for name in ("name", "reason", "note")]
-        assert shown == [flatten_text(text).removeprefix("'") for text in texts_of_row]
+        shown_texts = [line[name].removeprefix("'") for name in ("name", "reason", "note")]
+        assert shown_texts == [flatten_text(text).removeprefix("'") for text in texts_of_row]
 
 
 def test_numbers_stay_numbers():
-    (line,) = read(write_csv([row(grams=12.25, wasted=True)]))
+    (line,) = read(write_csv([make_row(grams=12.25, wasted=True)]))
     assert (line["took_s"], line["expected_s"], line["grams"], line["wasted"]) == (
         "3600",
         "3500.5",

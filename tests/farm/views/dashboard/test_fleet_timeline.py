@@ -29,8 +29,8 @@ from scheduling_examples import UTC, hours
 NOW_S = START_S + 1000.0
 
 
-def night():
-    """Books with a good, a failed and a running print on one printer, and three jobs that wait for it."""
+def make_night_books():
+    """Make books with a good, a failed and a running print on one printer, and three waiting jobs."""
     books = submit(empty_books("a"), 1, 3)
     books = judge(print_plate(books, "1/01", "a", START_S, 100.0), "a", START_S + 150.0)
     books = print_plate(
@@ -51,7 +51,7 @@ def describe(books, change=None, past_s=3600.0, **hours):
 
 
 def test_past_running_and_planned_prints_are_shown_in_order():
-    view = describe(night())
+    view = describe(make_night_books())
     assert [(row.part, row.kind) for row in view.table] == [
         ("1/p01", "good"),
         ("1/p02", "failed"),
@@ -69,32 +69,32 @@ def test_past_running_and_planned_prints_are_shown_in_order():
 
 
 def test_prints_before_the_period_are_left_out():
-    kinds = [row.kind for row in describe(night(), past_s=800.0).table]
+    kinds = [row.kind for row in describe(make_night_books(), past_s=800.0).table]
     assert "good" not in kinds
     assert "failed" in kinds  # it ended 750 s ago
 
 
 def test_attended_and_quiet_hours_are_in_the_background():
-    chart = describe(night(), attended=["00:00-12:00"], quiet=["22:00-06:00"]).chart
+    chart = describe(make_night_books(), attended=["00:00-12:00"], quiet=["22:00-06:00"]).chart
     assert len(chart.attended) == 1
     assert len(chart.quiet) == 1
     assert chart.quiet[0].x < chart.attended[0].x
 
 
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
-    books = night()
+    books = make_night_books()
     view = describe(books, Change(3, moves=True, before=1))
     later_s = {shift.job: shift.later_s for shift in view.shifts}
     assert later_s[3] < 0.0 < later_s[1]
-    planned = [row.part for row in view.table if row.kind == "planned"]
-    assert planned[0] == "3/p01"
+    planned_parts = [row.part for row in view.table if row.kind == "planned"]
+    assert planned_parts[0] == "3/p01"
     assert books.jobs[3].moved_rank is None  # nothing was changed
     assert next(row.part for row in describe(books).table if row.kind == "planned") == "1/p02"
 
 
 def test_later_start_delays_the_job_alone():
     change = Change(2, not_before_s=NOW_S + 20_000.0)
-    view = describe(night(), change)
+    view = describe(make_night_books(), change)
     later_s = {shift.job: shift.later_s for shift in view.shifts}
     assert later_s[2] > 10_000.0
     assert later_s[3] <= 0.0
@@ -102,17 +102,19 @@ def test_later_start_delays_the_job_alone():
 
 
 def test_held_job_is_tried_as_if_it_was_approved():
-    books = night()
-    held = submit(books, 4, 1, held=True)
-    assert held.jobs[4].state == "held"
-    (shift,) = (row for row in describe(held, Change(4, moves=True, before=None)).shifts if row.job == 4)
+    books = make_night_books()
+    held_books = submit(books, 4, 1, is_held=True)
+    assert held_books.jobs[4].state == "held"
+    (shift,) = (
+        row for row in describe(held_books, Change(4, moves=True, before=None)).shifts if row.job == 4
+    )
     assert shift.end is None
     assert shift.new_end is not None
 
 
 def test_unknown_job_is_refused():
     with pytest.raises(NoSuchThing, match="no job 9"):
-        describe(night(), Change(9, moves=True))
+        describe(make_night_books(), Change(9, moves=True))
 
 
 def test_empty_farm_has_an_empty_timeline():
@@ -131,7 +133,7 @@ def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begi
     week, end_s = hours(*texts), begin_s + length_s
     spans = list_spans(week, begin_s, end_s)
     assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)
-    assert all(earlier[1] < later[0] for earlier, later in pairwise(spans))
+    assert all(span[1] < next_span[0] for span, next_span in pairwise(spans))
     for at_s in (begin_s, begin_s + length_s / 2):
         within = any(first_s <= at_s < last_s for first_s, last_s in spans)
         assert within == (week.span(at_s) is not None)
@@ -142,13 +144,13 @@ def test_always_attended_is_one_span():
 
 
 def test_planned_print_does_not_begin_before_a_late_one_ends():
-    books = night()
-    late = AgentPrint(
+    books = make_night_books()
+    late_print = AgentPrint(
         print_id="running", state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0,
         print_time_s=90.0, extruded=True, started_s=NOW_S - 5000.0, ended_s=None,
     )  # fmt: skip
-    busy = AgentSnapshot(printer="a", link=Link.BUSY, print=late)
-    context = dataclasses.replace(make_context(books, NOW_S), snapshots={"a": busy})
+    busy_snapshot = AgentSnapshot(printer="a", link=Link.BUSY, print=late_print)
+    context = dataclasses.replace(make_context(books, NOW_S), snapshots={"a": busy_snapshot})
     rows = describe_fleet_timeline(context, make_situation(books, NOW_S, "a"), 3600.0).table
     ends = {row.kind: row.ends for row in rows}
     starts = [row.starts for row in rows if row.kind == "planned"]

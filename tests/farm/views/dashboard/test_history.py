@@ -10,20 +10,22 @@ from farm.views.dashboard import HistoryFilter, describe_history, select_prints
 NOW_S = START_S + 10 * DAY_S
 
 
-def books_of_ten_days():
+def make_books_of_ten_days():
     books = submit(empty_books(), 1, 2)
     books = judge(print_plate(books, "1/01", "a", START_S, 120.0), "a", START_S + 130.0)
     books = judge(print_plate(books, "1/02", "b", START_S, 80.0), "b", START_S + 130.0)
     books = submit(books, 2, 1)
-    failed = {"state": PrintState.FAILED, "fault": "no_answer", "reason": "silent"}
-    books = judge(print_plate(books, "2/01", "a", NOW_S - 5000.0, 60.0, **failed), "a", NOW_S - 4000.0)
+    failure_fields = {"state": PrintState.FAILED, "fault": "no_answer", "reason": "silent"}
+    books = judge(
+        print_plate(books, "2/01", "a", NOW_S - 5000.0, 60.0, **failure_fields), "a", NOW_S - 4000.0
+    )
     return judge(
         print_plate(books, "2/01", "c", NOW_S - 3000.0, 90.0), "c", NOW_S - 2000.0, Verdict.BAD, "warped"
     )
 
 
-def describe(**chosen):
-    return describe_history(make_context(books_of_ten_days(), NOW_S), HistoryFilter(**chosen))
+def describe(**filters):
+    return describe_history(make_context(make_books_of_ten_days(), NOW_S), HistoryFilter(**filters))
 
 
 def test_history_has_figures_jobs_and_prints():
@@ -41,16 +43,16 @@ def test_history_has_figures_jobs_and_prints():
 
 
 @pytest.mark.parametrize(
-    ("chosen", "prints"),
+    ("filters", "prints"),
     [({"days": 1}, 2), ({"printer": "a"}, 2), ({"job": 2}, 2), ({"days": 1, "printer": "a"}, 1)],
 )
-def test_prints_are_chosen(chosen, prints):
-    view = describe(**chosen)
+def test_prints_are_chosen(filters, prints):
+    view = describe(**filters)
     assert (view.total.prints, len(view.rows)) == (prints, prints)
 
 
 def test_long_history_is_shown_in_part_and_counted_in_full():
-    view = describe_history(make_context(books_of_ten_days(), NOW_S), HistoryFilter(), max_rows=1)
+    view = describe_history(make_context(make_books_of_ten_days(), NOW_S), HistoryFilter(), max_rows=1)
     assert (len(view.rows), view.hidden, view.total.prints) == (1, 3, 4)
 
 

@@ -1,4 +1,4 @@
-"""Page of a printer, as data."""
+"""Data of a printer's page."""
 
 import pytest
 
@@ -12,8 +12,12 @@ NOW_S = START_S + 1000.0
 
 def failed_books():
     books = submit(empty_books(), 1, 2)
-    failed = {"state": PrintState.FAILED, "fault": "thermal_runaway", "reason": "the nozzle got colder"}
-    books = judge(print_plate(books, "1/01", "a", START_S, 60.0, **failed), "a", START_S + 100.0)
+    failure_fields = {
+        "state": PrintState.FAILED,
+        "fault": "thermal_runaway",
+        "reason": "the nozzle got colder",
+    }
+    books = judge(print_plate(books, "1/01", "a", START_S, 60.0, **failure_fields), "a", START_S + 100.0)
     (name,) = books.prints
     still = Still(moment=Moment.FAILURE, at_s=START_S + 50.0, file="abc.png")
     books.prints[name] = books.prints[name].model_copy(update={"stills": (still,)})

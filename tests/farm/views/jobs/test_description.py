@@ -32,7 +32,7 @@ FLEET = Fleet.model_validate(
 
 
 def make_priced_books(*prices):
-    """A planned job whose plates cost so much."""
+    """Make a planned job whose plates have these prices."""
     books = make_printing_books(plates=len(prices))
     plates = {
         name: plate.model_copy(update={"price": price})
@@ -41,42 +41,44 @@ def make_priced_books(*prices):
     return dataclasses.replace(books, plates=plates)
 
 
-def view(books):
+def make_view(books):
     return describe_job(ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.job(1))
 
 
 def test_price_of_a_job_is_the_sum_of_its_plates():
-    observed = view(make_priced_books(1.25, 0.5))
-    assert [plate.price for plate in observed.plates] == [1.25, 0.5]
-    assert (observed.price, observed.currency) == (pytest.approx(1.75), "EUR")
-    assert (observed.grams, observed.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
+    job_view = make_view(make_priced_books(1.25, 0.5))
+    assert [plate.price for plate in job_view.plates] == [1.25, 0.5]
+    assert (job_view.price, job_view.currency) == (pytest.approx(1.75), "EUR")
+    assert (job_view.grams, job_view.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
 
 
 def test_starved_time_does_not_exceed_the_printing_time():
-    """For a part that was printed twice, waiting time does not exceed the total time."""
+    """Limit the starved time of a part that was printed twice by the total time."""
     books = make_printing_books(plates=1)
-    assert view(books).starved_share is None
+    assert make_view(books).starved_share is None
     for name, begun_s in (("p", 2.0), ("q", 202.0)):
         assigned_event = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
-        done = make_end_event(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
-        cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
-        repeated = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
-        books, _ = apply_events(books, assigned_event, done, cleared, repeated)
-    assert view(books).starved_share == pytest.approx(0.8)
+        done_event = make_end_event(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
+        cleared_event = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
+        repeated_event = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
+        books, _ = apply_events(books, assigned_event, done_event, cleared_event, repeated_event)
+    assert make_view(books).starved_share == pytest.approx(0.8)
 
 
 def test_job_has_no_price_if_one_reel_has_none():
-    assert view(make_priced_books(1.25, None)).price is None
+    assert make_view(make_priced_books(1.25, None)).price is None
 
 
 def test_cancelled_parts_are_shown_with_the_job():
     books = make_printing_books(plates=1)
     name, plate = next(iter(books.plates.items()))
     thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
-    observed = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
-    assert observed.plates[0].warnings == [thin]
+    job_view = make_view(
+        dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})})
+    )
+    assert job_view.plates[0].warnings == [thin]
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(render_job(observed))
+    console.print(render_job(job_view))
     assert f"plate {name}: {thin}" in console.export_text()
 
 
@@ -84,12 +86,12 @@ def test_failed_job_has_no_speedup():
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
-    going = view(books)
-    assert going.speedup and going.utilisation
-    cancelled, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
-    observed = view(cancelled)
-    assert (observed.speedup, observed.utilisation) == (None, None)
-    assert observed.estimated_s == going.estimated_s
+    view_before = make_view(books)
+    assert view_before.speedup and view_before.utilisation
+    cancelled_event, _ = apply_events(books, ev.JobCancelled(at_s=5.0, job=1))
+    job_view = make_view(cancelled_event)
+    assert (job_view.speedup, job_view.utilisation) == (None, None)
+    assert job_view.estimated_s == view_before.estimated_s
 
 
 def context(books, now_s, progress=None, **snapshots):
@@ -98,13 +100,13 @@ def context(books, now_s, progress=None, **snapshots):
 
 def test_progress_of_a_plan_is_shown():
     far = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
-    queued, _ = apply_events(Books(), *make_fleet_events(), ev.JobSubmitted(at_s=0.0, job=make_job()))
-    planning, _ = apply_events(queued, ev.PlanningStarted(at_s=0.0, job=1))
-    planned, _ = apply_events(planning, make_plan_event())
-    cancelled, _ = apply_events(planned, ev.JobCancelled(at_s=1.0, job=1))
-    states = (queued, planning, planned, cancelled)
-    shown = [describe_job(context(b, 1.0, {1: far}), b.jobs[1]).progress for b in states]
-    assert shown == [None, far, far, None]  # a planned job may be planned again before it starts
+    queued_books, _ = apply_events(Books(), *make_fleet_events(), ev.JobSubmitted(at_s=0.0, job=make_job()))
+    planning_books, _ = apply_events(queued_books, ev.PlanningStarted(at_s=0.0, job=1))
+    planned_books, _ = apply_events(planning_books, make_plan_event())
+    cancelled_event, _ = apply_events(planned_books, ev.JobCancelled(at_s=1.0, job=1))
+    states = (queued_books, planning_books, planned_books, cancelled_event)
+    shown_progress = [describe_job(context(b, 1.0, {1: far}), b.jobs[1]).progress for b in states]
+    assert shown_progress == [None, far, far, None]  # a planned job may be planned again before it starts
 
 
 @pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
@@ -143,26 +145,32 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
 
 
 def test_print_that_is_resumed_is_not_shown_as_paused():
-    """Its nozzle heats for minutes before the printer goes on."""
+    """Show the resumed state while the nozzle heats for minutes before the print continues."""
     books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     )
-    for expected, state, shown in (
+    for expected_state, state, shown_state in (
         (True, PrintState.PRINTING, "printing"),
         (True, PrintState.PAUSED, "paused"),
         (False, PrintState.PAUSED, "heating"),
         (False, PrintState.PRINTING, "printing"),
     ):
-        now = ev.PrintProgressed(at_s=3.0, print_id="x", state=state, started_s=2.0, extruded=True)
-        books, _ = apply_events(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected), now)
+        progress_event = ev.PrintProgressed(at_s=3.0, print_id="x", state=state, started_s=2.0, extruded=True)
+        books, _ = apply_events(
+            books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected_state), progress_event
+        )
         printer = describe_printer(context(books, 7.0), FLEET.printer("a"), None)
-        (part,) = [part for part in view(books).parts if part.prints]
-        assert (printer.state, printer.print.state, part.prints[0].state) == (shown, shown, shown)
+        (part,) = [part for part in make_view(books).parts if part.prints]
+        assert (printer.state, printer.print.state, part.prints[0].state) == (
+            shown_state,
+            shown_state,
+            shown_state,
+        )
 
 
 def test_bad_part_takes_its_time_again():
-    started = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
-    bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
-    books, _ = apply_events(make_printing_books(1), started, make_end_event("x", at_s=102.0), bad)
-    observed = view(books)
-    assert observed.current_s == pytest.approx(observed.elapsed_s + observed.estimated_s)
+    started_event = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    bad_event = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
+    books, _ = apply_events(make_printing_books(1), started_event, make_end_event("x", at_s=102.0), bad_event)
+    job_view = make_view(books)
+    assert job_view.current_s == pytest.approx(job_view.elapsed_s + job_view.estimated_s)

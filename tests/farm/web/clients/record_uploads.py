@@ -1,4 +1,4 @@
-"""Record the bytes of uploads as slicers' libraries put them on the wire: libcurl's and Qt's.
+"""Record the bytes of uploads by the libraries of slicers, libcurl and Qt.
 
 ``FARM_INTEROP=.venv/interop/bin/python .venv/bin/python tests/farm/web/clients/record_uploads.py`` writes
 `recorded/` anew, after `make peers`. PrusaSlicer and its forks drive libcurl as here; Cura's plugin for
@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 TESTS = HERE.parents[2]
 sys.path.insert(0, str(TESTS / "support"))
 
-from make_gcode import marlin, square  # noqa: E402
+from make_gcode import make_marlin, make_square  # noqa: E402
 
 FOLDER = HERE / "recorded"
 KEY = f"farm_{'a' * 8}_{'A' * 43}"
@@ -44,9 +44,9 @@ QT = {
 }
 
 
-def receive_request(listening: socket.socket) -> bytes:
-    """Receive one request to its end, and answer it as OctoPrint does."""
-    connection, _ = listening.accept()
+def receive_request(listener: socket.socket) -> bytes:
+    """Receive one complete request, and answer it like OctoPrint."""
+    connection, _ = listener.accept()
     with connection:
         data = b""
         while b"\r\n\r\n" not in data:
@@ -65,14 +65,16 @@ def receive_request(listening: socket.socket) -> bytes:
 
 
 def record(name: str, command: list[str | Path]) -> None:
-    """Run a client, and write what it sends."""
-    with socket.create_server(("127.0.0.1", PORT)) as listening:
-        kept: list[bytes] = []
-        receiver = threading.Thread(target=lambda: kept.append(receive_request(listening)), daemon=True)
+    """Run a client, and write the bytes that it sends."""
+    with socket.create_server(("127.0.0.1", PORT)) as listener:
+        received_parts: list[bytes] = []
+        receiver = threading.Thread(
+            target=lambda: received_parts.append(receive_request(listener)), daemon=True
+        )
         receiver.start()
         subprocess.run(command, check=True, timeout=60, stdout=subprocess.DEVNULL)
         receiver.join(60)
-    (FOLDER / f"{name}.http").write_bytes(kept[0])
+    (FOLDER / f"{name}.http").write_bytes(received_parts[0])
 
 
 def main() -> None:
@@ -80,11 +82,11 @@ def main() -> None:
     url = f"http://127.0.0.1:{PORT}"
     with tempfile.TemporaryDirectory() as scratch:
         path = Path(scratch) / "part.gcode"
-        path.write_text("\n".join(marlin(square(layers=2))) + "\n")
+        path.write_text("\n".join(make_marlin(make_square(layers=2))) + "\n")
         for name, (place, file_name, options) in CURL.items():
-            quoted = '"' + file_name.replace('"', '\\"') + '"'
+            quoted_name = '"' + file_name.replace('"', '\\"') + '"'
             arguments = [
-                option.format(path=path, name=quoted) if option is FILE else option for option in options
+                option.format(path=path, name=quoted_name) if option is FILE else option for option in options
             ]
             record(name, ["curl", "-sS", "-H", f"X-Api-Key: {KEY}", *arguments, url + place])
         for name, (file_name, fields) in QT.items():

@@ -1,4 +1,4 @@
-"""Recorded uploads of libcurl and Qt on a real connection: their answers, and what a cut one leaves."""
+"""Recorded uploads of libcurl and Qt on a real connection: answers, and files after a cut."""
 
 import asyncio
 import socket
@@ -69,7 +69,7 @@ class Connections:
         return answer
 
     async def wait(self, data):
-        """Send a part of a request, and return the head that comes back."""
+        """Send a part of a request, and return the head of the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         with closing(writer):
             writer.write(data)
@@ -78,7 +78,7 @@ class Connections:
         return answer
 
     async def cut(self, data, reset):
-        """Send a part of a request and then nothing more; return what comes back."""
+        """Send only a part of a request; return the answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         writer.write(data)
         await writer.drain()
@@ -118,7 +118,7 @@ async def serve(farm):
 
 
 def split(data, size):
-    return [data[at : at + size] for at in range(0, len(data), size)]
+    return [data[index : index + size] for index in range(0, len(data), size)]
 
 
 def read_answer(answer):
@@ -133,7 +133,7 @@ def read_answer(answer):
 
 @pytest.mark.parametrize("name", UPLOADS)
 def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
-    model, held, note = UPLOADS[name]
+    model, is_held, note = UPLOADS[name]
 
     async def scenario():
         async with serve(farm) as connections:
@@ -143,25 +143,25 @@ def test_recorded_upload_becomes_a_job_however_it_is_split(name, farm):
         status, headers, _ = read_answer(answer)
         assert status == 201, answer
         assert "api/" in headers["location"] or name == "libcurl-moonraker"
-    assert {(job.name, job.options.hold, job.options.note) for job in farm.booked.values()} == {
-        (model, held, note)
+    assert {(job.name, job.options.hold, job.options.note) for job in farm.jobs_by_number.values()} == {
+        (model, is_held, note)
     }
-    assert len(farm.booked) == len(CHUNKS)
+    assert len(farm.jobs_by_number) == len(CHUNKS)
     assert (farm.left_files, list(farm.temporary.iterdir())) == ([], [])
 
 
 def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(farm):
-    recorded = read_recording("libcurl-print", farm)
-    head = recorded[: recorded.index(b"\r\n\r\n") + 4]
+    recording = read_recording("libcurl-print", farm)
+    head = recording[: recording.index(b"\r\n\r\n") + 4]
 
     async def scenario():
         async with serve(farm) as connections:
-            refused = await connections.send(head.replace(farm.text, RECORDED_KEY))
-            return await connections.wait(head), refused
+            answer = await connections.send(head.replace(farm.text, RECORDED_KEY))
+            return await connections.wait(head), answer
 
-    allowed, refused = asyncio.run(scenario())
-    assert allowed.startswith(CONTINUE)
-    assert read_answer(refused)[0] == 401
+    is_continued, result = asyncio.run(scenario())
+    assert is_continued.startswith(CONTINUE)
+    assert read_answer(result)[0] == 401
 
 
 @pytest.mark.parametrize(
@@ -169,33 +169,33 @@ def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(fa
     [("libcurl-print", False), ("libcurl-file-first", True), ("qt-print", False)],
 )
 def test_upload_cut_at_any_byte_leaves_nothing(name, reset, farm):
-    recorded, events = read_recording(name, farm), len(farm.controller._store.events())
+    recording, events = read_recording(name, farm), len(farm.controller._store.events())
     state = {path for path in farm.state.root.rglob("*") if path.is_file()}
 
     async def scenario():
         async with serve(farm) as connections:
-            for end in range(len(recorded)):
-                answer = await connections.cut(recorded[:end], reset)
+            for end in range(len(recording)):
+                answer = await connections.cut(recording[:end], reset)
                 assert b" 201 " not in answer, end
-                assert (len(farm.booked), farm.left_files) == (0, []), end
+                assert (len(farm.jobs_by_number), farm.left_files) == (0, []), end
                 assert read_answer(await connections.send(HEALTH))[0] == 200, end
             assert {path for path in farm.state.root.rglob("*") if path.is_file()} == state
             assert (len(farm.controller._store.events()), list(farm.temporary.iterdir())) == (events, [])
-            return await connections.send(recorded)
+            return await connections.send(recording)
 
     assert read_answer(asyncio.run(scenario()))[0] == 201
-    assert len(farm.booked) == 1
+    assert len(farm.jobs_by_number) == 1
 
 
 def test_refused_gcode_is_one_line_of_text_with_line_and_reason_in_front(farm):
     farm.services.uploads._workers = SameProcess()
-    recorded = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
+    recording = read_recording("qt-print", farm).replace(b"M109 S205", b"M109 S999")
 
     async def scenario():
         async with serve(farm) as connections:
-            return await connections.send(recorded)
+            return await connections.send(recording)
 
     status, headers, text = read_answer(asyncio.run(scenario()))
     assert (status, headers["content-type"]) == (400, "text/plain")
     assert text.startswith("line 5: M109 sets 999 C, and the nozzle may have at most 260")
-    assert (farm.booked, farm.left_files) == ({}, [])
+    assert (farm.jobs_by_number, farm.left_files) == ({}, [])

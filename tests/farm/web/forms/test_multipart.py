@@ -1,4 +1,4 @@
-"""Forms of slicers, in every field order and split anywhere."""
+"""Forms of slicers, in every field order and with any split."""
 
 from contextlib import suppress
 

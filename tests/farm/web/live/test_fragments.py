@@ -10,56 +10,54 @@ TEXTS = st.text("ab<>&;-! \nü", max_size=8).map(lambda text: text.replace("<", 
 
 
 def make_page(elements, around=""):
-    """Make a page as a template does."""
-    marked = "".join(
+    """Make a page like a template."""
+    parts = "".join(
         f'\n<!--live:{name}-->\n<li id="{name}">{text}</li>\n<!--/live-->' for name, text in elements.items()
     )
-    body = (
-        f'<body data-live="/" data-version="">header<main id="main"><ul>{marked}</ul>{around}</main></body>'
-    )
+    body = f'<body data-live="/" data-version="">header<main id="main"><ul>{parts}</ul>{around}</main></body>'
     return f"<html>{body}</html>"
 
 
 @st.composite
-def pages(draw):
+def draw_pages(draw):
     return {name: draw(TEXTS) for name in draw(NAMES)}, draw(st.sampled_from(["", "x"]))
 
 
 def show(state, changes):
     """Return the page of a browser after some changes, as elements by name in their order."""
     if MAIN in changes:
-        return split_back(changes[MAIN])
+        return split_main(changes[MAIN])
     return {name: changes.get(name, html) for name, html in state.items()}
 
 
-def split_back(main):
+def split_main(main):
     """Find the elements in the HTML of the main element."""
     pieces = main.split('<li id="')[1:]
     return {piece.partition('"')[0]: f'<li id="{piece.partition("</li>")[0]}</li>' for piece in pieces}
 
 
-@given(pages(), pages())
+@given(draw_pages(), draw_pages())
 @example(({"a": "", "b-1": ""}, ""), ({"b-1": "", "a": ""}, ""))
-def test_changes_lead_from_one_page_to_the_next(before, after):
-    sources = [make_page(*page) for page in (before, after)]
-    old, new = map(split_page, sources)
-    changes = find_changes(old, new)
-    assert show(split_back(old.html), changes) == split_back(new.html) == dict(new.elements)
-    assert (changes == {}) == (sources[0] == sources[1]) == (old.version == new.version)
+def test_changes_lead_from_one_page_to_the_next(old_parts, new_parts):
+    sources = [make_page(*page) for page in (old_parts, new_parts)]
+    old_page, new_page = map(split_page, sources)
+    changes = find_changes(old_page, new_page)
+    assert show(split_main(old_page.html), changes) == split_main(new_page.html) == dict(new_page.elements)
+    assert (changes == {}) == (sources[0] == sources[1]) == (old_page.version == new_page.version)
 
 
-@given(pages())
+@given(draw_pages())
 def test_page_is_sent_without_marks_and_with_its_version(page):
-    sent = publish_page(make_page(*page))
-    assert "<!--" not in sent
-    assert f'data-version="{split_page(make_page(*page)).version}"' in sent
-    assert sent.startswith("<html><body data-live") and sent.endswith("</main></body></html>")
-    assert split_back(sent).keys() == page[0].keys()
+    sent_page = publish_page(make_page(*page))
+    assert "<!--" not in sent_page
+    assert f'data-version="{split_page(make_page(*page)).version}"' in sent_page
+    assert sent_page.startswith("<html><body data-live") and sent_page.endswith("</main></body></html>")
+    assert split_main(sent_page).keys() == page[0].keys()
 
 
 def test_one_change_is_one_element():
-    old, new = (split_page(make_page({"a": "1", "b": text})) for text in ("2", "3"))
-    assert find_changes(old, new) == {"b": '<li id="b">3</li>'}
+    old_page, new_page = (split_page(make_page({"a": "1", "b": text})) for text in ("2", "3"))
+    assert find_changes(old_page, new_page) == {"b": '<li id="b">3</li>'}
 
 
 def test_page_without_a_version_is_sent_as_it_is():

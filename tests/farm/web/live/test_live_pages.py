@@ -1,4 +1,4 @@
-"""Streams that keep pages up to date: what viewers get, and when streams end."""
+"""Streams that keep pages up to date: messages to viewers, and ends of streams."""
 
 import asyncio
 import html
@@ -21,7 +21,7 @@ BEAT = b"event: beat\ndata:\n\n"
 
 
 class Page:
-    """A page of one number, which counts how often it is rendered."""
+    """Page of one number, which counts its renderings."""
 
     def __init__(self):
         self.number, self.rendered, self.error, self.pauses = 0, 0, None, 0
@@ -69,7 +69,7 @@ def follow(pages, role=Role.LOOK, version="", path="/x/7", is_allowed=lambda: Tr
 
 
 def run(page, scenario):
-    async def play():
+    async def run():
         streams = QuickStreams()
         pages = LivePages(streams)
         pages.add("/x/{number}", page.render)
@@ -80,7 +80,7 @@ def run(page, scenario):
             if pages._refresh_task is not None:
                 await pages._refresh_task
 
-    asyncio.run(play())
+    asyncio.run(run())
 
 
 def test_viewer_gets_the_page_then_what_changes(page):
@@ -90,16 +90,16 @@ def test_viewer_gets_the_page_then_what_changes(page):
         version, changes = parse(await anext(stream))
         assert changes == {"main": '<main id="main"><p id="n">0 look 7</p></main>'}
         page.number = 1
-        after, changes = await read_changes(stream)
+        next_version, changes = await read_changes(stream)
         assert changes == {"n": '<p id="n">1 look 7</p>'}
-        assert after != version
-        known = follow(pages, version=after)
-        await anext(known)
-        assert await anext(known) == BEAT
-        late = follow(pages, version="another")
-        await anext(late)
-        assert list(parse(await anext(late))[1]) == ["main"]
-        for client in (stream, known, late):
+        assert next_version != version
+        known_stream = follow(pages, version=next_version)
+        await anext(known_stream)
+        assert await anext(known_stream) == BEAT
+        late_stream = follow(pages, version="another")
+        await anext(late_stream)
+        assert list(parse(await anext(late_stream))[1]) == ["main"]
+        for client in (stream, known_stream, late_stream):
             await client.aclose()
 
     run(page, scenario)
@@ -112,8 +112,8 @@ def test_page_is_rendered_once_for_all_viewers_of_a_role_and_never_for_none(page
             await anext(stream)
             await anext(stream)
         page.number = 1
-        seen = [await read_changes(stream) for stream in streams]
-        assert {text for _, changes in seen for text in changes.values()} == {
+        changes_seen = [await read_changes(stream) for stream in streams]
+        assert {text for _, changes in changes_seen for text in changes.values()} == {
             '<p id="n">1 look 7</p>',
             '<p id="n">1 operate 7</p>',
         }
@@ -121,24 +121,24 @@ def test_page_is_rendered_once_for_all_viewers_of_a_role_and_never_for_none(page
         for stream in streams:
             await stream.aclose()
         await pages._refresh_task
-        before = page.rendered
+        render_count = page.rendered
         await asyncio.sleep(0.0)
-        assert page.rendered == before
+        assert page.rendered == render_count
 
     run(page, scenario)
 
 
 def test_streams_end_when_the_daemon_does_and_when_the_viewer_may_not_see_the_page(page):
     async def scenario(pages, streams):
-        allowed = [True]
-        stream, other = follow(pages), follow(pages, is_allowed=lambda: allowed[0])
-        for client in (stream, other):
+        permissions = [True]
+        stream, other_stream = follow(pages), follow(pages, is_allowed=lambda: permissions[0])
+        for client in (stream, other_stream):
             await anext(client)
             await anext(client)
-        allowed[0] = False
+        permissions[0] = False
         page.number = 1
         with pytest.raises(StopAsyncIteration):
-            await anext(other)
+            await anext(other_stream)
         streams.close()
         with pytest.raises(StopAsyncIteration):
             await read_changes(stream)
@@ -157,10 +157,10 @@ def test_page_that_cannot_be_rendered_ends_its_streams_and_can_be_opened_again(p
         with pytest.raises(StopAsyncIteration):
             await read_changes(stream)
         page.error = None
-        again = follow(pages)
-        await anext(again)
-        assert "main" in parse(await anext(again))[1]
-        await again.aclose()
+        second_stream = follow(pages)
+        await anext(second_stream)
+        assert "main" in parse(await anext(second_stream))[1]
+        await second_stream.aclose()
 
     run(page, scenario)
 
@@ -175,11 +175,11 @@ def test_stream_over_http(tmp_path):
     with ExitStack() as open_streams:
         for _ in range(20):
             open_streams.enter_context(farm.services.page_streams.count("ann"))
-        refused = farm.browse("GET", "/live?page=/", session)
-    assert (refused.status_code, "too many streams" in refused.text) == (409, True)
+        answer = farm.browse("GET", "/live?page=/", session)
+    assert (answer.status_code, "too many streams" in answer.text) == (409, True)
     farm.services.page_streams.close()
-    ended = farm.browse("GET", "/live?page=/", session)
-    assert (ended.status_code, "ending" in ended.text) == (409, True)
+    response = farm.browse("GET", "/live?page=/", session)
+    assert (response.status_code, "ending" in response.text) == (409, True)
     farm.store.close()
 
 
@@ -188,18 +188,18 @@ def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows
         stream = follow(pages, path="/slow")
         await anext(stream)
         await anext(stream)
-        rendered, rounds, page.number = page.rendered, limit.rounds, 1
-        after, changes = await read_changes(stream)
-        assert (page.rendered, limit.rounds - rounds) == (rendered + 1, 10)
+        render_count, rounds, page.number = page.rendered, limit.rounds, 1
+        next_version, changes = await read_changes(stream)
+        assert (page.rendered, limit.rounds - rounds) == (render_count + 1, 10)
         assert changes == {"n": '<p id="n">1 look </p>'}
         page.number = 2
-        known = follow(pages, path="/slow", version=after)
-        await anext(known)
-        assert await anext(known) == BEAT
-        later = follow(pages, path="/slow", version="of a page that was loaded just now")
-        await anext(later)
-        assert "2 look" in parse(await anext(later))[1]["main"]
-        for client in (stream, known, later):
+        known_stream = follow(pages, path="/slow", version=next_version)
+        await anext(known_stream)
+        assert await anext(known_stream) == BEAT
+        later_stream = follow(pages, path="/slow", version="of a page that was loaded just now")
+        await anext(later_stream)
+        assert "2 look" in parse(await anext(later_stream))[1]["main"]
+        for client in (stream, known_stream, later_stream):
             await client.aclose()
 
     run(page, scenario)
@@ -207,13 +207,16 @@ def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows
 
 def test_page_does_not_end_while_it_is_rendered_for_its_only_viewer(page):
     async def scenario(pages, limit):
-        first = follow(pages, path="/slow")
-        await anext(first)
-        await first.aclose()
+        first_stream = follow(pages, path="/slow")
+        await anext(first_stream)
+        await first_stream.aclose()
         page.pauses = 10
-        late = follow(pages, path="/slow", version="later")
-        assert [await anext(late), parse(await anext(late))[1].keys()] == [b"retry: 3000\n\n", {"main"}]
-        await late.aclose()
+        late_stream = follow(pages, path="/slow", version="later")
+        assert [await anext(late_stream), parse(await anext(late_stream))[1].keys()] == [
+            b"retry: 3000\n\n",
+            {"main"},
+        ]
+        await late_stream.aclose()
 
     run(page, scenario)
 
@@ -236,10 +239,10 @@ def test_streams_continue_what_the_pages_show_and_other_addresses_are_errors(tmp
         "/", "/jobs/1", "/jobs/1?curve=2", "/printers/a", "/timeline?hours=24&job=1&to=last",
         "/history?days=7",
     ):  # fmt: skip
-        shown = farm.browse("GET", address, session).text
-        assert html.unescape(shown.partition('data-live="')[2].partition('"')[0]) == address
+        response = farm.browse("GET", address, session).text
+        assert html.unescape(response.partition('data-live="')[2].partition('"')[0]) == address
         version, changes = parse(asyncio.run(read_first_event(farm, session, address)))
-        assert (f'data-version="{version}"' in shown, list(changes)) == (True, ["main"])
+        assert (f'data-version="{version}"' in response, list(changes)) == (True, ["main"])
         farm.services.page_streams._closing.clear()
     for address, status in {
         "/history?days=x": 400, "/timeline?hours=1": 400, "/jobs/x": 404, "/jobs/9": 404, "/printers/x": 404,

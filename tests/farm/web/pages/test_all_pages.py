@@ -67,7 +67,7 @@ class Structure(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attributes):
-        if tag != "code" or attributes:  # words between backticks are shown as commands, whoever wrote them
+        if tag != "code" or attributes:  # text between backticks is shown as a command, whoever wrote it
             self.elements.append((tag, *(name for name, _ in attributes)))
         self.values += [value or "" for _, value in attributes]
 
@@ -93,15 +93,15 @@ def read_pages(farm, printers=PRINTERS, jobs=JOBS, role=Role.OPERATE):
             if "{" in address:
                 continue
             answer = farm.browse("GET", address, farm.session)
-            expected = 404 if path in FILES else 200
-            expected = expected if role.allows(ROLES["GET", path]) else 403
-            assert answer.status_code == expected, (address, answer.text[-300:])
+            expected_status = 404 if path in FILES else 200
+            expected_status = expected_status if role.allows(ROLES["GET", path]) else 403
+            assert answer.status_code == expected_status, (address, answer.text[-300:])
             if answer.headers["content-type"].startswith("text/html"):
                 pages[address] = answer.text
     return pages
 
 
-def attempt(number, printer, state, **changes):
+def make_attempt(number, printer, state, **changes):
     """Return a print of the first plate of job 1."""
     ended_s = NOW_S - 60.0 if state.ended else None
     return Print(
@@ -119,18 +119,18 @@ def make_gallery(farm, text="reason", name="bracket"):
     for number, state in enumerate(JobState, 2):
         options = books.jobs[number].options.model_copy(update={"note": text, "colour": text})
         texts = {"reason": text, "repairs": (text,), "hold": Hold(code=HoldCode.START_TIME, text=text)}
-        shown = {"state": state, "options": options, "paused": state is JobState.PRINTING, **texts}
-        books = put(books, books.jobs[number].model_copy(update={**shown, "ended_s": NOW_S - 10.0}))
+        job_fields = {"state": state, "options": options, "paused": state is JobState.PRINTING, **texts}
+        books = put(books, books.jobs[number].model_copy(update={**job_fields, "ended_s": NOW_S - 10.0}))
     open_prints = [
-        attempt(number, printer, state, pause_requested=state is PrintState.PAUSED)
+        make_attempt(number, printer, state, pause_requested=state is PrintState.PAUSED)
         for number, (printer, state) in enumerate(zip(PRINTERS[len(LINKS) :], PRINTS, strict=False))
     ]
     ended_prints = [
-        attempt(100 + number, PRINTERS[0], PrintState.FAILED, fault=fault, reason=text, fail_reason=text)
+        make_attempt(100 + number, PRINTERS[0], PrintState.FAILED, fault=fault, reason=text, fail_reason=text)
         for number, fault in enumerate(FAULTS)
     ]
     ended_prints += [
-        attempt(200 + number, PRINTERS[1], state, verdict=verdict, verdict_why=text)
+        make_attempt(200 + number, PRINTERS[1], state, verdict=verdict, verdict_why=text)
         for number, state in enumerate(state for state in PrintState if state.ended)
         for verdict in (None, *Verdict)
     ]
@@ -185,23 +185,23 @@ def test_pages_are_whole_for_other_roles(farm, role):
     make_gallery(farm)
     holder = next(key for key in farm.controller.books.keys.values() if key.kind is KeyKind.SESSION)
     farm.controller.books = put(farm.controller.books, holder.model_copy(update={"role": role}))
-    assert read_pages(farm, SOME, [1], role)
+    assert read_pages(farm, SOME_PRINTERS, [1], role)
 
 
 def test_pages_read_no_file_once_the_farm_runs(farm, monkeypatch):
-    """An upgrade replaces files under a running daemon."""
+    """Check that pages are in memory, as an upgrade replaces files under a running daemon."""
     for load in (rendering.load_templates, report.load_templates, static_files.load_static_files):
         load.cache_clear()
     make_web_app(farm.services, DryRuns(farm.controller), ())
     monkeypatch.setattr(PackageLoader, "get_source", None)
     monkeypatch.setattr(static_files, "files", None)
     make_gallery(farm)
-    pages = read_pages(farm, SOME, [1])
-    assert {"/jobs/1/report", f"/printers/{SOME[0]}"} <= pages.keys()
+    pages = read_pages(farm, SOME_PRINTERS, [1])
+    assert {"/jobs/1/report", f"/printers/{SOME_PRINTERS[0]}"} <= pages.keys()
     assert farm.browse("GET", "/static/farm.css", farm.session).status_code == 200
 
 
-SOME = [PRINTERS[0], PRINTERS[1], PRINTERS[3], PRINTERS[-1]]
+SOME_PRINTERS = [PRINTERS[0], PRINTERS[1], PRINTERS[3], PRINTERS[-1]]
 """Printers with faults, with bad parts, with an alarm, and in maintenance."""
 HOSTILE = st.text(
     st.sampled_from("<>\"'&`={}%/\\;:()-!x \u202e\u00e9"), min_size=1, max_size=30
@@ -224,12 +224,12 @@ HOSTILE = st.text(
 @given(HOSTILE, HOSTILE)
 def test_hostile_words_change_no_element_of_any_page(farm, text, name):
     make_gallery(farm)
-    benign = {path: Structure(page) for path, page in read_pages(farm, SOME, [1, 4]).items()}
+    benign = {path: Structure(page) for path, page in read_pages(farm, SOME_PRINTERS, [1, 4]).items()}
     make_gallery(farm, f"x{text}x", f"x{name}x")
-    for path, page in read_pages(farm, SOME, [1, 4]).items():
-        found = Structure(page)
-        assert found.elements == benign[path].elements, path
-        assert not any(value.strip().lower().startswith("javascript:") for value in found.values)
+    for path, page in read_pages(farm, SOME_PRINTERS, [1, 4]).items():
+        structure = Structure(page)
+        assert structure.elements == benign[path].elements, path
+        assert not any(value.strip().lower().startswith("javascript:") for value in structure.values)
 
 
 def render_others(farm, text, name):
@@ -240,7 +240,7 @@ def render_others(farm, text, name):
     choices = replace(choices, materials=[text], colours=[name], beds_mm=[(text, 1.0, 2.0, 3.0)])
     fields = dict.fromkeys(DEFAULTS, text)
     lines = [WireLine(at_s=0.0, sent=True, text=text)]
-    asked = [
+    requests = [
         farm.browse("GET", path, farm.session, params=query)
         for path, query in (
             ("/timeline", {"job": "1", "at": text[:40]}),
@@ -254,7 +254,7 @@ def render_others(farm, text, name):
         render_wire(name, lines, fleet, reader),
         render_wire(name, [], fleet, reader, problem=text),
         render_submit_page(choices, text, fleet, reader, note, fields),
-        *(answer.text for answer in asked),
+        *(answer.text for answer in requests),
     ]
 
 
@@ -262,6 +262,8 @@ def render_others(farm, text, name):
 @given(HOSTILE, HOSTILE)
 def test_hostile_words_change_no_element_of_answers_to_forms(farm, text, name):
     make_gallery(farm)
-    known = {element for page in render_others(farm, "x", "y") for element in Structure(page).elements}
+    known_elements = {
+        element for page in render_others(farm, "x", "y") for element in Structure(page).elements
+    }
     for page in render_others(farm, f"x{text}x", f"x{name}x"):
-        assert set(Structure(page).elements) <= known
+        assert set(Structure(page).elements) <= known_elements

@@ -1,4 +1,4 @@
-"""Pages of the fleet: timeline, printers, history, as a browser asks for them."""
+"""Pages of the fleet as a browser requests them: timeline, printers, history."""
 
 import dataclasses
 import html
@@ -30,11 +30,17 @@ def farm(tmp_path):
 
 @pytest.fixture
 def busy_farm(farm):
-    """A farm with a failed print, of which there is a still, and jobs that wait."""
+    """Make a farm with a failed print that has a still, and jobs that wait."""
     now_s = farm.clock.now_s
     books = submit(farm.controller.books, 1, 2, now_s - 2000.0)
-    failed = {"state": PrintState.FAILED, "fault": "thermal_runaway", "reason": "the nozzle got <cold>"}
-    books = judge(print_plate(books, "1/01", "a", now_s - 1000.0, 500.0, **failed), "a", now_s - 100.0)
+    failure_fields = {
+        "state": PrintState.FAILED,
+        "fault": "thermal_runaway",
+        "reason": "the nozzle got <cold>",
+    }
+    books = judge(
+        print_plate(books, "1/01", "a", now_s - 1000.0, 500.0, **failure_fields), "a", now_s - 100.0
+    )
     for number in (2, 3):
         books = submit(books, number, 1, now_s - 900.0)
     (attempt,) = books.prints.values()
@@ -64,8 +70,8 @@ def test_printer_page_shows_temperatures_faults_and_prints(busy_farm):
     for _ in range(3):
         busy_farm.clock.now_s += 100.0
         heat = {"nozzle_c": 210.0, "bed_c": 60.0, "nozzle_target_c": 210.0, "bed_target_c": 60.0}
-        ready = {"link": Link.READY, "filament": FilamentState.PARKED}
-        busy_farm.controller.on_snapshot(AgentSnapshot(printer="a", **ready, **heat))
+        ready_fields = {"link": Link.READY, "filament": FilamentState.PARKED}
+        busy_farm.controller.on_snapshot(AgentSnapshot(printer="a", **ready_fields, **heat))
     page = read(busy_farm, "/printers/a")
     assert "hottest 210 °C" in page
     assert "the nozzle got &lt;cold&gt;" in page
@@ -91,14 +97,14 @@ def test_printer_page_asks_for_a_verdict_on_a_part_that_was_printed_alone(farm):
 
 def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
     alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
-    cold = {"nozzle_c": 21.0, "bed_c": 20.0, "heaters_off": True}
-    for changes, signs in ((alarm, (1, 1, 0)), (cold, (0, 0, 1))):
+    cold_fields = {"nozzle_c": 21.0, "bed_c": 20.0, "heaters_off": True}
+    for changes, signs in ((alarm, (1, 1, 0)), (cold_fields, (0, 0, 1))):
         facts = {"link": Link.FAULT, "reason": "inspect it", **changes}
         farm.controller.on_snapshot(AgentSnapshot(printer="a", **facts))
         farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="so"))
         page = read(farm, "/printers/a")
-        found = [page.count(text) for text in ("task urgent", "231 °C, not seen off", "<details open>")]
-        assert tuple(found) == signs
+        positions = [page.count(text) for text in ("task urgent", "231 °C, not seen off", "<details open>")]
+        assert tuple(positions) == signs
 
 
 @pytest.mark.parametrize(
@@ -125,8 +131,8 @@ def test_history_is_exported_as_chosen(busy_farm):
     assert export.headers["content-type"] == "text/csv; charset=utf-8"
     assert export.headers["content-disposition"] == 'attachment; filename="lab-prints.csv"'
     assert len(export.text.splitlines()) == 2
-    none = busy_farm.browse("GET", "/history.csv?printer=b", busy_farm.open_session(Role.LOOK))
-    assert len(none.text.splitlines()) == 1
+    response = busy_farm.browse("GET", "/history.csv?printer=b", busy_farm.open_session(Role.LOOK))
+    assert len(response.text.splitlines()) == 1
 
 
 def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
@@ -173,8 +179,10 @@ def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, quer
 @pytest.mark.parametrize("query", ["at=23:50", "to=last"])
 def test_change_to_a_job_whose_plates_have_started_would_move_nothing(busy_farm, query):
     books = busy_farm.controller.books
-    started = ev.PlateAssigned(at_s=busy_farm.clock.now_s, plate="2/01", printer="a", print_id="running")
-    busy_farm.controller.books = apply_events(books, started)[0]
+    started_event = ev.PlateAssigned(
+        at_s=busy_farm.clock.now_s, plate="2/01", printer="a", print_id="running"
+    )
+    busy_farm.controller.books = apply_events(books, started_event)[0]
     page = read(busy_farm, f"/timeline?job=2&{query}")
     assert "nothing of job 2 would move: all of its plates have started" in page
     assert '<option value="2"' not in page

@@ -1,10 +1,10 @@
-"""Home: what is shown first, which buttons each role has, and heat that is not off."""
+"""Home: first items, buttons of each role, and heat that is not off."""
 
 import re
 
 import pytest
 
-from example_night import night_books, status_of
+from example_night import make_night_books, make_status
 from farm import api
 from farm.model import Bed, Hold, HoldCode, JobState, Role
 from farm.web.notes import Note, Reader
@@ -20,21 +20,22 @@ def status(tmp_path_factory):
     key = farm.add(Role.PRINT).text
     params = {"request_id": "r" * 8, "name": "box.stl", "size": 100}
     farm.ask("POST", "/api/v1/jobs", key, params=params, content=b"x" * 100)
-    found = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())
+    status_view = api.Status.model_validate(farm.ask("GET", "/api/v1/status", key).json())
     farm.store.close()
-    return found
+    return status_view
 
 
-def with_printers(status, *changes, todo=()):
+def replace_printers(status, *changes, todo=()):
     """Return the status with a printer for each of the changes."""
     printer = status.printers[0].model_copy(update={"heaters_off": True})
-    named = [
-        printer.model_copy(update={"name": f"um2-{at}", **change}) for at, change in enumerate(changes, 1)
+    printers = [
+        printer.model_copy(update={"name": f"um2-{index}", **change})
+        for index, change in enumerate(changes, 1)
     ]
-    return status.model_copy(update={"printers": named, "todo": list(todo)})
+    return status.model_copy(update={"printers": printers, "todo": list(todo)})
 
 
-def with_job(status, todo=(), **changes):
+def replace_job(status, todo=(), **changes):
     job = status.jobs[0].model_copy(update=changes)
     return status.model_copy(update={"jobs": [job], "todo": list(todo)})
 
@@ -50,8 +51,8 @@ def make_last(state, verdict=None):
 
 def test_tiles_are_in_the_order_of_their_ends(status):
     ends = (7200.0, None, 60.0, 7205.0)
-    printing = [{"print": None if left_s is None else make_print(left_s)} for left_s in ends]
-    tiles = list_tiles(with_printers(status, *printing))
+    print_fields = [{"print": None if left_s is None else make_print(left_s)} for left_s in ends]
+    tiles = list_tiles(replace_printers(status, *print_fields))
     assert [tile.printer.name for tile in tiles] == ["um2-3", "um2-1", "um2-4", "um2-2"]
     assert tiles[0].model == "box.stl"
 
@@ -68,10 +69,10 @@ def test_tiles_are_in_the_order_of_their_ends(status):
 )
 def test_heat_without_a_print_is_told_in_words_before_everything_else(status, changes, is_shown):
     todo = [api.Todo(code="clear", printers=["um2-1"], text="")]
-    shown = with_printers(status, {"bed_c": 60.0, **changes}, todo=todo)
-    tasks = list_home_tasks(shown)
+    shown_status = replace_printers(status, {"bed_c": 60.0, **changes}, todo=todo)
+    tasks = list_home_tasks(shown_status)
     assert [task.code for task in tasks] == (["heat", "clear"] if is_shown else ["clear"])
-    page = render_home(shown, ANN)
+    page = render_home(shown_status, ANN)
     assert ("heaters have not been seen off (nozzle 180 °C, bed 60 °C)" in page) == is_shown
     assert ('class="hot"' in page) == is_shown
 
@@ -120,20 +121,20 @@ TASKS = [
 ]
 
 
-@pytest.mark.parametrize(("todo", "expected", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
-def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, expected, forms):
-    shown = with_printers(with_job(status, plan="PLAN"), {"look": "it jammed"}, todo=[todo])
-    page = render_home(shown, ANN)
-    assert expected in page
+@pytest.mark.parametrize(("todo", "expected_texts", "forms"), TASKS, ids=[todo.code for todo, _, _ in TASKS])
+def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, todo, expected_texts, forms):
+    shown_status = replace_printers(replace_job(status, plan="PLAN"), {"look": "it jammed"}, todo=[todo])
+    page = render_home(shown_status, ANN)
+    assert expected_texts in page
     for form in forms:
         assert form in page
-    looking = render_home(shown, Reader("bob", Role.LOOK))
-    assert expected in looking
+    looking = render_home(shown_status, Reader("bob", Role.LOOK))
+    assert expected_texts in looking
     assert 'method="post"' not in looking.partition("<main")[2]
 
 
 @pytest.mark.parametrize(
-    ("last", "is_asked"),
+    ("last_print", "is_asked"),
     [
         (make_last("done"), True),
         (make_last("done", "good"), False),
@@ -141,20 +142,20 @@ def test_each_task_has_words_and_the_form_that_does_it_for_operators(status, tod
         (None, False),
     ],
 )
-def test_verdict_is_asked_for_a_part_that_waits_for_one(status, last, is_asked):
+def test_verdict_is_asked_for_a_part_that_waits_for_one(status, last_print, is_asked):
     todo = [api.Todo(code="clear", printers=["um2-1"], text="")]
-    page = render_home(with_printers(status, {"last": last, "bed": Bed.NOT_CLEAR}, todo=todo), ANN)
+    page = render_home(replace_printers(status, {"last": last_print, "bed": Bed.NOT_CLEAR}, todo=todo), ANN)
     assert ("part is good" in page) == ('name="bad"' in page) == is_asked
     assert ("Bed is clear" in page) != is_asked
-    seen = "print-1" if last else "none"
-    assert page.count(f'name="seen" value="{seen}"') == page.count("/cleared") > 0
+    seen_print = "print-1" if last_print else "none"
+    assert page.count(f'name="seen" value="{seen_print}"') == page.count("/cleared") > 0
 
 
 @pytest.mark.parametrize(
     ("bed", "state"), [(Bed.CLEAR, "idle"), (Bed.NOT_CLEAR, "not_clear"), (Bed.UNKNOWN, "idle")]
 )
 def test_printer_whose_bed_is_to_be_cleared_is_not_shown_as_idle(status, bed, state):
-    page = render_home(with_printers(status, {"state": "idle", "bed": bed}), ANN)
+    page = render_home(replace_printers(status, {"state": "idle", "bed": bed}), ANN)
     assert re.search(r'<div class="title">.*<span class="state (\w+)">', page)[1] == state
 
 
@@ -166,13 +167,15 @@ def test_tasks_have_different_ids_even_if_they_are_alike(status):
 
 def test_job_says_why_it_waits_and_ended_ones_are_below(status):
     hold = Hold(code=HoldCode.START_TIME, text="starts at 20:00 (`--at`)")
-    waiting = render_home(with_job(status, hold=hold), ANN)
-    assert "<li>starts at 20:00 (<code>--at</code>)</li>" in waiting
-    held = Hold(code=HoldCode.APPROVAL, text="held until `farm approve 1`")
-    assert "<li>waits for approval</li>" in render_home(with_job(status, hold=held), ANN)
-    failed = render_home(with_job(status, state=JobState.FAILED, error="e", reason="<b>too thin</b>"), ANN)
-    assert "No job is open" in failed
-    assert failed.index("No job is open") < failed.index(">Ended<") < failed.index("box.stl")
+    waiting_page = render_home(replace_job(status, hold=hold), ANN)
+    assert "<li>starts at 20:00 (<code>--at</code>)</li>" in waiting_page
+    approval_hold = Hold(code=HoldCode.APPROVAL, text="held until `farm approve 1`")
+    assert "<li>waits for approval</li>" in render_home(replace_job(status, hold=approval_hold), ANN)
+    failed_page = render_home(
+        replace_job(status, state=JobState.FAILED, error="e", reason="<b>too thin</b>"), ANN
+    )
+    assert "No job is open" in failed_page
+    assert failed_page.index("No job is open") < failed_page.index(">Ended<") < failed_page.index("box.stl")
 
 
 def test_note_is_above_the_page(status):
@@ -183,17 +186,17 @@ def test_note_is_above_the_page(status):
 def test_lost_host_is_one_card_without_a_button_for_each_printer(status):
     text = "pc-b with 2 printers does not answer (time-out): check its power and its network (`farm hosts`)"
     todo = api.Todo(code="host", printers=["um2-1", "um2-2"], text=text)
-    lost = with_printers(status, {"state": "unknown"}, {"state": "unknown"}, todo=[todo])
-    (task,) = list_home_tasks(lost)
+    lost_status = replace_printers(status, {"state": "unknown"}, {"state": "unknown"}, todo=[todo])
+    (task,) = list_home_tasks(lost_status)
     assert (task.key, task.text, task.printers) == ("host", text, [])
-    page = render_home(lost, ANN)
+    page = render_home(lost_status, ANN)
     assert "pc-b with 2 printers does not answer" in page
     assert "Look at um2-1" not in page
 
 
 def test_job_of_which_nothing_prints_waits(status):
-    page = render_home(with_job(status, state=JobState.PRINTING), ANN)
-    printing = render_home(with_job(status_of(night_books()), state=JobState.PRINTING), ANN)
+    page = render_home(replace_job(status, state=JobState.PRINTING), ANN)
+    printing = render_home(replace_job(make_status(make_night_books()), state=JobState.PRINTING), ANN)
     waits, prints = ('<span class="state waiting">', '<span class="state printing">')
     assert (waits in page, prints in page) == (True, False)
     assert (waits in printing, prints in printing) == (False, True)
@@ -201,5 +204,5 @@ def test_job_of_which_nothing_prints_waits(status):
 
 def test_printed_job_has_ended(status):
     eta = status.fleet.now
-    for state, words in ((JobState.PRINTED, "ended <time"), (JobState.PRINTING, "ends <time")):
-        assert words in render_home(with_job(status, state=state, eta=eta), ANN)
+    for state, expected_text in ((JobState.PRINTED, "ended <time"), (JobState.PRINTING, "ends <time")):
+        assert expected_text in render_home(replace_job(status, state=state, eta=eta), ANN)

@@ -1,4 +1,4 @@
-"""The page of a job, rendered without a browser."""
+"""Page of a job, rendered without a browser."""
 
 import re
 from dataclasses import replace
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from example_night import night_books, status_of, view_context_of
+from example_night import make_night_books, make_status, make_view_context
 from farm import api
 from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Role, TextTime
 from farm.state import events as ev
@@ -35,13 +35,13 @@ REPORT = b"""{"schema": 9, "unknown": 1,
 {"printers": 5, "makespan_s": 3000.0}]}"""
 
 
-def data_of(books, **changes):
-    context = view_context_of(books)
+def make_data(books, **changes):
+    context = make_view_context(books)
     job = describe_job(context, books.job(1)).model_copy(update=changes)
-    return JobData(job, status_of(books).printers, report=parse_report(REPORT))
+    return JobData(job, make_status(books).printers, report=parse_report(REPORT))
 
 
-def rows_of(data, role=Role.OPERATE):
+def list_rows(data, role=Role.OPERATE):
     return {row.name: row for row in list_part_rows(data.job, data.printers, {}, role)}
 
 
@@ -49,12 +49,12 @@ def render(data, role=Role.OPERATE):
     return render_job_page(data, FARM, Reader("ann", role))
 
 
-def paths_of(page):
+def list_paths(page):
     return set(re.findall(r'action="([^"]+)"', page)) - {"/logout"}
 
 
 def test_rows_show_each_part_s_state_and_what_was_expected_and_reached():
-    rows = rows_of(data_of(night_books()))
+    rows = list_rows(make_data(make_night_books()))
     assert {name: row.state for name, row in rows.items()} == {
         "p01": "printed",
         "p02": "printed",
@@ -62,10 +62,10 @@ def test_rows_show_each_part_s_state_and_what_was_expected_and_reached():
         "p04": "failed",
         "p05": "printing",
     }
-    first, failed, last = rows["p01"], rows["p04"], rows["p05"]
-    assert (first.expected, first.now, first.reached) == ("100 s", "", "102 s (+2 %)")
-    assert (first.remark, failed.why.text) == ("on the bed of um2-01", "it does not get warm")
-    assert (last.progress, last.now, last.reached) == (1.0, "7h00", "")
+    first_row, failed_row, last_row = rows["p01"], rows["p04"], rows["p05"]
+    assert (first_row.expected, first_row.now, first_row.reached) == ("100 s", "", "102 s (+2 %)")
+    assert (first_row.remark, failed_row.why.text) == ("on the bed of um2-01", "it does not get warm")
+    assert (last_row.progress, last_row.now, last_row.reached) == (1.0, "7h00", "")
 
 
 def make_slot(printer="um2-01", plate="1/01"):
@@ -81,21 +81,21 @@ def make_slot(printer="um2-01", plate="1/01"):
 
 
 def test_row_has_the_printer_and_the_end_of_the_forecast():
-    data = data_of(night_books())
+    data = make_data(make_night_books())
     slots = {"1/01": make_slot("um2-07")}
     row = list_part_rows(data.job, data.printers, slots, Role.LOOK)[0]
     assert (row.printer, row.ends) == ("um2-07", slots["1/01"].ends)
 
 
 def test_times_of_a_job_are_elements_that_a_script_shows_in_the_reader_s_zone():
-    data = data_of(night_books(), eta="1970-01-01T09:00:00+00:00")
+    data = make_data(make_night_books(), eta="1970-01-01T09:00:00+00:00")
     page = render(data)
     assert 'printed, ends <time datetime="1970-01-01T09:00:00+00:00">Thu 09:00</time>, in 2h00.' in page
     assert f'<dt>Submitted</dt><dd><time datetime="{data.job.submitted}">' in page
 
 
 def test_reasons_show_commands_as_such_and_leave_out_the_last_which_has_a_button():
-    data = data_of(night_books())
+    data = make_data(make_night_books())
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="load `a reel`, then `farm load um2-01`")
     plates = [data.job.plates[0].model_copy(update={"hold": hold}), *data.job.plates[1:]]
     page = render(replace(data, job=data.job.model_copy(update={"plates": plates})))
@@ -104,9 +104,10 @@ def test_reasons_show_commands_as_such_and_leave_out_the_last_which_has_a_button
 
 
 def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
-    books = night_books()
+    books = make_night_books()
     actions = {
-        name: [(a.path, dict(a.fields)) for a in row.actions] for name, row in rows_of(data_of(books)).items()
+        name: [(a.path, dict(a.fields)) for a in row.actions]
+        for name, row in list_rows(make_data(books)).items()
     }
     assert actions["p01"][:2] == [
         ("/printers/um2-01/cleared", {"seen": "um2-01 1", "good": "1/p01"}),
@@ -117,35 +118,39 @@ def test_part_on_a_bed_is_judged_where_its_bed_is_cleared():
         ("/printers/um2-04/cleared", {"seen": "um2-04 4"}),
     ]
     books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"))
-    assert [a.label for a in rows_of(data_of(books))["p01"].actions] == ["Print again"]
-    assert not any("cleared" in a.path for a in rows_of(data_of(night_books()), Role.PRINT)["p01"].actions)
+    assert [a.label for a in list_rows(make_data(books))["p01"].actions] == ["Print again"]
+    assert not any(
+        "cleared" in a.path for a in list_rows(make_data(make_night_books()), Role.PRINT)["p01"].actions
+    )
 
 
 def test_bed_with_an_earlier_print_of_a_part_is_not_where_the_part_lies():
-    data = data_of(night_books())
-    first = next(printer for printer in data.printers if printer.name == "um2-01")
-    failed = first.model_copy(update={"name": "um2-09"})  # its last print was of the same plate
-    rows = rows_of(replace(data, printers=[*data.printers, failed]))
+    data = make_data(make_night_books())
+    first_printer = next(printer for printer in data.printers if printer.name == "um2-01")
+    failed_printer = first_printer.model_copy(
+        update={"name": "um2-09"}
+    )  # its last print was of the same plate
+    rows = list_rows(replace(data, printers=[*data.printers, failed_printer]))
     assert rows["p01"].remark == "on the bed of um2-01"
     assert not any("um2-09" in action.path for row in rows.values() for action in row.actions)
 
 
 def test_reader_who_only_looks_has_no_buttons():
-    page = render(data_of(night_books()), Role.LOOK)
-    assert paths_of(page) == set()
+    page = render(make_data(make_night_books()), Role.LOOK)
+    assert list_paths(page) == set()
     assert "Commands for" not in page
 
 
 def test_printing_job_is_paused_or_resumed_and_cancelling_takes_a_second_press():
-    page = render(data_of(night_books()))
-    assert {"/jobs/1/pause", "/jobs/1/cancel", "/jobs/1/parts/p05/pause"} <= paths_of(page)
+    page = render(make_data(make_night_books()))
+    assert {"/jobs/1/pause", "/jobs/1/cancel", "/jobs/1/parts/p05/pause"} <= list_paths(page)
     assert re.search(r"<details><summary>Cancel job 1…</summary><form[^>]*action=\"/jobs/1/cancel\"", page)
-    assert "/jobs/1/resume" in paths_of(render(data_of(night_books(), paused=True)))
+    assert "/jobs/1/resume" in list_paths(render(make_data(make_night_books(), paused=True)))
 
 
 def test_dry_run_offers_print_keep_discard_and_its_curve():
     dry = JobOptions(dry_run=True, hold=True)
-    data = data_of(night_books(), state=JobState.HELD, options=dry, plan="abc")
+    data = make_data(make_night_books(), state=JobState.HELD, options=dry, plan="abc")
     slots = [make_slot()]
     timeline = api.Timeline(
         job=1,
@@ -161,7 +166,7 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
         currency=None,
     )
     page = render(replace(data, timeline=timeline, curve_job=7))
-    assert paths_of(page) == {"/jobs/1/release", "/jobs/1/keep", "/jobs/1/cancel", "/jobs/1/replan"}
+    assert list_paths(page) == {"/jobs/1/release", "/jobs/1/keep", "/jobs/1/cancel", "/jobs/1/replan"}
     assert '<input type="hidden" name="plan" value="abc">' in page
     assert '<input type="hidden" name="curve" value="7">' in page
     assert "2 printers: about 2h00, ends Thu 10:00" in page  # counted from the plan's start
@@ -201,13 +206,13 @@ def test_dry_run_offers_print_keep_discard_and_its_curve():
     ],
 )
 def test_first_sentence_says_how_far_it_is(changes, text):
-    data = data_of(night_books(), **changes)
+    data = make_data(make_night_books(), **changes)
     assert summarise_job(data.job, None) == text
     assert f"</span> {text}</p>" in render(data)
 
 
 def test_plates_that_wait_for_the_same_reason_are_named_together():
-    data = data_of(night_books())
+    data = make_data(make_night_books())
     hold = Hold(code=HoldCode.PRINTER_BUSY, text="its printers are busy", times=TIMES)
     plates = [plate.model_copy(update={"hold": hold}) for plate in data.job.plates[:3]] + data.job.plates[3:]
     job = data.job.model_copy(update={"plates": plates})
@@ -216,7 +221,9 @@ def test_plates_that_wait_for_the_same_reason_are_named_together():
 
 
 def test_plates_that_no_printer_can_take_are_named():
-    job = data_of(night_books(), hold=Hold(code=HoldCode.APPROVAL, text="held until it is approved")).job
+    job = make_data(
+        make_night_books(), hold=Hold(code=HoldCode.APPROVAL, text="held until it is approved")
+    ).job
     timeline = api.Timeline(
         job=1,
         now=job.now,
@@ -237,7 +244,7 @@ def test_plates_that_no_printer_can_take_are_named():
 
 
 def test_assembly_shows_steps_joints_and_parts_without_an_order():
-    page = render(replace(data_of(night_books()), files=("instructions.html",)))
+    page = render(replace(make_data(make_night_books()), files=("instructions.html",)))
     assert "Glue p02 to p01, p03; the faces slide along each other" in page
     assert "No order is known in which p04, p05 go together." in page
     assert "4.5 cm²" in page
@@ -259,56 +266,58 @@ def test_files_are_grouped_and_linked_as_downloads():
         "Pictures": ["print-a-end.jpg"],
     }
     assert 'href="/api/v1/jobs/1/files/p01.stl" download' in render(
-        replace(data_of(night_books()), files=names)
+        replace(make_data(make_night_books()), files=names)
     )
 
 
 def test_text_of_people_is_escaped():
-    page = render(data_of(night_books(), name="<script>x</script>", repairs=["<b>hole</b>"]))
+    page = render(make_data(make_night_books(), name="<script>x</script>", repairs=["<b>hole</b>"]))
     assert "<script>x" not in page
     assert "&lt;script&gt;x" in page
     assert "&lt;b&gt;hole" in page
 
 
 def test_own_gcode_is_shown_with_size_layers_and_time():
-    books = night_books()
+    books = make_night_books()
     own_gcode = OwnGcode(nozzle_mm=0.4, min_mm=(-10.0, -20.0, 0.0), max_mm=(10.0, 20.0, 30.4))
     job = books.job(1).model_copy(update={"own_gcode": own_gcode})
     figures = [("size", "20 × 40 × 30 mm"), ("layers", "10"), ("time of its moves", "90 s")]
     assert list_gcode_figures(job, books.plates_of(job)) == figures
     assert list_gcode_figures(job, ()) == figures[:1]
     assert list_gcode_figures(books.job(1), books.plates_of(job)) == []
-    page = render(replace(data_of(books), gcode=figures))
+    page = render(replace(make_data(books), gcode=figures))
     assert "<dt>Layers</dt><dd>10</dd>" in page
 
 
 def test_gluing_is_asked_only_about_a_model_that_was_cut():
-    data, path = data_of(night_books(), state=JobState.PRINTED), "/jobs/1/assembled"
-    assert path in paths_of(render(data))
+    data, path = make_data(make_night_books(), state=JobState.PRINTED), "/jobs/1/assembled"
+    assert path in list_paths(render(data))
     copies = [part.model_copy(update={"copy_number": n}) for n, part in enumerate(data.job.parts, 1)]
-    whole = replace(data, job=data.job.model_copy(update={"parts": copies}))
-    assert path not in paths_of(render(whole))
+    whole_data = replace(data, job=data.job.model_copy(update={"parts": copies}))
+    assert path not in list_paths(render(whole_data))
 
 
 def test_printers_stay_in_view_beside_the_timeline():
-    page = render(data_of(night_books()))
+    page = render(make_data(make_night_books()))
     names, _, bars = page.partition('class="gantt names"')[2].partition('class="wide"')
     assert re.findall(r">(um2-\d+)<title", names) == [f"um2-0{n}" for n in range(1, 6)]
     assert not re.findall(r">um2-\d+</text>", bars.partition("</svg>")[0])
 
 
 def test_why_a_part_failed_is_not_hidden_among_warnings_about_its_slice():
-    data = data_of(night_books())
-    warned = [plate.model_copy(update={"warnings": ["thin", "tall"]}) for plate in data.job.plates]
-    warned_data = replace(data, job=data.job.model_copy(update={"plates": warned}))
-    failed = rows_of(warned_data)["p04"]
-    assert (failed.why.text, failed.warnings) == ("it does not get warm", ["thin", "tall"])
+    data = make_data(make_night_books())
+    warned_plates = [plate.model_copy(update={"warnings": ["thin", "tall"]}) for plate in data.job.plates]
+    warned_data = replace(data, job=data.job.model_copy(update={"plates": warned_plates}))
+    failed_row = list_rows(warned_data)["p04"]
+    assert (failed_row.why.text, failed_row.warnings) == ("it does not get warm", ["thin", "tall"])
     page = render(warned_data)
     assert page.index("it does not get warm") < page.index("thin; tall</details>", page.index('id="p04"'))
 
 
 def test_job_that_could_not_be_planned_says_what_to_do_next_without_empty_figures():
-    data = data_of(night_books(), state=JobState.FAILED, reason="it is not a solid", plates=[], parts=[])
+    data = make_data(
+        make_night_books(), state=JobState.FAILED, reason="it is not a solid", plates=[], parts=[]
+    )
     page = render(data)
     assert "It has failed: it is not a solid. Correct that, then submit it again." in page
     assert "Plates printed" not in page

@@ -26,7 +26,7 @@ def ann(farm):
     return farm.open_session(Role.PRINT, "ann")
 
 
-def state_of(farm, number):
+def get_state(farm, number):
     return farm.controller.books.job(number).state
 
 
@@ -41,12 +41,12 @@ def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
 
 def test_dry_run_is_printed_as_it_was_seen(farm, ann):
     number = plan_job(farm, **DRY)
-    old = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
-    assert (old.status_code, state_of(farm, number)) == (303, JobState.HELD)
+    old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
+    assert (old_plan_answer.status_code, get_state(farm, number)) == (303, JobState.HELD)
     assert "has changed: look at it again" in farm.browse("GET", f"/jobs/{number}", ann).text
-    seen = {"plan": farm.controller.books.job(number).plan}
-    answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=seen)
-    assert (answer.status_code, state_of(farm, number)) == (303, JobState.PRINTING)
+    plan_data = {"plan": farm.controller.books.job(number).plan}
+    answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=plan_data)
+    assert (answer.status_code, get_state(farm, number)) == (303, JobState.PRINTING)
     assert not farm.controller.books.job(number).options.dry_run
 
 
@@ -54,35 +54,35 @@ def test_dry_run_is_kept_for_approval(farm, ann):
     number = plan_job(farm, **DRY)
     farm.browse("POST", f"/jobs/{number}/keep", ann)
     options = farm.controller.books.job(number).options
-    assert (state_of(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
+    assert (get_state(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
 
 
 def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the_curve(farm, ann):
     number = plan_job(farm, **DRY, copies=2)
     answer = farm.browse("POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)})
     assert answer.headers["location"] == f"/jobs/{number + 1}?curve={number}"
-    assert state_of(farm, number) is JobState.CANCELLED
-    new = farm.controller.books.job(number + 1)
-    assert (new.model_file, new.options.printers, new.options.copies) == ("m.npz", 2, 2)
-    assert new.options.dry_run
-    bad = farm.browse("POST", f"/jobs/{number + 1}/replan", ann, data={"printers": "0"})
-    assert bad.status_code == 303
+    assert get_state(farm, number) is JobState.CANCELLED
+    new_job = farm.controller.books.job(number + 1)
+    assert (new_job.model_file, new_job.options.printers, new_job.options.copies) == ("m.npz", 2, 2)
+    assert new_job.options.dry_run
+    refusal = farm.browse("POST", f"/jobs/{number + 1}/replan", ann, data={"printers": "0"})
+    assert refusal.status_code == 303
     assert number + 2 not in farm.controller.books.jobs
 
 
 def test_who_did_not_submit_a_job_may_not_print_it(farm, ann):
-    number = plan_job(farm, by="bob", **DRY)
+    number = plan_job(farm, user="bob", **DRY)
     farm.browse("POST", f"/jobs/{number}/release", ann)
-    assert state_of(farm, number) is JobState.HELD
+    assert get_state(farm, number) is JobState.HELD
     assert "only an operator may let job 1 print" in farm.browse("GET", "/", ann).text
 
 
 def test_report_that_could_not_be_read_is_read_again(farm, ann):
     number = plan_job(farm, **DRY)
     report = farm.state.files / "d.json"
-    away = report.rename(report.with_name("away.json"))
+    renamed_report = report.rename(report.with_name("away.json"))
     assert "2 printers: about 5 s" not in farm.browse("GET", f"/jobs/{number}", ann).text
-    away.rename(report)
+    renamed_report.rename(report)
     assert "2 printers: about 5 s" in farm.browse("GET", f"/jobs/{number}", ann).text
 
 
@@ -145,8 +145,8 @@ def test_time_of_gluing_is_reported_once_the_parts_are_printed(farm, ann):
     number = plan_job(farm)
     path, form = f"/jobs/{number}", f'action="/jobs/{number}/assembled"'
     farm.browse("POST", f"{path}/assembled", ann, data={"minutes": "42"})
-    early = farm.browse("GET", path, ann).text
-    assert "report its assembly once all parts are printed" in early and form not in early
+    early_page = farm.browse("GET", path, ann).text
+    assert "report its assembly once all parts are printed" in early_page and form not in early_page
     job = farm.controller.books.job(number)
     farm.controller.books = put(farm.controller.books, job.model_copy(update={"state": JobState.DONE}))
     assert form in farm.browse("GET", path, ann).text

@@ -1,4 +1,4 @@
-"""Sentences of the pages: their words stay, their times and commands become elements."""
+"""Sentences of the pages, whose times and commands become elements."""
 
 from html.parser import HTMLParser
 
@@ -50,11 +50,11 @@ WORDS = st.sampled_from([FRIDAY.text, SATURDAY.text, "<i>", "&", "a", " ", '"', 
 def test_no_word_is_lost_and_only_times_are_marked(text):
     page = Reader(format_sentence(Sentence(text, (FRIDAY, SATURDAY))))
     assert page.words == text
-    found = text.count(FRIDAY.text) + text.count(SATURDAY.text)
-    assert [tag for tag, _ in page.elements] == ["time"] * found
+    time_count = text.count(FRIDAY.text) + text.count(SATURDAY.text)
+    assert [tag for tag, _ in page.elements] == ["time"] * time_count
 
 
 @given(st.text(), st.text())
-def test_attributes_of_a_time_cannot_end_early(text, at):
-    (element,) = Reader(f"<text {format_time_attributes(TextTime(text=text, at=at))}>").elements
+def test_attributes_of_a_time_cannot_end_early(text, time_at):
+    (element,) = Reader(f"<text {format_time_attributes(TextTime(text=text, at=time_at))}>").elements
     assert list(element[1]) == ["data-time", "data-text"]

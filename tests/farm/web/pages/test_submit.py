@@ -1,4 +1,4 @@
-"""The page that submits a model: its fields, and the job that follows."""
+"""Page that submits a model: its fields, and the submitted job."""
 
 import importlib.util
 import re
@@ -84,9 +84,9 @@ def test_every_field_has_a_label():
     page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     form = page[page.index('<form id="submit"') :]
     labels = re.findall(r"<label[^>]*>(.*?)</label>", form, re.DOTALL)
-    named = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
-    assert named == {*DEFAULTS, "file"}
-    assert all(any(f'name="{name}"' in label for label in labels) for name in named)
+    field_names = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
+    assert field_names == {*DEFAULTS, "file"}
+    assert all(any(f'name="{name}"' in label for label in labels) for name in field_names)
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def send(farm, session, request=REQUEST, name="vase.stl", content=b"x" * 1000, *
 
 def test_model_is_submitted_once_and_leads_to_its_job(farm):
     ann = farm.open_session(Role.PRINT, "ann")
-    for _ in range(2):  # a second press
+    for _ in range(2):  # the button is pressed twice
         answer = send(farm, ann, next="plan", copies="2")
         assert (answer.status_code, answer.headers["location"]) == (303, "/jobs/1")
     job = farm.controller.books.job(1)
@@ -163,6 +163,6 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
 def test_step_is_offered_where_it_can_be_read(monkeypatch, reads_step):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if reads_step else None)
     page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
-    accepted = re.search(r'accept="([^"]*)"', page)[1].split(",")
-    assert (".step" in accepted, "STEP" in page) == (reads_step, reads_step)
-    assert {".stl", ".gcode"} <= set(accepted)
+    suffixes = re.search(r'accept="([^"]*)"', page)[1].split(",")
+    assert (".step" in suffixes, "STEP" in page) == (reads_step, reads_step)
+    assert {".stl", ".gcode"} <= set(suffixes)

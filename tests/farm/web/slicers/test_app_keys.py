@@ -19,9 +19,9 @@ ASK = "/plugin/appkeys/request"
 def test_program_gets_granted_key_once(tmp_path, prefix):
     farm = SlicerFarm(tmp_path)
     assert farm.ask("GET", f"{prefix}/plugin/appkeys/probe").status_code == 204
-    asked = farm.ask("POST", prefix + ASK, json={"app": "Cura <b>5.9</b>"})
-    location = asked.headers["location"].removeprefix(f"http://{HOST}")
-    assert (asked.status_code, location) == (201, f"{prefix}{ASK}/{asked.json()['app_token']}")
+    answer = farm.ask("POST", prefix + ASK, json={"app": "Cura <b>5.9</b>"})
+    location = answer.headers["location"].removeprefix(f"http://{HOST}")
+    assert (answer.status_code, location) == (201, f"{prefix}{ASK}/{answer.json()['app_token']}")
     assert farm.ask("GET", location).status_code == 202
     (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
     assert (request["app"], request["address"]) == ("Cura b 5.9 b", "10.0.0.9")
@@ -37,9 +37,9 @@ def test_program_gets_granted_key_once(tmp_path, prefix):
 
 
 def test_any_path_of_a_request_has_a_location(tmp_path):
-    asked = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + ASK, json={"app": "Cura"})
-    assert asked.status_code == 201
-    assert asked.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{ASK}/")
+    answer = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + ASK, json={"app": "Cura"})
+    assert answer.status_code == 201
+    assert answer.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{ASK}/")
 
 
 def test_denied_program_gets_no_key(tmp_path):

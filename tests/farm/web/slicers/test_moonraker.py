@@ -22,22 +22,22 @@ def test_server_is_recognised_by_its_version(tmp_path, prefix):
 def test_upload_is_held_and_upload_with_print_is_submitted(tmp_path):
     farm = SlicerFarm(tmp_path)
     key = farm.add_key(Role.PRINT)
-    held = farm.upload(key, to=UPLOAD, root="gcodes")
-    printed = farm.upload(key, to="/to/b" + UPLOAD, root="gcodes", print="true")
-    assert [answer.status_code for answer in (held, printed)] == [201, 201]
-    assert held.json()["item"] == {"path": "1/box.gcode", "root": "gcodes"}
-    assert [answer.json()["print_queued"] for answer in (held, printed)] == [False, True]
-    assert [(job.options.hold, job.options.only) for job in farm.booked.values()] == [
+    held_answer = farm.upload(key, url_path=UPLOAD, root="gcodes")
+    printed_answer = farm.upload(key, url_path="/to/b" + UPLOAD, root="gcodes", print="true")
+    assert [answer.status_code for answer in (held_answer, printed_answer)] == [201, 201]
+    assert held_answer.json()["item"] == {"path": "1/box.gcode", "root": "gcodes"}
+    assert [answer.json()["print_queued"] for answer in (held_answer, printed_answer)] == [False, True]
+    assert [(job.options.hold, job.options.only) for job in farm.jobs_by_number.values()] == [
         (True, ()),
         (False, ("b",)),
     ]
-    assert printed.headers["location"] == f"http://{HOST}/to/b/server/files/gcodes/2/box.gcode"
+    assert printed_answer.headers["location"] == f"http://{HOST}/to/b/server/files/gcodes/2/box.gcode"
 
 
 def test_refusals_are_plain_text(tmp_path):
     farm = SlicerFarm(tmp_path, workers=RefuseAll())
-    refused = farm.upload(farm.add_key(Role.PRINT), to=UPLOAD)
-    assert (refused.status_code, refused.headers["content-type"]) == (400, "text/plain")
-    assert refused.text.startswith("line 12:")
+    answer = farm.upload(farm.add_key(Role.PRINT), url_path=UPLOAD)
+    assert (answer.status_code, answer.headers["content-type"]) == (400, "text/plain")
+    assert answer.text.startswith("line 12:")
     for path in ("/server/info", UPLOAD, "/printer/info"):
         assert farm.ask("GET", path).headers["content-type"] == "text/plain"

@@ -19,36 +19,36 @@ def key(farm):
     return farm.add_key(Role.PRINT)
 
 
-def select(farm, key, path, **more):
-    return farm.ask("POST", f"{UPLOAD}/{path}", key, json={"command": "select", **more})
+def select(farm, key, path, **fields):
+    return farm.ask("POST", f"{UPLOAD}/{path}", key, json={"command": "select", **fields})
 
 
 def test_selecting_with_print_releases_a_held_job_before_it_is_planned(farm, key):
     path = farm.upload(key).headers["location"].removeprefix(f"http://{HOST}{UPLOAD}/")
-    assert farm.booked[1].options.hold
+    assert farm.jobs_by_number[1].options.hold
     assert select(farm, key, path, print=True).status_code == 204
-    assert not farm.booked[1].options.hold
-    assert select(farm, key, path, print=True).status_code == 204  # as it prints already, nothing changes
+    assert not farm.jobs_by_number[1].options.hold
+    assert select(farm, key, path, print=True).status_code == 204  # it already prints, so nothing changes
     assert [name for _, name, _ in farm.store.events()].count("JobReleased") == 1
 
 
 def test_selecting_alone_prints_nothing_and_start_does(farm, key):
     farm.upload(key)
     assert select(farm, key, "box.gcode").status_code == 204
-    assert farm.booked[1].options.hold
+    assert farm.jobs_by_number[1].options.hold
     assert farm.ask("GET", "/api/job", key).json()["job"]["file"]["name"] == "box.gcode"
     assert farm.ask("POST", "/api/job", key, json=START).status_code == 204
-    assert not farm.booked[1].options.hold
+    assert not farm.jobs_by_number[1].options.hold
 
 
 def test_only_the_sender_or_an_operator_may_release_a_job(farm, key):
     farm.upload(key)
-    refused = select(farm, farm.add_key(Role.PRINT, "other"), "1/box.gcode", print=True)
-    assert (refused.status_code, refused.headers["content-type"]) == (400, "text/plain")
-    assert refused.text == "only an operator may let job 1 print: `farm approve 1`"
-    assert farm.booked[1].options.hold
+    refusal = select(farm, farm.add_key(Role.PRINT, "other"), "1/box.gcode", print=True)
+    assert (refusal.status_code, refusal.headers["content-type"]) == (400, "text/plain")
+    assert refusal.text == "only an operator may let job 1 print: `farm approve 1`"
+    assert farm.jobs_by_number[1].options.hold
     assert select(farm, farm.add_key(Role.OPERATE), "1/box.gcode", print=True).status_code == 204
-    assert not farm.booked[1].options.hold
+    assert not farm.jobs_by_number[1].options.hold
 
 
 def test_sender_may_not_release_a_job_that_needs_approval(tmp_path):
@@ -56,26 +56,26 @@ def test_sender_may_not_release_a_job_that_needs_approval(tmp_path):
     key = farm.add_key(Role.PRINT)
     farm.upload(key, print="true")
     assert select(farm, key, "1/box.gcode", print=True).status_code == 400
-    assert farm.booked[1].options.hold
+    assert farm.jobs_by_number[1].options.hold
 
 
 def test_ended_job_is_not_released(farm, key):
     farm.upload(key)
     assert select(farm, key, "1/box.gcode").status_code == 204
     assert farm.ask("POST", "/api/job", key, json={"command": "cancel"}).status_code == 204
-    assert farm.booked[1].state is JobState.CANCELLED
-    refused = farm.ask("POST", "/api/job", key, json=START)
-    assert (refused.status_code, refused.text) == (400, "job 1 has already ended: it is cancelled")
+    assert farm.jobs_by_number[1].state is JobState.CANCELLED
+    answer = farm.ask("POST", "/api/job", key, json=START)
+    assert (answer.status_code, answer.text) == (400, "job 1 has already ended: it is cancelled")
 
 
 def test_pause_toggles_the_selected_job(farm, key):
     farm.upload(key, print="true")
     select(farm, key, "box.gcode")
-    seen = []
+    states = []
     for action in ({}, {}, {"action": "pause"}, {"action": "resume"}):
         assert farm.ask("POST", "/api/job", key, json={"command": "pause", **action}).status_code == 204
-        seen.append(farm.booked[1].paused)
-    assert seen == [True, False, True, False]
+        states.append(farm.jobs_by_number[1].paused)
+    assert states == [True, False, True, False]
 
 
 def test_unsupported_commands_are_refused_in_plain_text(farm, key):
@@ -90,14 +90,14 @@ def test_unsupported_commands_are_refused_in_plain_text(farm, key):
         (f"{UPLOAD}/box.gcode", {"command": "slice"}),
         ("/api/connection", {"command": "disconnect"}),
     ):
-        refused = farm.ask("POST", path, key, json=body)
-        assert (refused.status_code, refused.headers["content-type"]) == (400, "text/plain"), body
+        answer = farm.ask("POST", path, key, json=body)
+        assert (answer.status_code, answer.headers["content-type"]) == (400, "text/plain"), body
     assert farm.ask("POST", "/api/connection", key, json={"command": "connect"}).status_code == 204
 
 
 def test_files_are_the_open_jobs_of_the_address(farm, key):
     farm.upload(key, "a.gcode")
-    farm.upload(key, "b.stl", to="/to/b" + UPLOAD)
+    farm.upload(key, "b.stl", url_path="/to/b" + UPLOAD)
     names = {
         prefix: [file["name"] for file in farm.ask("GET", f"{prefix}/api/files", key).json()["files"]]
         for prefix in ("", "/to/a", "/to/b")
@@ -105,22 +105,22 @@ def test_files_are_the_open_jobs_of_the_address(farm, key):
     assert names == {"": ["a.gcode", "b.stl"], "/to/a": ["a.gcode"], "/to/b": ["a.gcode", "b.stl"]}
     file = farm.ask("GET", f"/to/b{UPLOAD}/2/b.stl", key).json()
     assert (file["type"], file["refs"]["resource"]) == ("model", f"http://{HOST}/to/b{UPLOAD}/2/b.stl")
-    missing = farm.ask("GET", f"{UPLOAD}/c.gcode", key)
-    assert (missing.status_code, missing.headers["content-type"]) == (404, "text/plain")
+    missing_answer = farm.ask("GET", f"{UPLOAD}/c.gcode", key)
+    assert (missing_answer.status_code, missing_answer.headers["content-type"]) == (404, "text/plain")
 
 
 def test_requests_of_cura_are_answered_at_both_addresses(farm):
     key = farm.add_key(Role.LOOK, "laptop")
     farm.ready("b", nozzle_c=24.5, bed_c=23.0)
     for prefix, name in (("", farm.controller.fleet.fleet.name), ("/to/b", "b")):
-        found = {
+        answers = {
             path: farm.ask("GET", f"{prefix}/api/{path}", key).json()
             for path in ("version", "server", "settings", "printer", "printerprofiles", "job", "connection")
         }
-        assert found["settings"]["feature"]["sdSupport"] is False
-        assert found["printerprofiles"]["profiles"]["_default"]["name"] == name
-        assert found["job"]["state"] == "Operational"
-        heaters = found["printer"]["temperature"]
+        assert answers["settings"]["feature"]["sdSupport"] is False
+        assert answers["printerprofiles"]["profiles"]["_default"]["name"] == name
+        assert answers["job"]["state"] == "Operational"
+        heaters = answers["printer"]["temperature"]
         assert heaters == {} if not prefix else heaters["tool0"]["actual"] == 24.5
         user = farm.ask("POST", f"{prefix}/api/login", key, json={"passive": True}).json()
         assert (user["name"], user["admin"]) == ("key laptop", False)

@@ -23,12 +23,12 @@ def test_version_is_one_that_slicers_accept(make):
 def test_upload_holds_a_job_and_upload_and_print_submits_one(make):
     farm = make()
     key = farm.add_key(Role.PRINT)
-    held, printed = farm.upload(key, print="false"), farm.upload(key, print="true")
-    assert [answer.status_code for answer in (held, printed)] == [201, 201]
-    assert [farm.booked[n].options.hold for n in (1, 2)] == [True, False]
-    assert [answer.json()["effectivePrint"] for answer in (held, printed)] == [False, True]
-    assert farm.booked[1].submitted_by == "key print"
-    assert farm.booked[1].name == "box.gcode"
+    held_answer, printed_answer = farm.upload(key, print="false"), farm.upload(key, print="true")
+    assert [answer.status_code for answer in (held_answer, printed_answer)] == [201, 201]
+    assert [farm.jobs_by_number[n].options.hold for n in (1, 2)] == [True, False]
+    assert [answer.json()["effectivePrint"] for answer in (held_answer, printed_answer)] == [False, True]
+    assert farm.jobs_by_number[1].submitted_by == "key print"
+    assert farm.jobs_by_number[1].name == "box.gcode"
     assert farm.left_files == []
 
 
@@ -60,18 +60,18 @@ def test_farm_that_approves_every_job_prints_none_at_once(make):
 def test_models_are_accepted_as_well(make, name):
     farm = make()
     assert farm.upload(farm.add_key(Role.PRINT), name, print="true").status_code == 201
-    assert farm.booked[1].name == name
+    assert farm.jobs_by_number[1].name == name
 
 
 def test_address_of_a_printer_asks_for_that_one(make):
     farm = make()
     key = farm.add_key(Role.PRINT)
-    answer = farm.upload(key, to="/to/b" + UPLOAD, print="true")
-    assert farm.booked[1].options.only == ("b",)
+    answer = farm.upload(key, url_path="/to/b" + UPLOAD, print="true")
+    assert farm.jobs_by_number[1].options.only == ("b",)
     assert answer.headers["location"] == f"http://{HOST}/to/b{UPLOAD}/1/box.gcode"
-    unknown = farm.upload(key, to="/to/c" + UPLOAD)
+    unknown = farm.upload(key, url_path="/to/c" + UPLOAD)
     assert (unknown.status_code, unknown.text) == (404, "there is no printer c; the fleet has a, b")
-    assert len(farm.booked) == 1
+    assert len(farm.jobs_by_number) == 1
 
 
 def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
@@ -80,7 +80,7 @@ def test_refusal_is_plain_text_with_line_and_reason_in_front(make):
     assert answer.status_code == 400
     assert answer.headers["content-type"] == "text/plain"
     assert answer.text == "line 12: G29 probes the bed, which this printer cannot"
-    assert (farm.booked, farm.left_files) == ({}, [])
+    assert (farm.jobs_by_number, farm.left_files) == ({}, [])
 
 
 def test_folder_is_shown_and_not_interpreted(make):
@@ -90,7 +90,7 @@ def test_folder_is_shown_and_not_interpreted(make):
         "POST", UPLOAD, farm.add_key(Role.PRINT), files={"file": ("a.gcode", b"G28")}, data=fields
     )
     assert answer.status_code == 201
-    assert farm.booked[1].options.note == "../etc"
+    assert farm.jobs_by_number[1].options.note == "../etc"
 
 
 BOUNDARY = {"content-type": "multipart/form-data; boundary=b"}
@@ -111,9 +111,9 @@ def test_upload_cut_at_any_byte_leaves_nothing(make):
     for end in range(len(FORM)):
         answer = farm.send(UPLOAD, key, [FORM[:end], None], announce(len(FORM)))
         assert answer.status == 400, answer
-    assert (farm.booked, farm.left_files, len(farm.store.events())) == ({}, [], events)
+    assert (farm.jobs_by_number, farm.left_files, len(farm.store.events())) == ({}, [], events)
     assert farm.send(UPLOAD, key, [FORM], announce(len(FORM))).status == 201
-    assert farm.booked[1].name == "a.gcode"
+    assert farm.jobs_by_number[1].name == "a.gcode"
 
 
 def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(make):
@@ -123,10 +123,10 @@ def test_refused_upload_is_read_to_its_end_so_that_the_client_sees_the_answer(ma
     large = farm.send(UPLOAD, farm.add_key(Role.PRINT, "b"), [b"--x"] * 5, announce(3 * 10**9))
     assert (large.status, large.unread) == (400, 5)
     assert "fleet.uploads.model_gb" in large.text
-    waiting = {**announce(8), "expect": "100-continue"}
+    waiting_headers = {**announce(8), "expect": "100-continue"}
     assert (
         farm.send(
-            UPLOAD, farm.add_key(Role.PRINT, "c"), chunks, {**waiting, "content-type": "text/plain"}
+            UPLOAD, farm.add_key(Role.PRINT, "c"), chunks, {**waiting_headers, "content-type": "text/plain"}
         ).unread
         == 6
     )
@@ -146,7 +146,7 @@ def test_upload_longer_than_announced_leaves_nothing(make, headers):
     """With both headers h11 reads chunks of any length, which may exceed the announced size."""
     farm = make()
     farm.send(UPLOAD, farm.add_key(Role.PRINT), [FORM, FORM], {**announce(10), **headers})
-    assert not farm.booked and not list(farm.services.state.work.iterdir())
+    assert not farm.jobs_by_number and not list(farm.services.state.work.iterdir())
 
 
 def test_empty_file_is_refused(make):

@@ -31,23 +31,36 @@ def test_states_of_a_print_have_octoprint_s_names(state, text):
 
 
 def test_progress_adds_up_to_the_whole_print():
-    shown = views.describe_current_job(make_job(), progress())["progress"]
-    assert (shown["completion"], shown["printTime"], shown["printTimeLeft"]) == (25.0, 100, 300)
-    begun = views.describe_current_job(make_job(), progress(share=0.0))["progress"]
-    assert (begun["completion"], begun["printTime"]) == (0.0, None)
+    progress_view = views.describe_current_job(make_job(), progress())["progress"]
+    assert (progress_view["completion"], progress_view["printTime"], progress_view["printTimeLeft"]) == (
+        25.0,
+        100,
+        300,
+    )
+    progress_at_begin = views.describe_current_job(make_job(), progress(share=0.0))["progress"]
+    assert (progress_at_begin["completion"], progress_at_begin["printTime"]) == (0.0, None)
 
 
 def test_view_without_a_job_has_empty_fields():
-    shown = views.describe_current_job(None, None)
-    assert shown["job"]["file"]["name"] is None
-    assert shown["progress"]["printTimeLeft"] is None
-    assert shown["state"] == "Operational"
+    job_view = views.describe_current_job(None, None)
+    assert job_view["job"]["file"]["name"] is None
+    assert job_view["progress"]["printTimeLeft"] is None
+    assert job_view["state"] == "Operational"
 
 
 def test_farm_always_reports_ready():
     flags = views.describe_state(None)["state"]["flags"]
-    wanted = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
-    assert [flags[name] for name in wanted] == [False] * 6 + [True] * 2
+    true_flags = (
+        "error",
+        "closedOrError",
+        "paused",
+        "pausing",
+        "printing",
+        "cancelling",
+        "ready",
+        "operational",
+    )
+    assert [flags[name] for name in true_flags] == [False] * 6 + [True] * 2
 
 
 def test_profile_of_the_farm_is_what_each_printer_can_print():
@@ -74,8 +87,8 @@ def test_file_is_found_by_number_and_name_or_as_the_newest_of_its_name():
             (4, "b", "bob"),
         )
     }
-    found = {path: views.find_job(jobs, path, "ann").id for path in ("1/a.gcode", "a.gcode", "/b")}
-    assert found == {"1/a.gcode": 1, "a.gcode": 2, "/b": 4}
+    files_found = {path: views.find_job(jobs, path, "ann").id for path in ("1/a.gcode", "a.gcode", "/b")}
+    assert files_found == {"1/a.gcode": 1, "a.gcode": 2, "/b": 4}
     assert views.find_job(jobs, "a.gcode", "carl").id == 3
     for path in ("4/a.gcode", "9/a.gcode", "c", "٣/a.gcode", "9" * 5000 + "/a.gcode", "", "1/"):
         with pytest.raises(NoSuchThing):
