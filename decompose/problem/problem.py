@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
+T = TypeVar("T")
 Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # a solid and the rooms to fit
 
 MAX_PARTS = 200  # maximum number of printers, or rounds, that a message suggests for a model
@@ -98,6 +100,10 @@ class Problem:
             return self
         model = replace(self.model, solid=self.model.solid.rotate(rotation))
         return replace(self, model=model, frame=rotation @ self.frame)
+
+    def map(self, function: Callable[..., T], *arguments: Iterable[Any]) -> Iterator[T]:
+        """Call a function for each item, in parallel with an executor; the results are in order."""
+        return map(function, *arguments) if self.executor is None else self.executor.map(function, *arguments)
 
     def granularity(self, model: Model) -> int:
         """Choose the granularity of the grid for a model in the frame of the cut."""
@@ -205,13 +211,12 @@ class Problem:
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """Find the pose of each piece, once for each solid and rooms; in parallel with an executor."""
-        run = map if self.executor is None else self.executor.map
         unposed_keys = {
             self._make_posing(piece): piece for piece in pieces if self._make_posing(piece) not in self._poses
         }
         self.effort.record(Work.PIECE_POSED, len(unposed_keys))
         self.effort.record(Work.FACE_POSED, sum(piece.solid.faces for piece in unposed_keys.values()))
-        self._poses.update(zip(unposed_keys, run(self.find_pose, unposed_keys.values()), strict=True))
+        self._poses.update(zip(unposed_keys, self.map(self.find_pose, unposed_keys.values()), strict=True))
         return [self._poses[self._make_posing(piece)] for piece in pieces]
 
     def _make_posing(self, piece: Piece) -> Posing:

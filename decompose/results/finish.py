@@ -152,8 +152,7 @@ def _find_steady_poses(
         rooms = (*problem.rooms_for(piece), printer)
         return find_steady_pose(mesh, rooms, problem.cost, fastest, steady_limit_s(fastest, spare_s))
 
-    run = map if problem.executor is None else problem.executor.map
-    return list(run(find_pose, pieces, poses, assigned_printers, ratios))
+    return list(problem.map(find_pose, pieces, poses, assigned_printers, ratios))
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:

@@ -173,7 +173,7 @@ class _PlaneShift:
         if not (self.free.any() and math.isfinite(find_longest_s(best))):
             return best
         self._record_effort([i for i in range(len(best)) for _ in range(6)])
-        slopes = np.array([self._measure_slopes(i, part) for i, part in enumerate(best)])
+        slopes = np.array(list(self.problem.map(self._measure_slopes, range(len(best)), best)))
         for rounds in range(ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
@@ -332,10 +332,8 @@ class _PlaneShift:
         """Cut the parts whose boxes moved, and find new poses where the old ones do not fit."""
         moved_parts = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._record_effort(moved_parts)
-        run = map if self.problem.executor is None else self.problem.executor.map
-        recut = list(
-            run(self._cut_in_old_poses, moved_parts, [parts[i] for i in moved_parts], boxes_mm[moved_parts])
-        )
+        cuts = moved_parts, [parts[i] for i in moved_parts], boxes_mm[moved_parts]
+        recut = list(self.problem.map(self._cut_in_old_poses, *cuts))
         unposed = [
             piece
             for part, poses in recut
