@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement
+from threading import Event
 
 import numpy as np
 import pytest
@@ -99,6 +101,29 @@ def test_ties_are_broken_by_work_then_by_cut_area(shape: Shape, seed: int, share
         sum(round(boxes.cut_mm2[i] / AREA_MM2) for i in indices),
     )
     assert worth == find_best_by_recursion(boxes, is_needed, limit)
+
+
+@pytest.mark.parametrize("is_busy", [False, True])
+@settings(max_examples=10, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.2, 1.2))
+def test_an_executor_free_or_busy_changes_no_solution(
+    is_busy: bool, shape: Shape, seed: int, share: float
+) -> None:
+    boxes, _ = make_tables(shape, seed)
+    limit_s = share * 130.0 * float(np.prod(shape))
+    alone = Partitioner(boxes)
+    fewest = alone.solve(limit_s, ties=True)
+    is_over = Event()
+    with ThreadPoolExecutor(1) as executor:
+        if is_busy:
+            executor.submit(is_over.wait)
+        helped = Partitioner(boxes, executor=executor)
+        fewest_by_both = helped.solve(limit_s, ties=True)
+        is_over.set()
+    assert fewest_by_both == fewest
+    assert (helped.counts == alone.counts).all()
+    if fewest < UNREACHABLE:
+        assert helped.list_chosen_boxes() == alone.list_chosen_boxes()
 
 
 @settings(max_examples=25, deadline=None)
