@@ -67,7 +67,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_INTERVAL_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_INTERVAL_S = 1.0
-_FORECAST_INTERVAL_S = 5.0
+_FORECAST_INTERVAL_S = 15.0
 _NOTIFY_INTERVAL_S = 2.0
 _DRY_RUNS_INTERVAL_S = 5.0
 _CAMERAS_INTERVAL_S = 0.5

@@ -69,6 +69,8 @@ def divide_starts(
     starts, later
         Assignments that are possible in this situation, and those that were not looked at.
     """
+    if not assignments:
+        return [], ()
     free, fleet = {p.name for p in situation.free}, situation.fleet
     waiting = {plate.id: plate for plate in situation.waiting}
     limit, started_by_job = min(limit, _count_allowed_starts(situation)), Counter[int]()
