@@ -8,11 +8,14 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.connectors import Connectors
+from decompose.options import THIN_FILAMENT_MM
 
 LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
 PRICES_S = {
-    "groove upright": 1.0,
-    "groove level": 21.0,
+    "groove upright": 1.5,
+    "groove level": 22.0,
+    "groove upright thin": 1.5,  # for thin filament
+    "groove level thin": 12.0,
     "hole upright": 35.0,
     "hole level": 35.0,
     "mark upright": 6.0,
@@ -34,11 +37,13 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
         (3,) the bed's up in its pose.
     """
 
-    def name_price(kind: str, into: Floats) -> str:
-        return f"{kind} {'level' if abs(float(into @ up)) > LEVEL_SIN else 'upright'}"
+    def name_price(kind: str, into: Floats, suffix: str = "") -> str:
+        return f"{kind} {'level' if abs(float(into @ up)) > LEVEL_SIN else 'upright'}{suffix}"
 
     amounts = Counter(
-        name_price("hole" if pin.along is None else "groove", hole.into)
+        name_price("hole", hole.into)
+        if pin.along is None
+        else name_price("groove", hole.into, " thin" if pin.diameter_mm <= THIN_FILAMENT_MM else "")
         for pin in connectors.pins
         for hole in pin.holes
         if hole.part == part
