@@ -32,15 +32,17 @@ def test_setting_the_host_s_clock_moves_no_deadline(step_s: float, monkeypatch: 
 
 @pytest.mark.parametrize("step_s", [6 * 3600.0, -6 * 3600.0, 3e7])
 def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pytest.MonkeyPatch):
-    real = time.time
-    clock, agent_s = Clock(), Clock()
+    host_time = time.time
+    clock, agent_clock = Clock(), Clock()
     assert clock.follow_host() == 0.0
-    monkeypatch.setattr(time, "time", lambda: real() + step_s)
+    monkeypatch.setattr(time, "time", lambda: host_time() + step_s)
     assert clock.follow_host() == pytest.approx(step_s, abs=1.0)
     assert clock.follow_host() == 0.0
-    assert clock.now() - agent_s.now() == pytest.approx(step_s, abs=1.0)  # which does not arrive
+    assert clock.now() - agent_clock.now() == pytest.approx(
+        step_s, abs=1.0
+    )  # the agent's clock does not follow
     assert clock.wall(clock.now()) == pytest.approx(read_wall_s(), abs=60.0)
-    monkeypatch.setattr(time, "time", real)
+    monkeypatch.setattr(time, "time", host_time)
     assert clock.follow_host() == pytest.approx(-step_s, abs=1.0)
 
 

@@ -15,7 +15,7 @@ from farm.model import Job, JobOptions, JobState, PlanProgress, PlanStep
 from farm.paths import Places, StateFolder
 from farm.state import Books
 from farm.state import events as ev
-from recording_controller import fleet
+from recording_controller import make_fleet
 
 
 def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):
@@ -24,7 +24,7 @@ def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):
     state.make()
     state.lock.mkdir()  # like a full or read-only disk, it refuses the lock
     with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: check its disk space"):
-        run(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+        run(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
 
 COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__).parent.glob("[a-z]*.py")]
@@ -44,7 +44,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     monkeypatch.setattr("farm.daemon._FOLLOW_INTERVAL_S", 0.0)
     state = StateFolder(tmp_path / "state")
     state.make()
-    daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     real, reports = time.time, []
     monkeypatch.setattr(daemon._timers, "clock_set", lambda: reports.append("timers"))
     monkeypatch.setattr(daemon._controller, "handle", lambda *events: reports.extend(events))
@@ -70,7 +70,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
 def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, looks):
     state = StateFolder(tmp_path / "state")
     state.make()
-    daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     planning_states, polls, ends = iter([[1], [1], []]), [], []
 
     def list_planning(_):
@@ -95,7 +95,7 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
 def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
     state = StateFolder(tmp_path / "state")
     state.make()
-    daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     controller, waits = daemon._controller, []
     controller.books = Books.from_entities([planned_job(1)])
     controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))

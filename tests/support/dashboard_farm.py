@@ -10,7 +10,7 @@ from farm.state import events as ev
 from farm.state.books import Books
 from farm.views import ViewContext
 from make_books import apply_events, make_end_event, make_job, make_plan_event
-from scheduling_examples import printer, rules
+from scheduling_examples import make_printer, make_rules
 
 DAY_S = 86400.0
 START_S = 1_700_000_000.0  # Tue 14 Nov 2023 22:13:20 UTC
@@ -22,7 +22,7 @@ def make_fleet(names="abc", **options):
     return Fleet.model_validate({"fleet": {"name": "lab", **options}, "printers": rows})
 
 
-def submit(books, number, plates=2, at_s=START_S, is_held=False, **changes):
+def add_planned_job(books, number, plates=2, at_s=START_S, is_held=False, **changes):
     """Return the books with another planned job, which waits for an approval if it is held."""
     job = make_job(number).model_copy(update={"submitted_s": at_s, **changes})
     return apply_events(
@@ -33,7 +33,7 @@ def submit(books, number, plates=2, at_s=START_S, is_held=False, **changes):
     )[0]
 
 
-def print_plate(books, plate, printer_name, begin_s, took_s, **changes):
+def add_print(books, plate, printer_name, begin_s, took_s, **changes):
     """Return the books with an ended print of a plate, whose bed is cleared."""
     name = f"{plate}-{begin_s}"
     books, _ = apply_events(
@@ -44,7 +44,7 @@ def print_plate(books, plate, printer_name, begin_s, took_s, **changes):
     return books
 
 
-def judge(books, printer_name, at_s, verdict=Verdict.GOOD, reason=None):
+def judge_print(books, printer_name, at_s, verdict=Verdict.GOOD, reason=None):
     """Return the books with a cleared bed and a verdict on its part."""
     cleared_event = ev.BedCleared(
         at_s=at_s, printer=printer_name, by="ann", filament=None, verdict=verdict, why=reason
@@ -52,7 +52,7 @@ def judge(books, printer_name, at_s, verdict=Verdict.GOOD, reason=None):
     return apply_events(books, cleared_event)[0]
 
 
-def empty_books(names="abc"):
+def make_empty_books(names="abc"):
     """Return books with idle printers."""
     return apply_events(Books(), *(ev.PrinterAdded(at_s=START_S, printer=n, bed="clear") for n in names))[0]
 
@@ -65,5 +65,5 @@ def make_context(books, now_s, fleet=None, **changes):
 def make_situation(books, now_s, names="abc", attended=(), quiet=()):
     """Return the situation with all waiting plates of the books."""
     plates = tuple(describe_plates(books.waiting_plates(), books))
-    fleet = tuple(printer(n, booked=books.open_print_on(n) is not None) for n in names)
-    return Situation(plates, fleet, rules(attended, quiet), now_s)
+    fleet = tuple(make_printer(n, booked=books.open_print_on(n) is not None) for n in names)
+    return Situation(plates, fleet, make_rules(attended, quiet), now_s)

@@ -37,7 +37,7 @@ class RecordedEffects:
 PLUS = "ultimaker2_plus"
 
 
-def fleet(models=(PLUS, PLUS), **fleet_options):
+def make_fleet(models=(PLUS, PLUS), **fleet_options):
     """Make printers a, b, ... of these models."""
     names = zip("abcdefgh", models, strict=False)
     printers = [{"name": name, "model": model, "port": f"sim://{model}"} for name, model in names]
@@ -66,7 +66,7 @@ class Farm(Commands):
         folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
         self.controller = Controller(
-            fleet(models, **fleet_options), self.store, clock or Clock(), list_bed_boxes
+            make_fleet(models, **fleet_options), self.store, clock or Clock(), list_bed_boxes
         )
         super().__init__(self.controller)
         self.controller.start(self.effects)

@@ -16,15 +16,15 @@ TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
 UTC = ZoneInfo("UTC")
 
 
-def hours(*texts):
+def make_hours(*texts):
     return Hours(tuple(map(parse_window, texts)), UTC)
 
 
-def rules(attended=(), quiet=(), **changes):
-    return StartRules(hours(*attended), hours(*quiet), **changes)
+def make_rules(attended=(), quiet=(), **changes):
+    return StartRules(make_hours(*attended), make_hours(*quiet), **changes)
 
 
-def printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
+def make_printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
     facts = {
         "bed": Bed.CLEAR,
         "filament": FilamentState.PARKED,
@@ -41,7 +41,7 @@ def box(height_mm, half_mm=50.0):
     return (-half_mm, -half_mm, half_mm, half_mm, height_mm)
 
 
-def plate(name, planned, **changes):
+def make_plate(name, planned, **changes):
     facts = {
         "requirements": Requirements("generic_pla", None, 0.4, box(100.0)),
         "job": 1,
@@ -51,8 +51,8 @@ def plate(name, planned, **changes):
     return WaitingPlate(id=name, planned=planned, **{**facts, **changes})
 
 
-def situation(plates, fleet, start_rules=None, now_s=0.0, spares=0, **changes):
+def make_situation(plates, fleet, start_rules=None, now_s=0.0, spares=0, **changes):
     spares_by_printer = {0: spares} if spares else {}
     return Situation(
-        tuple(plates), tuple(fleet), start_rules or rules(), now_s, spares=spares_by_printer, **changes
+        tuple(plates), tuple(fleet), start_rules or make_rules(), now_s, spares=spares_by_printer, **changes
     )

@@ -21,8 +21,8 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.admission import StartPlanning
 from farm.state import events as ev
 from farm.state.storage.store import Store
-from make_books import make_plan_event as planned
-from recording_controller import MODEL, Commands, fleet
+from make_books import make_plan_event
+from recording_controller import MODEL, Commands, make_fleet
 
 STEP_S = 60.0
 NEXT_STATE = {
@@ -33,7 +33,7 @@ NEXT_STATE = {
 }
 
 
-class Killed(BaseException):
+class DaemonKilled(BaseException):
     """Simulated SIGKILL of the daemon."""
 
 
@@ -49,10 +49,10 @@ class SteppingStore(Store):
         self._world.commits += 1
         is_killed = self._world.commits in self._world.kills
         if is_killed and not self._world.after:
-            raise Killed
+            raise DaemonKilled
         super().commit(event, old_books, new_books)
         if is_killed:
-            raise Killed
+            raise DaemonKilled
 
 
 class Clock:
@@ -140,7 +140,7 @@ class FarmSimulation:
 
     def up(self):
         self.store = SteppingStore(self.path, self)
-        self.controller = Controller(fleet(), self.store, self.clock, list_bed_boxes)
+        self.controller = Controller(make_fleet(), self.store, self.clock, list_bed_boxes)
         commands = Commands(self.controller)
         self.jobs, self.clear_bed = commands.jobs, commands.clear_bed
         self.controller.start(self, self.store.copied_s)
@@ -160,7 +160,7 @@ class FarmSimulation:
         """Call the daemon, and start it again if it is killed; return whether the call succeeded."""
         try:
             function()
-        except Killed:
+        except DaemonKilled:
             self.store.close()
             self.restarts += 1
             self.to_plan = None
@@ -216,7 +216,7 @@ class FarmSimulation:
         self.restart_if_killed(self.controller.handle)
         if self.to_plan is not None:
             job, self.to_plan = self.to_plan, None
-            event = planned(1, self.plates)
+            event = make_plan_event(1, self.plates)
             plates = tuple(
                 plate.model_copy(update={"sha256": f"{i % self.files:064x}"})
                 for i, plate in enumerate(event.plates)

@@ -27,12 +27,12 @@ from decompose.geometry.repair import MAX_BODIES
 MODELS = Path(os.environ.get("FARM_MODELS", Path(__file__).parents[3] / "shared" / "models"))
 
 
-def block(lo: tuple[float, float, float], hi: tuple[float, float, float]) -> np.ndarray:
+def make_block(lo: tuple[float, float, float], hi: tuple[float, float, float]) -> np.ndarray:
     vertices, faces = Solid.box(lo, hi).arrays()
     return vertices[faces]
 
 
-def ball(radius: float = 20.0) -> np.ndarray:
+def make_ball(radius: float = 20.0) -> np.ndarray:
     return np.array(trimesh.creation.icosphere(3, radius).triangles)
 
 
@@ -64,7 +64,7 @@ def test_ascii_stl_is_read_and_a_truncated_one_refused(tmp_path: Path) -> None:
 
 
 def test_scale_and_longest_side_set_the_size(tmp_path: Path) -> None:
-    path = save(tmp_path / "b.stl", block((0, 0, 0), (10, 20, 40)))
+    path = save(tmp_path / "b.stl", make_block((0, 0, 0), (10, 20, 40)))
     assert load_model(path, longest_side_mm=260.0).extents_mm == pytest.approx([65.0, 130.0, 260.0])
     model = load_model(path, scale=25.4)
     assert model.scale == 25.4
@@ -77,7 +77,7 @@ def test_scale_and_longest_side_set_the_size(tmp_path: Path) -> None:
 
 
 def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
-    path = save(tmp_path / "metres.stl", block((0, 0, 0), (0.1, 0.2, 0.26)))
+    path = save(tmp_path / "metres.stl", make_block((0, 0, 0), (0.1, 0.2, 0.26)))
     with pytest.raises(ModelTiny, match=r"--longest-side MM, or --scale 1000 if it is in metres") as error:
         load_model(path)
     assert "\n" not in str(error.value)
@@ -85,7 +85,7 @@ def test_model_in_metres_needs_a_scale(tmp_path: Path) -> None:
 
 
 def damage_file(path: Path, change: Callable[[bytes], bytes]) -> Path:
-    save(path, ball())
+    save(path, make_ball())
     path.write_bytes(change(path.read_bytes()))
     return path
 
@@ -124,14 +124,14 @@ def test_random_bytes_are_refused_in_one_line(tmp_path: Path, data: bytes, suffi
 
 def test_coordinates_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     for coordinate in (np.nan, np.inf):
-        triangles = ball()
+        triangles = make_ball()
         triangles[5, 1, 2] = coordinate
         with pytest.raises(ModelNotFinite, match="1 of 1280"):
             load_model(save(tmp_path / "nan.stl", triangles))
 
 
 def test_flat_model_is_refused(tmp_path: Path) -> None:
-    sheet = block((0, 0, 0), (50, 50, 1))
+    sheet = make_block((0, 0, 0), (50, 50, 1))
     sheet[..., 2] = 3.0
     with pytest.raises(ModelFlat, match="along z"):
         load_model(save(tmp_path / "flat.stl", sheet))
@@ -159,7 +159,7 @@ def test_many_loose_triangles_are_refused_before_the_repair(
 
 def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
     cubes = [
-        block((x, y, z), (x + 6.0, y + 6.0, z + 6.0))
+        make_block((x, y, z), (x + 6.0, y + 6.0, z + 6.0))
         for x in range(0, 70, 10) for y in range(0, 70, 10) for z in range(0, 140, 10)
     ]  # fmt: skip
     cubes[5] = cubes[5][1:]  # one of them open
@@ -170,14 +170,14 @@ def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
 
 
 def test_half_a_model_is_refused(tmp_path: Path) -> None:
-    triangles = ball()
+    triangles = make_ball()
     half = triangles[triangles[:, :, 2].mean(axis=1) > 0.0]
     with pytest.raises(ModelNotSolid, match="half a model"):
         load_model(save(tmp_path / "half.stl", half))
 
 
 def test_small_holes_are_closed(tmp_path: Path) -> None:
-    triangles = np.delete(ball(), [10, 500, 900], axis=0)
+    triangles = np.delete(make_ball(), [10, 500, 900], axis=0)
     model = load_model(save(tmp_path / "holes.stl", triangles))
     (message,) = model.repairs
     assert "9 open edges" in message
@@ -186,13 +186,13 @@ def test_small_holes_are_closed(tmp_path: Path) -> None:
 
 
 def test_inverted_model_is_turned_outwards(tmp_path: Path) -> None:
-    model = load_model(save(tmp_path / "inverted.stl", ball()[:, ::-1]))
+    model = load_model(save(tmp_path / "inverted.stl", make_ball()[:, ::-1]))
     assert model.solid.volume_mm3 > 0.0
     assert model.repairs == ("Turned the model inside out: its triangles faced inwards.",)
 
 
 def test_inverted_triangles_are_turned(tmp_path: Path) -> None:
-    triangles = ball()
+    triangles = make_ball()
     triangles[40:60] = triangles[40:60, ::-1]
     model = load_model(save(tmp_path / "mixed.stl", triangles))
     assert model.solid.volume_mm3 == pytest.approx(trimesh.creation.icosphere(3, 20.0).volume, rel=1e-3)
@@ -200,31 +200,35 @@ def test_inverted_triangles_are_turned(tmp_path: Path) -> None:
 
 
 def test_repeated_triangles_are_dropped(tmp_path: Path) -> None:
-    triangles = np.concatenate([ball(), ball()[:5], np.zeros((2, 3, 3))])
+    triangles = np.concatenate([make_ball(), make_ball()[:5], np.zeros((2, 3, 3))])
     model = load_model(save(tmp_path / "twice.stl", triangles))
     assert model.repairs == ("Dropped 7 triangles that had collapsed or were given twice.",)
 
 
 def test_bodies_are_joined_and_cavities_kept(tmp_path: Path) -> None:
-    apart = [block((0, 0, 0), (10, 10, 10)), block((5, 5, 5), (15, 15, 15)), block((30, 0, 0), (40, 10, 10))]
+    apart = [
+        make_block((0, 0, 0), (10, 10, 10)),
+        make_block((5, 5, 5), (15, 15, 15)),
+        make_block((30, 0, 0), (40, 10, 10)),
+    ]
     model = load_model(save(tmp_path / "three.stl", np.concatenate(apart)))
     assert model.solid.volume_mm3 == pytest.approx(2000.0 - 125.0 + 1000.0)
     assert any("3 bodies" in r for r in model.repairs)
     hollow = [
-        block((0, 0, 0), (40, 40, 40)),
-        block((5, 5, 5), (35, 35, 35))[:, ::-1],
-        block((15, 15, 15), (25, 25, 25)),
+        make_block((0, 0, 0), (40, 40, 40)),
+        make_block((5, 5, 5), (35, 35, 35))[:, ::-1],
+        make_block((15, 15, 15), (25, 25, 25)),
     ]
     model = load_model(save(tmp_path / "nested.stl", np.concatenate(hollow)))
     assert model.solid.volume_mm3 == pytest.approx(64_000.0 - 27_000.0 + 1000.0)
-    triangles = [block((0, 0, 0), (20, 20, 20)), block((30, 0, 0), (40, 10, 10))[:, ::-1]]
+    triangles = [make_block((0, 0, 0), (20, 20, 20)), make_block((30, 0, 0), (40, 10, 10))[:, ::-1]]
     model = load_model(save(tmp_path / "turned.stl", np.concatenate(triangles)))
     assert model.solid.volume_mm3 == pytest.approx(9000.0)
     assert any("1 of 2 bodies" in r for r in model.repairs)
 
 
 def test_messages_use_the_given_name_of_a_file(tmp_path: Path) -> None:
-    path = save(tmp_path / "3fa9c1", ball())
+    path = save(tmp_path / "3fa9c1", make_ball())
     assert load_model(path, name="My Ball.STL").repairs == ()
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header promises"):

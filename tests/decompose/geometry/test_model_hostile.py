@@ -19,7 +19,7 @@ from decompose.errors import (
 from decompose.geometry import load_model, write_stl
 
 
-def ball(radius: float = 20.0) -> np.ndarray:
+def make_ball(radius: float = 20.0) -> np.ndarray:
     return np.array(trimesh.creation.icosphere(3, radius).triangles)
 
 
@@ -33,7 +33,7 @@ def write_obj(path: Path, triangles: np.ndarray) -> Path:
 
 @pytest.mark.parametrize("factor", [1e-300, 1e-160, 1e-30, 1e10, 1e30, 1e38, 1e160, 1e300])
 def test_any_unit_is_accepted_with_a_longest_side(tmp_path: Path, factor: float) -> None:
-    path = write_obj(tmp_path / "unit.obj", ball() * factor)
+    path = write_obj(tmp_path / "unit.obj", make_ball() * factor)
     model = load_model(path, longest_side_mm=100.0)
     assert model.extents_mm.max() == pytest.approx(100.0)
     with pytest.raises((ModelTiny, ModelHuge)) as error:
@@ -44,8 +44,8 @@ def test_any_unit_is_accepted_with_a_longest_side(tmp_path: Path, factor: float)
 @pytest.mark.parametrize("offset", [1e8, 1e10, 1e12])
 def test_model_far_from_the_origin_is_refused(tmp_path: Path, offset: float) -> None:
     with pytest.raises(ModelHuge, match="origin"):
-        load_model(write_obj(tmp_path / "far.obj", ball() + offset))
-    assert load_model(write_obj(tmp_path / "near.obj", ball() + 1e4)).repairs == ()
+        load_model(write_obj(tmp_path / "far.obj", make_ball() + offset))
+    assert load_model(write_obj(tmp_path / "near.obj", make_ball() + 1e4)).repairs == ()
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_invalid_sizes_are_refused(
     tmp_path: Path, scale: float | None, longest_side_mm: float | None, error: type[DecomposeError]
 ) -> None:
     path = tmp_path / "ball.stl"
-    write_stl(path, ball().astype(np.float32))
+    write_stl(path, make_ball().astype(np.float32))
     with pytest.raises(error) as raised:
         load_model(path, scale=scale, longest_side_mm=longest_side_mm)
     assert "\n" not in str(raised.value)
@@ -74,7 +74,7 @@ def test_invalid_sizes_are_refused(
 
 def test_tiny_model_with_a_distant_point_is_refused(tmp_path: Path) -> None:
     """Use a model of triangles that are too small, far from one another."""
-    specks = np.concatenate([ball(1e-10), ball(1e-10) + 50.0])
+    specks = np.concatenate([make_ball(1e-10), make_ball(1e-10) + 50.0])
     with pytest.raises(ModelNotSolid):
         load_model(write_obj(tmp_path / "speck.obj", specks))
 
@@ -138,7 +138,7 @@ def test_ply_with_a_false_header_is_refused(
 
 def test_bytes_after_the_triangles_of_an_stl_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "ball.stl"
-    write_stl(path, ball().astype(np.float32))
+    write_stl(path, make_ball().astype(np.float32))
     reference = load_model(path)
     path.write_bytes(path.read_bytes() + b"a program's own words")
     model = load_model(path)
@@ -148,11 +148,11 @@ def test_bytes_after_the_triangles_of_an_stl_are_ignored(tmp_path: Path) -> None
 
 def test_repairs_are_reported(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
-    write_stl(path, ball().astype(np.float32))
+    write_stl(path, make_ball().astype(np.float32))
     load_model(path, report=steps.append)
     assert steps == ["reading", "checking its surface"]
-    open_ball = np.delete(ball(), [0, 1, 5], axis=0)
-    write_stl(path, np.concatenate([open_ball, ball() + 60.0]).astype(np.float32))
+    open_ball = np.delete(make_ball(), [0, 1, 5], axis=0)
+    write_stl(path, np.concatenate([open_ball, make_ball() + 60.0]).astype(np.float32))
     load_model(path, report=steps.append)
     assert "repairing body 1 of 2" in steps
     assert "joining 2 bodies" in steps
@@ -160,7 +160,7 @@ def test_repairs_are_reported(tmp_path: Path) -> None:
 
 def test_model_with_more_triangles_than_memory_allows_is_refused_before_it_is_read(tmp_path: Path) -> None:
     path, steps = tmp_path / "ball.stl", []
-    write_stl(path, np.tile(ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000
+    write_stl(path, np.tile(make_ball(), (1000, 1, 1)).astype(np.float32))  # 1,280,000
     with pytest.raises(ModelTooDetailed, match=r"1\.3 million triangles.*1\.0 GB.*suffice for 0\.5 million"):
         load_model(path, memory_bytes=2**30, report=steps.append)
     assert steps == ["reading"]

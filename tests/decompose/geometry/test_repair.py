@@ -19,7 +19,7 @@ from decompose.geometry.weld import weld_triangles
 MODELS = Path(os.environ.get("FARM_MODELS", Path(__file__).parents[3] / "shared" / "models"))
 
 
-def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> np.ndarray:
+def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> np.ndarray:
     vertices, faces = Solid.box(lo, hi).arrays()
     return vertices[faces]
 
@@ -42,7 +42,7 @@ def remove_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
 )
 def test_touching_bodies_are_separated(corner: tuple[float, ...], pieces: int) -> None:
     other_corner = tuple(20.0 + w for w in corner)
-    bodies = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(corner, other_corner)])
+    bodies = np.concatenate([make_block((0, 0, 0), (20, 20, 20)), make_block(corner, other_corner)])
     solid, _ = close_surface("two", weld_triangles(bodies))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert len(solid.pieces()) == pieces
@@ -54,7 +54,9 @@ def test_touching_cubes_of_a_lattice_are_united(
     places: list[tuple[int, int, int]], data: st.DataObject
 ) -> None:
     """Use cubes that share faces, edges and corners, some of them inside out."""
-    cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
+    cubes = [
+        make_block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places
+    ]
     order = data.draw(st.permutations(range(12 * len(cubes))))
     solid, _ = close_surface("lattice", weld_triangles(np.concatenate(cubes)[list(order)]))
     assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
@@ -63,7 +65,10 @@ def test_touching_cubes_of_a_lattice_are_united(
 def make_overlapping_blocks() -> np.ndarray:
     """Make two blocks that overlap slightly and share an edge of four triangles; no edge is open."""
     hair_mm = 0.01
-    first_body, second_body = block((0, 0, 0), (20, 20, 20)), block((20 - hair_mm, 0, 0), (40, 30, 20))
+    first_body, second_body = (
+        make_block((0, 0, 0), (20, 20, 20)),
+        make_block((20 - hair_mm, 0, 0), (40, 30, 20)),
+    )
     second_body[(second_body[..., 0] < 20) & (second_body[..., 1] == 0.0), 0] = (
         20.0  # so that its side intersects the first block
     )
@@ -81,7 +86,7 @@ def test_overlapping_bodies_with_a_common_edge_are_united() -> None:
 
 
 def test_body_that_is_inside_out_comes_apart_from_one_that_it_touches() -> None:
-    cubes = [block((0, 0, 0), (20, 20, 20)), block((20, 20, 0), (40, 40, 20))[:, ::-1]]
+    cubes = [make_block((0, 0, 0), (20, 20, 20)), make_block((20, 20, 0), (40, 40, 20))[:, ::-1]]
     solid, repairs = close_surface("two", weld_triangles(np.concatenate(cubes)))
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert not any("new" in repair for repair in repairs)
@@ -97,8 +102,8 @@ def test_closed_model_with_edges_of_four_faces_is_not_called_open() -> None:
 
 def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
     """Use a tube that penetrates an open box, as handles of models do; MeshFix alone would drop it."""
-    box = remove_lid(block((0, 0, 0), (100, 100, 100)), 0, 100.0)
-    tube = remove_lid(remove_lid(block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
+    box = remove_lid(make_block((0, 0, 0), (100, 100, 100)), 0, 100.0)
+    tube = remove_lid(remove_lid(make_block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
     solid, repairs = close_surface("mug", weld_triangles(np.concatenate([box, tube])))
     assert solid.volume_mm3 == pytest.approx(1e6 + 60.0 * 400.0)
     assert solid.bounds_mm[0] == pytest.approx([-60.0, 0.0, 0.0])
@@ -125,13 +130,13 @@ def test_gaps_that_rounding_left_are_welded() -> None:
 def test_cup_without_wall_thickness_is_refused() -> None:
     """Check the refusal of a repair that would add a lid to a cup."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
-        close_surface("cup", weld_triangles(remove_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0)))
+        close_surface("cup", weld_triangles(remove_lid(make_block((0, 0, 0), (100, 100, 50)), 2, 50.0)))
 
 
 def test_surface_that_a_repair_would_drop_is_refused() -> None:
     sail = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
     with pytest.raises(ModelNotSolid, match=r"would lose \d+ %"):
-        close_surface("sail", weld_triangles(np.concatenate([block((0, 0, 0), (100, 100, 100)), sail])))
+        close_surface("sail", weld_triangles(np.concatenate([make_block((0, 0, 0), (100, 100, 100)), sail])))
 
 
 def test_one_sided_surfaces_are_not_oriented() -> None:

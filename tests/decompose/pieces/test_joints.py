@@ -22,7 +22,7 @@ from decompose.printers import PrinterRoom
 FAR = 1e3
 
 
-def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
+def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
     return Solid.box(lo, hi)
 
 
@@ -39,21 +39,21 @@ def cut(
 
 
 def test_two_halves_have_one_joint() -> None:
-    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     assert (joint.a, joint.b) == (0, 1)
     assert joint.area_mm2 == pytest.approx(1200.0)
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
 
 
 def test_duplicate_plane_counts_once() -> None:
-    item, other_pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    item, other_pieces = cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,))
     twice = Piece(item.solid, np.concatenate([item.planes, -item.planes]), item.boxes_mm)
     (joint,) = find_joints([twice, other_pieces])
     assert joint.area_mm2 == pytest.approx(1200.0)
 
 
 def test_width_of_a_frame_is_that_of_its_rim() -> None:
-    frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
+    frame = make_block((0, 0, 0), (60, 60, 30)).subtract(make_block((4, 4, -1), (56, 56, 31)))
     pieces = cut(frame, z=(15.0,))
     (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
@@ -61,7 +61,7 @@ def test_width_of_a_frame_is_that_of_its_rim() -> None:
 
 
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
-    pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
+    pieces = cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
     assert [(j.a, j.b) for j in find_joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 
@@ -82,7 +82,7 @@ def test_each_cut_face_is_glued_on_both_sides(
 
 
 def test_joints_on_oblique_planes_are_found() -> None:
-    solid = block((0, 0, 0), (40, 40, 40))
+    solid = make_block((0, 0, 0), (40, 40, 40))
     normal = np.array([0.6, 0.0, 0.8])
     plane = np.array([*normal, 28.0])[None]
     below, above = solid.manifold.split_by_plane(tuple(normal), 28.0)[::-1]
@@ -92,7 +92,7 @@ def test_joints_on_oblique_planes_are_found() -> None:
 
 
 def test_thin_slice_is_a_sliver_but_not_a_thin_model() -> None:
-    slab = block((0, 0, 0), (100, 60, 4))
+    slab = make_block((0, 0, 0), (100, 60, 4))
     assert find_faults(cut(slab, x=(50.0,))) == []
     (fault,) = find_faults(cut(slab, x=(94.0,)))
     assert fault.piece == 1
@@ -100,7 +100,7 @@ def test_thin_slice_is_a_sliver_but_not_a_thin_model() -> None:
 
 
 def test_film_with_a_rib_is_a_flake() -> None:
-    model = Solid.union([block((0, 0, 0), (60, 60, 30.5)), block((0, 30, 0), (60, 30.6, 40))])
+    model = Solid.union([make_block((0, 0, 0), (60, 60, 30.5)), make_block((0, 30, 0), (60, 30.6, 40))])
     (fault,) = find_faults(cut(model, z=(30.0,)))
     assert fault.piece == 1
     assert "flake" in fault.reason
@@ -110,9 +110,9 @@ def make_dumbbell(bar_mm: float) -> Solid:
     bar_span_mm = 20.0 - bar_mm / 2.0, 20.0 + bar_mm / 2.0
     return Solid.union(
         [
-            block((0, 0, 0), (40, 40, 40)),
-            block((80, 0, 0), (130, 40, 40)),
-            block((20, bar_span_mm[0], bar_span_mm[0]), (100, bar_span_mm[1], bar_span_mm[1])),
+            make_block((0, 0, 0), (40, 40, 40)),
+            make_block((80, 0, 0), (130, 40, 40)),
+            make_block((20, bar_span_mm[0], bar_span_mm[0]), (100, bar_span_mm[1], bar_span_mm[1])),
         ]
     )
 
@@ -129,9 +129,9 @@ def test_piece_on_a_thin_connection_is_loose() -> None:
 def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     """Use three boxes in a T: two touch each other along a strip, and the third holds both."""
     solids = [
-        block((0, 0, 0), (60, 30, 30)),
-        block((0, 30, 0), (30, 60, 30)),
-        block((30, 30, 0), (60, 60, 30)),
+        make_block((0, 0, 0), (60, 30, 30)),
+        make_block((0, 30, 0), (30, 60, 30)),
+        make_block((30, 30, 0), (60, 60, 30)),
     ]
     pieces = [
         Piece(s, np.array([[0.0, 1.0, 0.0, 30.0], [1.0, 0.0, 0.0, 30.0]]), np.zeros((0, 2, 3)))
@@ -139,7 +139,7 @@ def test_weak_joint_beside_a_strong_one_does_not_hold() -> None:
     ]
     assert [round(j.area_mm2) for j in find_joints(pieces)] == [900, 900, 900]
     assert find_faults(pieces) == []
-    thin = block((30, 30, 0), (60, 60, 0.5))
+    thin = make_block((30, 30, 0), (60, 60, 0.5))
     pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
     weak = min(find_joints(pieces), key=lambda j: j.area_mm2)
     assert weak.area_mm2 == pytest.approx(15.0)
@@ -150,9 +150,9 @@ def make_finned_blocks() -> Solid:
     """Make two blocks that a fin of 0.5 mm joins over 400 mm."""
     return Solid.union(
         [
-            block((0, 0, 0), (400, 60, 60)),
-            block((0, 100, 0), (400, 170, 60)),
-            block((0, 50, 30), (400, 110, 30.5)),
+            make_block((0, 0, 0), (400, 60, 60)),
+            make_block((0, 100, 0), (400, 170, 60)),
+            make_block((0, 50, 30), (400, 110, 30.5)),
         ]
     )
 
@@ -183,7 +183,10 @@ def test_partition_with_a_thin_joint_is_rejected(cost: CostModel) -> None:
 
 
 def test_bodies_that_touch_nothing_are_not_loose() -> None:
-    assert find_faults([*cut(block((0, 0, 0), (40, 40, 40))), *cut(block((50, 0, 0), (60, 10, 10)))]) == []
+    assert (
+        find_faults([*cut(make_block((0, 0, 0), (40, 40, 40))), *cut(make_block((50, 0, 0), (60, 10, 10)))])
+        == []
+    )
 
 
 @pytest.mark.parametrize(("min_glue_mm2", "held_mm2"), [(25.0, 25.0), (0.0, 0.0)])
@@ -193,9 +196,9 @@ def test_partition_with_a_weak_joint_is_rejected(
     """Use a model whose even cut is through the thin bar between the two blocks."""
     solid = Solid.union(
         [
-            block((0, 0, 0), (120, 120, 120)),
-            block((200, 0, 0), (320, 120, 120)),
-            block((100, 58, 58), (220, 62, 62)),
+            make_block((0, 0, 0), (120, 120, 120)),
+            make_block((200, 0, 0), (320, 120, 120)),
+            make_block((100, 58, 58), (220, 62, 62)),
         ]
     )
     printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
@@ -214,7 +217,7 @@ def test_partition_with_a_weak_joint_is_rejected(
 
 @pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.BEST])
 def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> None:
-    rod = Model(block((0, 0, 0), (500, 4, 4)), (), 1.0)
+    rod = Model(make_block((0, 0, 0), (500, 4, 4)), (), 1.0)
     printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
     options = Options(engine, best=BestOptions(0.0), prove=False)
     with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
@@ -222,26 +225,26 @@ def test_piece_on_a_thin_joint_is_refused(engine: Engine, cost: CostModel) -> No
     assert len(decompose_model(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4
 
 
-def corners(face: JointFace) -> Floats:
+def list_corners(face: JointFace) -> Floats:
     """Return the corners (n, 3) of a face's outline in mm."""
     return np.array(face.outline.exterior.coords) @ face.axes + face.offset_mm * face.normal
 
 
 @given(st.floats(0.0, 6.3), st.tuples(*[st.floats(-300.0, 300.0)] * 3))
 def test_moving_a_joint_moves_its_corners(angle: float, offset: tuple[float, float, float]) -> None:
-    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     transform = np.eye(4)
     transform[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     transform[:3, :3] = transform[:3, :3] @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     transform[:3, 3] = offset
     [old_face], [new_face] = joint.faces, joint.move(transform).faces
-    assert corners(new_face) == pytest.approx(
-        corners(old_face) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9
+    assert list_corners(new_face) == pytest.approx(
+        list_corners(old_face) @ transform[:3, :3].T + transform[:3, 3], abs=1e-9
     )
     assert new_face.area_mm2 == pytest.approx(1200.0)
 
 
 def test_faces_lie_on_planes_that_were_not_rounded() -> None:
     at_mm = 20.1234567890123
-    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
+    (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
     assert joint.faces[0].offset_mm == at_mm

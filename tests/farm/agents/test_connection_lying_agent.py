@@ -15,7 +15,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.storage.store import Store
 from farm.views import describe_job, describe_night, describe_printer, list_history, list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 NOW_S = datetime(2026, 11, 1).timestamp()
@@ -104,7 +104,7 @@ def make_busy_farm(folder):
     farm.store._db.execute("PRAGMA synchronous = OFF")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.handle(
-        ev.PlanningStarted(at_s=NOW_S, job=1), planned(1, 4).model_copy(update={"at_s": NOW_S})
+        ev.PlanningStarted(at_s=NOW_S, job=1), make_plan_event(1, 4).model_copy(update={"at_s": NOW_S})
     )
     for name, plate, print_id in (("a", "1/01", "mine"), ("b", "1/02", "theirs")):
         farm.controller.handle(

@@ -23,8 +23,7 @@ from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from make_books import apply_events as booked
-from make_books import make_printing_books
+from make_books import apply_events, make_printing_books
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 40.0
@@ -174,7 +173,7 @@ class RecordingConnection:
 
 
 def test_start_is_sent_with_its_limits_and_changed_limits_later(tmp_path: Path):
-    books, _ = booked(
+    books, _ = apply_events(
         make_printing_books(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p")
     )
     links = AgentManager(

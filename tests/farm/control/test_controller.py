@@ -25,7 +25,7 @@ from farm.state import events as ev
 from farm.state.books import list_changed_entities
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))
@@ -43,7 +43,7 @@ class FakeClock:
 
 @pytest.fixture
 def plan():
-    event = planned(1, 2)
+    event = make_plan_event(1, 2)
     return Plan(event.parts, event.plates, event.repairs, 1000.0, 500.0, 100.0, None)
 
 
@@ -66,7 +66,7 @@ def test_plate_is_reassigned_after_its_agent_confirmed_the_cancel(tmp_path):
     farm = Farm(tmp_path, [PLUS] * 3)
     farm.ready("a", "b", "c")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 1)
+    event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     first_print = farm.controller.books.open_print_on("a")
     stale_snapshot = AgentSnapshot(printer="a", link=Link.ABSENT, agent_pid=9, reason="unplugged")
@@ -202,7 +202,7 @@ def test_second_job_is_planned_and_forecast_while_the_first_prints(farm, plan):
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
     assert farm.effects.plans == [(1, ["a", "b"], 1), (2, ["a", "b"], 1)]
     farm.controller.on_plan(1, plan)
-    event = planned(2, 2)
+    event = make_plan_event(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     first_view, second_view = (
         describe_job(farm.view_context(STATE), farm.controller.books.jobs[n]) for n in (1, 2)
@@ -307,7 +307,7 @@ def test_hold_says_the_end_by_progress_without_a_commit(farm, monkeypatch):
     farm.controller.clock = FakeClock()
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 3)
+    event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
 
     def shown():
@@ -345,7 +345,7 @@ def test_start_writes_little_with_many_waiting_plates(farm, monkeypatch):
 
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 100)
+    event = make_plan_event(1, 100)
     monkeypatch.setattr(farm.store, "commit", weigh)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     assert sizes.pop("JobPlanned")

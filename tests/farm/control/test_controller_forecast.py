@@ -14,7 +14,7 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 HOUR = 3600.0
@@ -50,7 +50,7 @@ class Night:
         number, _ = self.farm.jobs.submit(request, "m.stl", MODEL, options)
         if self.controller.books.jobs[number].state is JobState.QUEUED:
             self.controller.handle(ev.PlanningStarted(at_s=self.clock.now_s, job=number))
-        event = planned(number, len(hours))
+        event = make_plan_event(number, len(hours))
         names = self.controller.fleet.names
         plates = tuple(
             plate.model_copy(

@@ -11,7 +11,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.views import list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
@@ -43,7 +43,7 @@ def farm(tmp_path):
     farm.controller.clock, farm.controller.started_s = Clock(FRIDAY), FRIDAY - 3600.0
     farm.ready("a", reset_verified=False)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
-    event = planned(1, 1)
+    event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
 
@@ -187,7 +187,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     )
     farm.ready("a")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
-    event = planned(1, 1)
+    event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     farm.jobs.submit("s" * 8, "m.stl", MODEL, JobOptions(at="12:00"), "ann")
     assert farm.controller.books.open_print_on("a") is None
@@ -195,7 +195,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
     farm.controller.on_clock_set(7 * 3600.0)
     assert farm.controller.books.open_print_on("a").plate == "1/01"
     assert farm.controller.books.jobs[2].not_before_s == parse_time("2026-11-20 12:00")
-    later_event = planned(2, 1)
+    later_event = make_plan_event(2, 1)
     farm.controller.on_plan(
         2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0, 100.0, None)
     )

@@ -13,7 +13,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state.storage.store import Store, StoreError
 from farm.views import list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, PLUS, Farm
 from simulated_fleet import FarmSimulation
 
@@ -115,7 +115,7 @@ def test_full_disk_of_an_agent_is_not_counted_as_attempt(tmp_path):
     farm = Farm(tmp_path, (PLUS,) * 4)
     farm.ready(*"abcd")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 1)
+    event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     for _ in "abcd":
         (attempt,) = farm.controller.books.open_prints()

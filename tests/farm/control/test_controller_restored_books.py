@@ -24,7 +24,7 @@ from farm.state.books import put
 from farm.state.reconciliation import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views import list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 from simulated_fleet import FarmSimulation
 
@@ -95,7 +95,7 @@ def restore_farm(folder, plates=1, printing=None):
     """Make a farm with books of the time after a job was planned, or its first plate assigned to `a`."""
     farm = Farm(folder)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, plates)
+    event = make_plan_event(1, plates)
     farm.controller.handle(ev.PlanningStarted(at_s=PLANNED_S, job=1))
     farm.controller.handle(event.model_copy(update={"at_s": PLANNED_S}))
     if printing is not None:

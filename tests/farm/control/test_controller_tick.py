@@ -9,7 +9,7 @@ from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
 from farm.state import events as ev
 from farm.state.storage import StoreError
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 NIGHT = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()
@@ -49,7 +49,7 @@ def farm(tmp_path, calls):
     farm.controller.started_s = NIGHT - 3600.0
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
-    event = planned(1, 1)
+    event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     calls.clear()
     return farm
@@ -133,7 +133,7 @@ def test_tick_starts_a_plate_made_possible_by_the_last_start(tmp_path):
     reel = Reel(material="generic_pla", nozzle_mm=0.4, grams=10.0)
     farm.controller.handle(ev.ReelLoaded(at_s=NIGHT, printer="c", reel=reel, by="ann"))
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(spares=1), "ann")
-    event = planned(1, 2)
+    event = make_plan_event(1, 2)
     plates = [
         plate.model_copy(update={"printer": printer, "grams": 50.0})
         for plate, printer in zip(event.plates, "ca", strict=True)

@@ -22,7 +22,7 @@ from farm.paths import StateFolder
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.plan import DecomposeTask, Plan
 from farm.views import describe_job, list_history
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))
@@ -44,7 +44,7 @@ def farm(tmp_path):
     farm = Farm(tmp_path, models=(PLUS,) * 4, clock=StoppedClock())
     farm.ready("a", "b", "c", "d")
     farm.jobs.submit("r" * 8, "vase.stl", MODEL, OPTIONS)
-    event = planned(plates=2)
+    event = make_plan_event(plates=2)
     single_plan = Plan(event.parts, event.plates, event.repairs, 1.0, 180.0, 100.0, None)
     task = DecomposeTask(1, tmp_path, OPTIONS, farm.controller.fleet.printers, 1, tmp_path)
     farm.controller.on_plan(1, multiply_plan(single_plan, task))

@@ -18,7 +18,7 @@ from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import compute_sha256
 from farm.views import describe_job, describe_timeline, list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 GCODE = InspectedSubmission(
@@ -54,7 +54,7 @@ def submit(farm, name="r", model=MODEL, **options):
 
 def plan_for(number, state, plates=2):
     """Make a plan whose G-code is in the file store."""
-    event = planned(number, plates)
+    event = make_plan_event(number, plates)
     gcode = b"G28\n"
     (state.files / "g.gcode").write_bytes(gcode)
     facts = {"sha256": hashlib.sha256(gcode).hexdigest()}

@@ -25,7 +25,7 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.views import describe_job, list_tasks
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
@@ -37,7 +37,7 @@ def farm(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 3)
+    event = make_plan_event(1, 3)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
 
@@ -218,7 +218,7 @@ def test_idle_printers_lost_together_are_an_outage(tmp_path):
 
 def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(hold=True))
-    event = planned(2, 1)
+    event = make_plan_event(2, 1)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     for name in "ab":
         ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())

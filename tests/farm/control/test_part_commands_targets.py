@@ -13,7 +13,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
 from http_caller import DAEMON_USER, call_as
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 
@@ -23,7 +23,7 @@ def farm(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 2)
+    event = make_plan_event(1, 2)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()
     for attempt in list(farm.controller.books.open_prints()):

@@ -11,7 +11,7 @@ from farm.planning.plan import Plan
 from farm.state import PlateState, validate_books
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, PLUS, Farm
 
 HOUR = 3600.0
@@ -19,7 +19,7 @@ HOUR = 3600.0
 
 def make_plan(number, hours, printers):
     """Return a plan with a plate of each of these lengths."""
-    event = planned(number, len(hours))
+    event = make_plan_event(number, len(hours))
     plates = tuple(
         plate.model_copy(
             update={
@@ -127,7 +127,7 @@ def test_fewer_plates_replace_more(farm):
 
 def make_farm_event(farm, hours, printers):
     plan = make_plan(1, hours, printers)
-    event = planned(1, len(hours))
+    event = make_plan_event(1, len(hours))
     return event.model_copy(update={"plates": plan.plates, "at_s": farm.controller.clock.now()})
 
 

@@ -11,7 +11,7 @@ from farm.model import HoldCode, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views.jobs import describe_queue
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
@@ -24,7 +24,7 @@ def farm(tmp_path):
     farm.ready("a", "b")
     for number in (1, 2, 3):
         farm.jobs.submit(f"request-{number}", f"m{number}.stl", MODEL, JobOptions())
-        event = planned(number, 3)
+        event = make_plan_event(number, 3)
         plates = tuple(plate.model_copy(update={"printer": "a"}) for plate in event.plates)
         farm.controller.on_plan(number, Plan(event.parts, plates, (), 1.0, 500.0, 100.0, None))
     return farm

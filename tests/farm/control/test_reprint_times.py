@@ -6,7 +6,7 @@ from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, Job
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views import describe_job, list_history
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 from simulated_fleet import Clock
 
@@ -22,7 +22,7 @@ class Night:
         self.state = StateFolder(folder)
         self.farm.ready("a", "b")
         self.farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-        event = planned(1, 2)
+        event = make_plan_event(1, 2)
         self.farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
 
     def report(self, printer, state, began_s):

@@ -20,7 +20,7 @@ from farm.http.uploads import Upload, Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.planning import name_step_file
-from recording_controller import fleet
+from recording_controller import make_fleet
 
 QUOTA = UploadsSection(model_gb=2.0, at_once=2, free_gb=1.0, open_jobs=3)
 MB, GB = 10**6, 10**9
@@ -62,9 +62,9 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
             await was_checked.wait()
             return "inspected"
 
-        section = fleet().fleet.model_copy(update={"uploads": UploadsSection(at_once=1)})
+        section = make_fleet().fleet.model_copy(update={"uploads": UploadsSection(at_once=1)})
         controller = SimpleNamespace(
-            fleet=fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
+            fleet=make_fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
         )
         inspections: dict[Path, str] = {}
         workers = SimpleNamespace(run=run, starting="loading the planning code", memory_bytes=GB)
@@ -101,7 +101,7 @@ def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tm
     state.make()
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
-    controller = SimpleNamespace(fleet=fleet(), books=SimpleNamespace(jobs={}))
+    controller = SimpleNamespace(fleet=make_fleet(), books=SimpleNamespace(jobs={}))
     uploads = Uploads(controller, state, SimpleNamespace(memory_bytes=GB), {})
     size = 84 + 50 * 4_000_000
 

@@ -14,7 +14,7 @@ from farm.scheduling.admission import (
 )
 from farm.scheduling.matching import Requirements
 from farm.state.books import Books
-from scheduling_examples import TALL, printer, situation
+from scheduling_examples import TALL, make_printer, make_situation
 
 ANY_PRINTER = Requirements(None, None, None)
 
@@ -42,37 +42,48 @@ def begin(
 
 
 def test_first_job_uses_all_idle_and_clear_printers():
-    fleet = [printer("a"), printer("b", bed=Bed.NOT_CLEAR), printer("c", booked=True), printer("d")]
+    fleet = [
+        make_printer("a"),
+        make_printer("b", bed=Bed.NOT_CLEAR),
+        make_printer("c", booked=True),
+        make_printer("d"),
+    ]
     assert begin(ANY_PRINTER, None, 0, fleet, frozenset(), True) == PlanOrder(("a", "d"))
     assert begin(ANY_PRINTER, None, 0, fleet, frozenset("d"), True) == PlanOrder(("a",))
     assert begin(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("a",))
 
 
 def test_fewer_requested_printers_are_the_largest():
-    fleet = [printer("a"), printer("b", room=TALL)]
+    fleet = [make_printer("a"), make_printer("b", room=TALL)]
     assert begin(ANY_PRINTER, 1, 0, fleet, frozenset(), True) == PlanOrder(("b",))
 
 
 def test_job_waits_for_connecting_printers():
-    answer = begin(ANY_PRINTER, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), True)
+    answer = begin(
+        ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), True
+    )
     assert isinstance(answer, Hold) and "b" in answer.text
     decision = begin(
-        ANY_PRINTER, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), False
+        ANY_PRINTER, None, 0, [make_printer("a"), make_printer("b", link=Link.STARTING)], frozenset(), False
     )
     assert decision == PlanOrder(("a",))
 
 
 def test_excess_parts_are_planned_for_busy_printers_then_in_rounds():
-    fleet = [printer("a"), printer("b", booked=True), printer("c")]
+    fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c")]
     assert begin(ANY_PRINTER, None, 3, fleet, frozenset(), True) == PlanOrder(("a", "b", "c"))
-    printers = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
+    printers = [
+        make_printer("a"),
+        make_printer("b", link=Link.ABSENT),
+        make_printer("c", attention_reason="it smokes"),
+    ]
     assert begin(ANY_PRINTER, None, 2, printers, frozenset(), True) == PlanOrder(("a",), rounds=2)
     assert begin(ANY_PRINTER, None, 5, fleet, frozenset(), True) == PlanOrder(("a", "c"), rounds=3)
 
 
 def test_job_is_planned_though_no_printer_is_free():
-    busy_printer, full_printer = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
-    broken_printer = printer("a", attention_reason="it smokes")
+    busy_printer, full_printer = make_printer("c", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)
+    broken_printer = make_printer("a", attention_reason="it smokes")
     assert begin(
         ANY_PRINTER, None, 0, [broken_printer, full_printer, busy_printer], frozenset(), True
     ) == PlanOrder(("b", "c"))
@@ -82,22 +93,22 @@ def test_job_is_planned_though_no_printer_is_free():
     assert begin(ANY_PRINTER, None, 0, [broken_printer], frozenset(), True) == PlanOrder(
         ("a",)
     )  # no other fact is known
-    assert begin(ANY_PRINTER, None, 0, [printer("d"), busy_printer], frozenset("d"), True) == PlanOrder(
+    assert begin(ANY_PRINTER, None, 0, [make_printer("d"), busy_printer], frozenset("d"), True) == PlanOrder(
         ("c", "d")
     )
 
 
 def test_job_that_no_printer_matches_is_held_with_the_reason():
     assert (
-        find_mismatch(Requirements("generic_abs", None, None), [printer("a")]).code
+        find_mismatch(Requirements("generic_abs", None, None), [make_printer("a")]).code
         is HoldCode.NO_SUCH_PRINTER
     )
     assert find_mismatch(ANY_PRINTER, []).code is HoldCode.NO_SUCH_PRINTER
-    assert find_mismatch(ANY_PRINTER, [printer("a", attention_reason="it smokes")]) is None
+    assert find_mismatch(ANY_PRINTER, [make_printer("a", attention_reason="it smokes")]) is None
 
 
 def test_job_at_night_is_planned_for_unattended_printers():
-    fleet = [printer("a"), printer("b"), printer("c", unattended=False)]
+    fleet = [make_printer("a"), make_printer("b"), make_printer("c", unattended=False)]
     blocked_printers = frozenset("c")
     assert begin(
         ANY_PRINTER, None, 0, fleet, frozenset(), True, blocked_printers=blocked_printers
@@ -108,7 +119,7 @@ def test_job_at_night_is_planned_for_unattended_printers():
     assert begin(
         ANY_PRINTER, None, 0, fleet[2:], frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("c",))
-    busy_printers = [printer("a", booked=True), fleet[2]]
+    busy_printers = [make_printer("a", booked=True), fleet[2]]
     assert begin(
         ANY_PRINTER, None, 0, busy_printers, frozenset(), True, blocked_printers=blocked_printers
     ) == PlanOrder(("a",))
@@ -121,7 +132,7 @@ def make_queued_job(number, **changes):
 
 def decide(jobs, fleet):
     """Decide on the jobs of a queue; return the orders and the holds."""
-    moment = situation([], fleet)
+    moment = make_situation([], fleet)
     desk = JobAdmission()
     results = list(desk.decide(Books.from_entities(jobs), moment, Availability(moment.printers)))
     orders = [(item.job, item.printers) for item in results if isinstance(item, StartPlanning)]
@@ -129,7 +140,7 @@ def decide(jobs, fleet):
 
 
 def test_held_job_is_planned_for_attended_printers_too():
-    fleet = [printer("a"), printer("b", booked=True), printer("c", unattended=False)]
+    fleet = [make_printer("a"), make_printer("b", booked=True), make_printer("c", unattended=False)]
     assert decide([make_queued_job(1)], fleet)[0] == [(1, ("a",))]
     assert decide([make_queued_job(1, options=JobOptions(hold=True))], fleet)[0] == [(1, ("a", "b", "c"))]
     assert decide([make_queued_job(1, not_before_s=3600.0)], fleet)[0] == [(1, ("a", "b"))]
@@ -144,13 +155,13 @@ def test_long_plans_are_limited_and_quick_ones_do_not_wait():
         make_queued_job(4, **SMALL),
         make_queued_job(5, own_gcode=own_gcode),
     ]
-    orders, holds = decide(jobs, [printer("a"), printer("b")])
+    orders, holds = decide(jobs, [make_printer("a"), make_printer("b")])
     assert orders == [(n, ("a", "b")) for n in (1, 2, 4, 5)]
     assert (holds[3].code, holds[3].text) == (HoldCode.NOT_FIRST, "job 1 and job 2 are planned first")
 
 
 def test_model_is_quick_only_if_small_and_without_options():
-    fleet = [printer("a")]
+    fleet = [make_printer("a")]
     assert is_quick(make_queued_job(1, **SMALL), fleet)
     assert not is_quick(make_queued_job(1), fleet)  # of an earlier version
     for size in (((260.0, 10.0, 10.0), 12), ((60.0, 60.0, 60.0), 900_000)):
@@ -159,7 +170,8 @@ def test_model_is_quick_only_if_small_and_without_options():
     for options in (JobOptions(printers=3), JobOptions(done_by="08:00")):
         assert not is_quick(make_queued_job(1, options=options, **SMALL), fleet)
     assert is_quick(
-        make_queued_job(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)), [printer("a", TALL)]
+        make_queued_job(1, size=ModelSize(extents_mm=(10.0, 150.0, 240.0), faces=12)),
+        [make_printer("a", TALL)],
     )
 
 

@@ -13,33 +13,38 @@ from farm.scheduling.admission import (
     list_reservations,
 )
 from farm.scheduling.matching import Requirements
-from scheduling_examples import plate, printer, rules, situation
+from scheduling_examples import make_plate, make_printer, make_rules, make_situation
 
 ANY_PRINTER = JobRequest(Requirements(None, None, None))
-START_RULES = rules(max_heating=1)
-FLEET = (printer("a", booked=True, heating=True), printer("b", grams=50.0), printer("c"))
+START_RULES = make_rules(max_heating=1)
+FLEET = (make_printer("a", booked=True, heating=True), make_printer("b", grams=50.0), make_printer("c"))
 
 
 @pytest.mark.parametrize(
     "reason", [{"places": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}]
 )
-@pytest.mark.parametrize("start_rules", [rules(), START_RULES])
+@pytest.mark.parametrize("start_rules", [make_rules(), START_RULES])
 def test_no_printer_is_reserved_for_a_plate_that_may_not_start(reason, start_rules):
-    assert list_reservations(situation([plate("1/02", "b", **reason)], FLEET[:2], start_rules), {}) == {}
+    assert (
+        list_reservations(make_situation([make_plate("1/02", "b", **reason)], FLEET[:2], start_rules), {})
+        == {}
+    )
 
 
 def test_printer_is_reserved_for_a_plate_waiting_for_the_heating_limit():
-    assert list_reservations(situation([plate("6/03", "b")], FLEET, START_RULES), {}) == {"b": "6/03"}
+    assert list_reservations(make_situation([make_plate("6/03", "b")], FLEET, START_RULES), {}) == {
+        "b": "6/03"
+    }
 
 
 def test_printers_are_reserved_for_replans_and_as_spares():
-    moment = situation([], FLEET, spares=1)
+    moment = make_situation([], FLEET, spares=1)
     reservations = list_reservations(moment, {"b": "6/03"})
     assert reservations == {"b": "6/03", "c": "a failed part (--spares)"}
 
 
 def test_reserved_printers_are_avoided_while_another_is_free():
-    fleet = (printer("a"), printer("b"), printer("c", booked=True))
+    fleet = (make_printer("a"), make_printer("b"), make_printer("c", booked=True))
     assert choose_printers(ANY_PRINTER, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
     promise = Promise(job=8, priority=1, printers=frozenset("b"))
     assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 5, [promise]) == PlanOrder(("a",))
@@ -54,6 +59,6 @@ def test_reserved_printers_are_avoided_while_another_is_free():
 
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():
-    fleet = (printer("a"), printer("c", booked=True))
+    fleet = (make_printer("a"), make_printer("c", booked=True))
     assert choose_printers(ANY_PRINTER, Availability(fleet, reserved=frozenset("a"))) == PlanOrder(("c",))
     assert choose_printers(ANY_PRINTER, Availability(fleet[:1], reserved=frozenset("a"))) == PlanOrder(("a",))

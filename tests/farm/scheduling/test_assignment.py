@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling import assignment, plate_matching
 from farm.scheduling.matching import Requirements
-from scheduling_examples import LOW, TALL, box, plate, printer, situation
+from scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_situation
 
 NOW_S = 1_000_000.0
 
 
 def assign(waiting_plates, fleet, start_rules=None, **changes):
-    moment = situation(waiting_plates, fleet, start_rules, NOW_S, **changes)
+    moment = make_situation(waiting_plates, fleet, start_rules, NOW_S, **changes)
     assignments = assignment.assign_plates(moment)
     return assignments, assignment.find_holds(moment, assignments)
 
@@ -30,10 +30,10 @@ def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
         "place",
         lambda self, item: (assigned_pairs.append(item.id), place(self, item))[1],
     )
-    fleet = [printer("a"), *(printer(name, material="generic_abs") for name in "bcd")]
+    fleet = [make_printer("a"), *(make_printer(name, material="generic_abs") for name in "bcd")]
     tpu = Requirements(material="generic_tpu", colour=None, nozzle_mm=0.4)
-    waiting_plates = [plate(f"1/{number:02d}", "a") for number in range(50)]
-    other_plates = [plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
+    waiting_plates = [make_plate(f"1/{number:02d}", "a") for number in range(50)]
+    other_plates = [make_plate(f"2/{number:02d}", "a", requirements=tpu, job=2) for number in range(50)]
     assignments, _ = assign([*waiting_plates, *other_plates], fleet)
     assert [item.printer for item in assignments] == ["a"]
     assert len(assigned_pairs) == 1
@@ -41,15 +41,15 @@ def test_unmatched_printers_and_plates_are_skipped(monkeypatch):
 
 
 def test_plate_waits_for_the_start_time_of_its_job():
-    fleet = [printer("a", booked=True), printer("b", bed=Bed.NOT_CLEAR)]
-    _, holds = assign([plate("1/01", "a", not_before_s=NOW_S + 60.0), plate("1/02", "a")], fleet)
+    fleet = [make_printer("a", booked=True), make_printer("b", bed=Bed.NOT_CLEAR)]
+    _, holds = assign([make_plate("1/01", "a", not_before_s=NOW_S + 60.0), make_plate("1/02", "a")], fleet)
     assert (holds["1/01"].code, holds["1/02"].code) == (HoldCode.START_TIME, HoldCode.PRINTER_BUSY)
     assert "farm cleared b" in holds["1/02"].text and "cleared" not in holds["1/01"].text
 
 
 printers = st.lists(
     st.builds(
-        printer,
+        make_printer,
         st.sampled_from("abcdef"),
         bed=st.sampled_from(Bed),
         filament=st.sampled_from(FilamentState),
@@ -62,7 +62,7 @@ printers = st.lists(
 )
 plates = st.lists(
     st.builds(
-        plate,
+        make_plate,
         st.uuids().map(str),
         st.sampled_from("abcdefg"),
         requirements=st.builds(
@@ -118,44 +118,46 @@ def test_assignment_is_independent_of_input_order(waiting_plates, fleet, random)
 
 
 def test_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
-    assignments, _ = assign([plate("1/01", "b")], [printer("a"), printer("b")])
+    assignments, _ = assign([make_plate("1/01", "b")], [make_printer("a"), make_printer("b")])
     assert assignments[0].printer == "b"
-    assignments, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("a"), printer("b")])
+    assignments, _ = assign(
+        [make_plate("1/01", "b", failed_on=frozenset("b"))], [make_printer("a"), make_printer("b")]
+    )
     assert assignments[0].printer == "a"
-    assignments, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("b")])
+    assignments, _ = assign([make_plate("1/01", "b", failed_on=frozenset("b"))], [make_printer("b")])
     assert assignments[0].printer == "b"
 
 
 def test_hold_names_the_reason_to_wait():
-    _, holds = assign([plate("1/01", "a")], [printer("a", bed=Bed.NOT_CLEAR)])
+    _, holds = assign([make_plate("1/01", "a")], [make_printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
     tall = Requirements("generic_pla", None, 0.4, box(231.0))
-    _, holds = assign([plate("1/01", "a", requirements=tall)], [printer("a")])
+    _, holds = assign([make_plate("1/01", "a", requirements=tall)], [make_printer("a")])
     assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
     assert "231 mm of height" in holds["1/01"].text
 
 
 def test_plate_is_moved_only_to_a_printer_with_enough_room():
-    small_printer = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
+    small_printer = make_printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
     aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
     assignments, holds = assign(
-        [plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small_printer]
+        [make_plate("1/01", "a", requirements=aside)], [make_printer("a", booked=True), small_printer]
     )
     assert assignments == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
     assignments, _ = assign(
-        [plate("1/01", "a", requirements=aside)], [printer("a", booked=True), printer("b")]
+        [make_plate("1/01", "a", requirements=aside)], [make_printer("a", booked=True), make_printer("b")]
     )
     assert assignments[0].printer == "b"
 
 
 def test_job_uses_at_most_the_requested_printers():
-    waiting_plates = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
-    assignments, holds = assign(waiting_plates, [printer(name) for name in "abcd"])
+    waiting_plates = [make_plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
+    assignments, holds = assign(waiting_plates, [make_printer(name) for name in "abcd"])
     assert len(assignments) == 1
     assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
-    assert assign([plate("1/01", "a", places=0)], [printer("a")])[0] == []
+    assert assign([make_plate("1/01", "a", places=0)], [make_printer("a")])[0] == []
 
 
 @given(plates, printers, st.integers(0, 5))
@@ -166,22 +168,22 @@ def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, p
 
 def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
     waiting_plates = [
-        plate("1/01", "x", job=1, expected_s=60.0),
-        plate("2/01", "x", job=2, expected_s=6000.0),
+        make_plate("1/01", "x", job=1, expected_s=60.0),
+        make_plate("2/01", "x", job=2, expected_s=6000.0),
     ]
-    assignments, _ = assign(waiting_plates, [printer("a")])
+    assignments, _ = assign(waiting_plates, [make_printer("a")])
     assert assignments[0].plate == "1/01"
 
 
 def test_gcode_for_another_kind_of_printer_waits():
     """Keep slices for an Ultimaker 2 and for a 2+ apart, as they feed and heat differently."""
-    plain_printer = printer("plain")
+    plain_printer = make_printer("plain")
     plain_printer = replace(
         plain_printer, capabilities=replace(plain_printer.capabilities, family="ultimaker2")
     )
-    plus = printer("plus")
+    plus = make_printer("plus")
     plus = replace(plus, capabilities=replace(plus.capabilities, family="ultimaker2_plus"))
-    sliced_plate = plate(
+    sliced_plate = make_plate(
         "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
     )
     assignments, holds = assign([sliced_plate], [plain_printer])
@@ -192,38 +194,38 @@ def test_gcode_for_another_kind_of_printer_waits():
 
 
 def name_printer(name, **changes):
-    plain_printer = printer(name, **changes)
+    plain_printer = make_printer(name, **changes)
     return replace(plain_printer, capabilities=replace(plain_printer.capabilities, named=name))
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():
     only_b = Requirements("generic_pla", None, 0.4, box(100.0), only=("b",))
-    fleet = [printer("a"), name_printer("b"), printer("c")]
+    fleet = [make_printer("a"), name_printer("b"), make_printer("c")]
     first_plate, second_plate = (
-        plate("1/01", "a", requirements=only_b),
-        plate("1/02", "a", requirements=only_b),
+        make_plate("1/01", "a", requirements=only_b),
+        make_plate("1/02", "a", requirements=only_b),
     )
     assignments, holds = assign([first_plate, second_plate], fleet)
     assert [(assignment.plate, assignment.printer) for assignment in assignments] == [("1/01", "b")]
     assert holds["1/02"].text == "needs b: every matching printer got another plate"
-    assignments, holds = assign([first_plate], [printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)])
+    assignments, holds = assign([first_plate], [make_printer("a"), name_printer("b", bed=Bed.NOT_CLEAR)])
     assert assignments == []
     assert holds["1/01"].text.startswith("needs b: the bed of b is not clear")
-    assert assign([first_plate], [printer("a")])[1]["1/01"].text.startswith(
+    assert assign([first_plate], [make_printer("a")])[1]["1/01"].text.startswith(
         "no printer of the fleet matches: gener"
     )
 
 
 def test_hold_of_a_plate_names_the_obstacle_of_its_own_printer():
-    fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
+    fleet = [make_printer("a", attention_reason="it smokes"), make_printer("b", bed=Bed.NOT_CLEAR)]
     for planned_printer, code in (("a", HoldCode.NEEDS_INSPECTION), ("b", HoldCode.BED_NOT_CLEAR)):
-        _, holds = assign([plate("p", planned_printer)], fleet)
+        _, holds = assign([make_plate("p", planned_printer)], fleet)
         assert holds["p"].code is code
 
 
 ready_printers = st.lists(
     st.builds(
-        printer,
+        make_printer,
         st.sampled_from("abcdefgh"),
         room=st.sampled_from([LOW, TALL]),
         grams=st.sampled_from([None, 3.0, 500.0]),
@@ -235,16 +237,16 @@ ready_printers = st.lists(
 
 @given(plates, ready_printers)
 def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, fleet):
-    moment = situation(waiting_plates, fleet, None, NOW_S)
+    moment = make_situation(waiting_plates, fleet, None, NOW_S)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plate_matching._Matching, "_find_untaken", lambda self, plate: None)
+        patch.setattr(plate_matching._Matching, "_find_untaken", lambda self, make_plate: None)
         expected = assignment.assign_plates(moment)
     assert assignment.assign_plates(moment) == expected
 
 
 @given(plates, ready_printers, printers, st.integers(1, 4))
 def test_starts_are_divided_into_portions_of_what_is_possible(waiting_plates, fleet, later_fleet, limit):
-    moment, later_moment = (situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet))
+    moment, later_moment = (make_situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet))
     assignments = assignment.assign_plates(moment)
     starts, later_situation = assignment.divide_starts(assignments, moment, limit)
     assert [*starts, *later_situation] == assignments and len(starts) <= limit

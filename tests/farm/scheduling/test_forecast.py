@@ -9,19 +9,19 @@ from hypothesis import strategies as st
 from farm.model import Bed, Link
 from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_prints
 from farm.scheduling.matching import Requirements
-from scheduling_examples import LOW, TALL, box, plate, printer, rules, situation
+from scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_rules, make_situation
 
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HOUR = 3600.0
 
 
 def forecast(waiting_plates, fleet, start_rules, now_s):
-    return forecast_prints(situation(waiting_plates, fleet, start_rules, now_s))
+    return forecast_prints(make_situation(waiting_plates, fleet, start_rules, now_s))
 
 
 fleets = st.lists(
     st.builds(
-        printer,
+        make_printer,
         st.sampled_from("abcd"),
         room=st.sampled_from([LOW, TALL]),
         booked=st.booleans(),
@@ -35,7 +35,7 @@ fleets = st.lists(
 )
 waiting = st.lists(
     st.builds(
-        plate,
+        make_plate,
         st.uuids().map(str),
         st.sampled_from("abcd"),
         requirements=st.builds(
@@ -52,7 +52,7 @@ waiting = st.lists(
     unique_by=lambda p: p.id,
 )
 houses = st.builds(
-    rules,
+    make_rules,
     attended=st.sampled_from([(), ("08:00-18:00",), ("mon-fri 08:00-12:00", "13:00-17:00")]),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("sat,sun 00:00-24:00",)]),
     first_layers_attended=st.booleans(),
@@ -93,8 +93,8 @@ def test_forecast_keeps_its_invariants(plates, fleet, start_rules, after_s, rand
 @given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
 def test_bound_is_below_the_end_of_every_order(times, count):
     names = "abc"[:count]
-    plates = [plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
-    forecast_slots = forecast(plates, [printer(name) for name in names], rules(), 0.0)
+    plates = [make_plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
+    forecast_slots = forecast(plates, [make_printer(name) for name in names], make_rules(), 0.0)
     best = min(
         max(sum(t for t, place in zip(times, places, strict=True) if place == name) for name in names)
         for places in itertools.product(names, repeat=len(times))
@@ -106,28 +106,30 @@ def test_bound_is_below_the_end_of_every_order(times, count):
 
 
 def test_second_round_waits_for_a_cleared_bed():
-    start_rules = rules(attended=("mon-fri 08:00-18:00",))
-    plates = [plate("1/01", "a", expected_s=4 * HOUR), plate("1/02", "a", expected_s=2 * HOUR)]
-    forecast_slots = forecast(plates, [printer("a")], start_rules, MONDAY_S + 17 * HOUR)
+    start_rules = make_rules(attended=("mon-fri 08:00-18:00",))
+    plates = [make_plate("1/01", "a", expected_s=4 * HOUR), make_plate("1/02", "a", expected_s=2 * HOUR)]
+    forecast_slots = forecast(plates, [make_printer("a")], start_rules, MONDAY_S + 17 * HOUR)
     assert [slot.starts_s - MONDAY_S for slot in forecast_slots.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
 
 
 def test_heating_limit_delays_starts():
-    plates = [plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
-    forecast_slots = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
+    plates = [make_plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
+    forecast_slots = forecast(plates, [make_printer(name) for name in "abc"], make_rules(max_heating=2), 0.0)
     assert [slot.starts_s for slot in forecast_slots.slots] == [0.0, 0.0, 600.0]
 
 
 def test_absent_printer_is_not_used():
-    plates = [plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
-    forecast_slots = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
+    plates = [make_plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
+    forecast_slots = forecast(
+        plates, [make_printer("a"), make_printer("b", link=Link.ABSENT)], make_rules(), 0.0
+    )
     assert {slot.printer for slot in forecast_slots.slots} == {"a"}
 
 
 def test_time_of_a_plate_scales_with_the_time_factor():
-    view = plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
-    assert compute_seconds_on(view, printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
-    assert compute_seconds_on(view, printer("b", time_factor=1.25)) == pytest.approx(1100.0)
+    view = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
+    assert compute_seconds_on(view, make_printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
+    assert compute_seconds_on(view, make_printer("b", time_factor=1.25)) == pytest.approx(1100.0)
 
 
 def test_bound_includes_plates_for_some_printers_only():
@@ -135,15 +137,17 @@ def test_bound_includes_plates_for_some_printers_only():
         Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0)
     )
     needs = enumerate((tall_requirements, low_requirements, low_requirements))
-    plates = [plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]
-    forecast_slots = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
+    plates = [make_plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]
+    forecast_slots = forecast(
+        plates, [make_printer("a", room=LOW), make_printer("b", room=TALL)], make_rules(), 0.0
+    )
     assert forecast_slots.lower_bound_s == pytest.approx(3 * HOUR)
 
 
 def test_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
-    plates = [plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
-    fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
-    forecast_slots = forecast(plates, fleet, rules(), 0.0)
+    plates = [make_plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
+    fleet = [make_printer("a", grams=50.0), make_printer("b", booked=True, free_s=10 * HOUR)]
+    forecast_slots = forecast(plates, fleet, make_rules(), 0.0)
     assert (forecast_slots.unprintable_plates, [slot.printer for slot in forecast_slots.slots]) == (
         (),
         ["a", "b"],

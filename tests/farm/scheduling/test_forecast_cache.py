@@ -6,7 +6,7 @@ from farm.scheduling import forecast_cache
 from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.situation_builder import describe_plates
 from make_books import make_printing_books
-from scheduling_examples import printer, situation
+from scheduling_examples import make_printer, make_situation
 
 
 class Scene:
@@ -24,7 +24,7 @@ class Scene:
     def _make_situation(self):
         self.situations += 1
         waiting_plates = describe_plates(self.books.waiting_plates(), self.books)
-        return situation(waiting_plates, [printer("a")], now_s=self.now_s)
+        return make_situation(waiting_plates, [make_printer("a")], now_s=self.now_s)
 
     def move(self, now_s, plates):
         """Move to a time at which the queue has this number of plates."""

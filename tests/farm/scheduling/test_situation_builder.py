@@ -18,9 +18,9 @@ from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
 from farm.views import ViewContext
 from make_books import PRINTERS, apply_events, make_end_event, make_job, make_plan_event, make_printing_books
-from recording_controller import fleet
+from recording_controller import make_fleet
 
-FLEET = fleet(["ultimaker2_plus"] * 3)
+FLEET = make_fleet(["ultimaker2_plus"] * 3)
 SECTIONS = FLEET.printers
 READY_SNAPSHOTS = {
     n: AgentSnapshot(printer=n, link=Link.READY, filament=FilamentState.PARKED) for n in PRINTERS

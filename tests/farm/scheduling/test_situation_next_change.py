@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed
 from farm.scheduling.assignment import assign_plates
-from scheduling_examples import UTC, plate, printer, rules, situation
+from scheduling_examples import UTC, make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 TICK_S = 1200.0
@@ -18,7 +18,7 @@ TICKS = 3 * 24 * 3  # three days
 FRIDAY = datetime(2026, 11, 20, 17, tzinfo=UTC).timestamp()
 
 houses = st.builds(
-    rules,
+    make_rules,
     attended=st.sampled_from([(), ("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00")]),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("sat 12:00-14:00",)]),
     first_layers_attended=st.booleans(),
@@ -26,7 +26,7 @@ houses = st.builds(
 )
 fleets = st.lists(
     st.builds(
-        printer,
+        make_printer,
         st.sampled_from("abcd"),
         bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
         booked=st.booleans(),
@@ -36,7 +36,7 @@ fleets = st.lists(
 )
 plates = st.lists(
     st.builds(
-        plate,
+        make_plate,
         st.uuids().map(str),
         st.sampled_from("abcd"),
         expected_s=st.floats(600, 20 * HOUR),
@@ -65,7 +65,7 @@ def start_plates(moment):
 @given(plates, fleets, houses)
 @settings(max_examples=60, deadline=None)
 def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_rules):
-    eager = lazy = situation(waiting_plates, fleet, start_rules, FRIDAY)
+    eager = lazy = make_situation(waiting_plates, fleet, start_rules, FRIDAY)
     due_s = -math.inf
     for tick in range(TICKS):
         now_s = FRIDAY + tick * TICK_S
@@ -80,16 +80,16 @@ def test_no_start_changes_before_the_next_change(waiting_plates, fleet, start_ru
 @pytest.mark.parametrize(
     ("start_rules", "changes", "after_s"),
     [
-        (rules(), {}, math.inf),  # only an event changes a decision
-        (rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR}, HOUR),  # the hours end
+        (make_rules(), {}, math.inf),  # only an event changes a decision
+        (make_rules(attended=["mon-fri 08:00-18:00"]), {"expected_s": 20 * HOUR}, HOUR),  # the hours end
         (
-            rules(quiet=["22:00-06:00"]),
+            make_rules(quiet=["22:00-06:00"]),
             {"expected_s": HOUR},
             (5 - 1.05) * HOUR,
         ),  # too late for the plate
-        (rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
+        (make_rules(), {"not_before_s": FRIDAY + 60.0}, 60.0),
     ],
 )
 def test_next_change_is_computed(start_rules, changes, after_s):
-    moment = situation([plate("x", "a", **changes)], [printer("a")], start_rules, FRIDAY)
+    moment = make_situation([make_plate("x", "a", **changes)], [make_printer("a")], start_rules, FRIDAY)
     assert moment.next_change_s() - FRIDAY == pytest.approx(after_s, abs=0.01)

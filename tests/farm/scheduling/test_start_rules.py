@@ -15,7 +15,7 @@ from farm.scheduling.holds import join_names
 from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import CLEARING_RESERVE_S, compute_needed_grams, find_filament_shortage
 from farm.text import format_moment
-from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
+from scheduling_examples import LOW, TALL, UTC, box, make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
@@ -29,14 +29,14 @@ FRIDAY = parse_time("2026-11-20 17:00")
 
 
 def assign(waiting_plates, fleet, start_rules, now_s, spares=0):
-    moment = situation(waiting_plates, fleet, start_rules, now_s, spares=spares)
+    moment = make_situation(waiting_plates, fleet, start_rules, now_s, spares=spares)
     assignments = assignment.assign_plates(moment)
     return assignments, assignment.find_holds(moment, assignments)
 
 
 fleets = st.lists(
     st.builds(
-        printer,
+        make_printer,
         st.sampled_from("abcd"),
         room=st.sampled_from([LOW, TALL]),
         bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
@@ -48,7 +48,7 @@ fleets = st.lists(
 )
 plates = st.lists(
     st.builds(
-        plate,
+        make_plate,
         st.uuids().map(str),
         st.sampled_from("abcd"),
         requirements=st.builds(
@@ -66,7 +66,7 @@ plates = st.lists(
     unique_by=lambda p: p.id,
 )
 rule_sets = st.builds(
-    rules,
+    make_rules,
     attended=st.sampled_from(WEEK),
     quiet=st.sampled_from([(), ("22:00-06:00",), ("fri 18:00-24:00",)]),
     first_layers_attended=st.booleans(),
@@ -135,8 +135,8 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
 
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     start_rules, lone_printer = (
-        rules(attended=WEEK[0]),
-        printer("a", unattended=False, why_attended="so"),
+        make_rules(attended=WEEK[0]),
+        make_printer("a", unattended=False, why_attended="so"),
     )
     assert start_rules.ends_by_s(lone_printer, FRIDAY) == parse_time("2026-11-20 17:45")
     assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
@@ -146,9 +146,9 @@ def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     assert start_rules.ends_by_s(lone_printer, parse_time("2026-11-21 03:00")) == parse_time(
         "2026-11-21 03:00"
     )
-    assert rules().unattended_reason(lone_printer, FRIDAY) == "a prints only in attended hours (so)"
-    assert start_rules.unattended_reason(printer("a"), parse_time("2026-11-21 03:00")) is None
-    assert rules(attended=["00:00-24:00"]).ends_by_s(lone_printer, FRIDAY) is None
+    assert make_rules().unattended_reason(lone_printer, FRIDAY) == "a prints only in attended hours (so)"
+    assert start_rules.unattended_reason(make_printer("a"), parse_time("2026-11-21 03:00")) is None
+    assert make_rules(attended=["00:00-24:00"]).ends_by_s(lone_printer, FRIDAY) is None
 
 
 @given(plates, fleets, rule_sets, moments)
@@ -189,12 +189,14 @@ def test_every_possible_start_is_made_in_any_order(waiting_plates, fleet, start_
 
 
 def test_planned_printer_is_never_a_spare():
-    high_plate = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    assignments, _ = assign([high_plate], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
-    assert assignments[0].printer == "b"
-    broken_printer = printer("b", room=TALL, attention_reason="heater")
+    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     assignments, _ = assign(
-        [high_plate], [broken_printer, printer("c", room=TALL)], rules(), FRIDAY, spares=1
+        [high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY, spares=1
+    )
+    assert assignments[0].printer == "b"
+    broken_printer = make_printer("b", room=TALL, attention_reason="heater")
+    assignments, _ = assign(
+        [high_plate], [broken_printer, make_printer("c", room=TALL)], make_rules(), FRIDAY, spares=1
     )
     assert assignments[0].printer == "c"
 
@@ -204,7 +206,7 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     """Check that plates that fit a printer start after all prints have ended and all beds are clear."""
     waiting_plates = [replace(p, not_before_s=None) for p in waiting_plates]
     for _ in range(len(waiting_plates) + 1):
-        _, holds = assign(waiting_plates, fleet, rules(max_heating=4), FRIDAY, spares)
+        _, holds = assign(waiting_plates, fleet, make_rules(max_heating=4), FRIDAY, spares)
         waiting_plates = [p for p in waiting_plates if p.id in holds]
         fleet = [replace(p, heating=False) for p in fleet]
     final_codes = {
@@ -216,13 +218,13 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     for candidate in waiting_plates:
         if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
             planned_printer = [p for p in fleet if p.name == candidate.planned]
-            assert not assign([candidate], planned_printer, rules(max_heating=4), FRIDAY)[0]
+            assert not assign([candidate], planned_printer, make_rules(max_heating=4), FRIDAY)[0]
         else:
             assert holds[candidate.id].code in final_codes
 
 
 def find_printer(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **changes):
-    assignments, holds = assign([plate_view], [printer_view], start_rules or rules(), now_s, **changes)
+    assignments, holds = assign([plate_view], [printer_view], start_rules or make_rules(), now_s, **changes)
     return holds[plate_view.id] if holds else assignments[0].printer
 
 
@@ -246,69 +248,85 @@ def find_printer(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **cha
     ],
 )
 def test_hold_has_a_code_and_a_reason(plate_view, printer_view, start_rules, code, message):
-    hold = find_printer(plate("1/01", "a", **plate_view), printer("a", **printer_view), rules(**start_rules))
+    hold = find_printer(
+        make_plate("1/01", "a", **plate_view), make_printer("a", **printer_view), make_rules(**start_rules)
+    )
     assert hold.code == code
     assert message in hold.text
-    assert find_printer(plate("1/01", "a"), printer("a")) == "a"
+    assert find_printer(make_plate("1/01", "a"), make_printer("a")) == "a"
 
 
 def test_short_reel_is_named_in_addition_to_another_hold():
-    short_printer = printer("b", grams=10.0)
-    busy_printer = printer("a", booked=True, free_s=FRIDAY + HOUR)
-    hold = assign([plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], rules(), FRIDAY)[1]["1/01"]
+    short_printer = make_printer("b", grams=10.0)
+    busy_printer = make_printer("a", booked=True, free_s=FRIDAY + HOUR)
+    hold = assign([make_plate("1/01", "a", grams=20.0)], [busy_printer, short_printer], make_rules(), FRIDAY)[
+        1
+    ]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
     colour = Requirements("generic_pla", "white", 0.4, box(100.0))
-    fleet = [printer("b", grams=10.0, colour="white"), printer("c", colour="black")]
-    hold = assign([plate("1/01", "b", grams=20.0, requirements=colour)], fleet, rules(), FRIDAY)[1]["1/01"]
+    fleet = [make_printer("b", grams=10.0, colour="white"), make_printer("c", colour="black")]
+    hold = assign([make_plate("1/01", "b", grams=20.0, requirements=colour)], fleet, make_rules(), FRIDAY)[1][
+        "1/01"
+    ]
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
 
 def test_margin_is_kept_to_quiet_hours():
-    start_rules = rules(quiet=["22:00-06:00"])
-    assert find_printer(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), start_rules) == "a"
+    start_rules = make_rules(quiet=["22:00-06:00"])
     assert (
-        find_printer(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), start_rules).code == "quiet_hours"
+        find_printer(make_plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), make_printer("a"), start_rules)
+        == "a"
+    )
+    assert (
+        find_printer(make_plate("1/01", "a", expected_s=5 * HOUR), make_printer("a"), start_rules).code
+        == "quiet_hours"
     )
 
 
 def test_hold_of_a_large_plate_names_when_its_printers_are_free():
-    tall = [printer(n, room=TALL, booked=True, free_s=FRIDAY + 10.2 * HOUR) for n in ("um2x-02", "um2x-03")]
+    tall = [
+        make_printer(n, room=TALL, booked=True, free_s=FRIDAY + 10.2 * HOUR) for n in ("um2x-02", "um2x-03")
+    ]
     hold = assign(
-        [plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
-        [printer("um2-01"), *tall],
-        rules(),
+        [make_plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
+        [make_printer("um2-01"), *tall],
+        make_rules(),
         FRIDAY,
     )[1]["1/01"]
     assert hold.text == "needs 231 mm of height: um2x-02 and um2x-03 are printing until Sat 03:12"
 
 
 def test_priority_precedes_order_of_submission():
-    early_plate, urgent_plate = plate("1/01", "a", job=1), plate("2/01", "a", job=2, priority=1)
-    assignments, holds = assign([early_plate, urgent_plate], [printer("a")], rules(), FRIDAY)
+    early_plate, urgent_plate = make_plate("1/01", "a", job=1), make_plate("2/01", "a", job=2, priority=1)
+    assignments, holds = assign([early_plate, urgent_plate], [make_printer("a")], make_rules(), FRIDAY)
     assert assignments[0].plate == "2/01"
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
 
 
 def test_plate_moves_to_an_equivalent_printer():
-    low_plate = plate("1/01", "b", expected_s=9 * HOUR)
-    high_plate = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
-    assignments, _ = assign([low_plate, high_plate], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
+    low_plate = make_plate("1/01", "b", expected_s=9 * HOUR)
+    high_plate = make_plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
+    assignments, _ = assign(
+        [low_plate, high_plate], [make_printer("a"), make_printer("b", room=TALL)], make_rules(), FRIDAY
+    )
     assert {a.plate: a.printer for a in assignments} == {"1/01": "a", "1/02": "b"}
 
 
 def test_spares_are_kept_for_plates_that_failed():
-    fleet = [printer("a"), printer("b"), printer("c", room=TALL)]
-    waiting_plates = [plate(f"1/0{i}", "a") for i in range(3)]
-    assignments, holds = assign(waiting_plates, fleet, rules(), FRIDAY, spares=1)
+    fleet = [make_printer("a"), make_printer("b"), make_printer("c", room=TALL)]
+    waiting_plates = [make_plate(f"1/0{i}", "a") for i in range(3)]
+    assignments, holds = assign(waiting_plates, fleet, make_rules(), FRIDAY, spares=1)
     assert {a.printer for a in assignments} == {"a", "b"}
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
-    assignments, _ = assign([plate("1/01", "a", failed_on=frozenset("ab"))], fleet, rules(), FRIDAY, spares=1)
+    assignments, _ = assign(
+        [make_plate("1/01", "a", failed_on=frozenset("ab"))], fleet, make_rules(), FRIDAY, spares=1
+    )
     assert assignments[0].printer == "c"
 
 
 def test_reel_with_enough_grams_is_accepted():
-    waiting_plates, reel_printer = plate("p1", "a", grams=200.0), printer("a")
+    waiting_plates, reel_printer = make_plate("p1", "a", grams=200.0), make_printer("a")
     needed_grams = compute_needed_grams(waiting_plates)
     assert find_filament_shortage(waiting_plates, reel_printer, needed_grams) is None
     assert (
@@ -318,8 +336,11 @@ def test_reel_with_enough_grams_is_accepted():
 
 
 def test_longest_plate_of_a_job_is_served_first():
-    short_plate, long_plate = plate("a", "a", expected_s=HOUR), plate("b", "a", expected_s=2 * HOUR)
-    assert situation([short_plate, long_plate], [printer("a")]).by_priority == (long_plate, short_plate)
+    short_plate, long_plate = make_plate("a", "a", expected_s=HOUR), make_plate("b", "a", expected_s=2 * HOUR)
+    assert make_situation([short_plate, long_plate], [make_printer("a")]).by_priority == (
+        long_plate,
+        short_plate,
+    )
 
 
 @given(st.integers(1, 30))

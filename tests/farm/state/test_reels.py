@@ -10,7 +10,7 @@ from farm.state import events as ev
 from farm.state.reels import apply_reels, compute_used_grams
 from farm.views.tasks import list_requests
 from make_books import apply_events, make_end_event, make_printing_books
-from scheduling_examples import printer
+from scheduling_examples import make_printer
 
 WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
@@ -73,4 +73,4 @@ def test_restored_reels_must_be_weighed_before_printing():
     assert item.printers == ["a"]
     books, _ = apply_events(books, load)
     assert not [item for item in list_requests(books, {}) if item.code == "reel"]
-    assert printer("a", reel_uncertain=True).obstacle().code is HoldCode.REEL_UNCERTAIN
+    assert make_printer("a", reel_uncertain=True).obstacle().code is HoldCode.REEL_UNCERTAIN

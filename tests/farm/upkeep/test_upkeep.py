@@ -26,7 +26,7 @@ from farm.upkeep.upkeep import Upkeep
 from farm.views import ViewContext, describe_job, list_history, list_tasks
 from farm.views.report import JobContents, render_page
 from old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
-from recording_controller import PLUS, Farm, RecordedEffects, fleet
+from recording_controller import PLUS, Farm, RecordedEffects, make_fleet
 
 AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
         (JobState.PRINTED, 300), (JobState.PRINTING, 0))  # fmt: skip
@@ -97,7 +97,7 @@ def begin(state, work=omit_pictures, **keep):
 
 def show(state, books, number):
     """Return the views of `farm status JOB` and `farm history`, and lay out `farm report`."""
-    context = ViewContext(fleet((PLUS,) * 3), books, {}, state, NOW_S)
+    context = ViewContext(make_fleet((PLUS,) * 3), books, {}, state, NOW_S)
     view, rows = describe_job(context, books.jobs[number]), list_history(context, number)
     page = render_page(view, list_history(context), datetime.fromisoformat(view.now), [], JobContents())
     assert view.name in page

@@ -8,7 +8,7 @@ from slicing.settings.formula import Formula
 from slicing.settings.resolver import Place, Resolver, Scope
 
 
-def entry(kind="float", **fields):
+def make_entry(kind="float", **fields):
     return {"type": kind, **fields}
 
 
@@ -17,38 +17,41 @@ ROOT = {
         "group": {
             "type": "category",
             "children": {
-                "height": entry(default_value=0.1, settable_per_extruder=False, minimum_value="0.001"),
-                "width": entry(default_value=0.4, maximum_value="2 * height + 10"),
-                "bed": entry(
+                "height": make_entry(default_value=0.1, settable_per_extruder=False, minimum_value="0.001"),
+                "width": make_entry(default_value=0.4, maximum_value="2 * height + 10"),
+                "bed": make_entry(
                     default_value=60,
                     settable_per_extruder=False,
                     resolve="max(extruderValues('bed'))",
                     value="warmth",
                 ),
-                "warmth": entry(
-                    default_value=60, children={"child": entry("int", default_value=7, value="int(width*10)")}
+                "warmth": make_entry(
+                    default_value=60,
+                    children={"child": make_entry("int", default_value=7, value="int(width*10)")},
                 ),
-                "limited": entry(default_value=1, value="width", limit_to_extruder="nr"),
-                "nr": entry("optional_extruder", default_value="-1", settable_per_extruder=False),
-                "self": entry(
+                "limited": make_entry(default_value=1, value="width", limit_to_extruder="nr"),
+                "nr": make_entry("optional_extruder", default_value="-1", settable_per_extruder=False),
+                "self": make_entry(
                     default_value=1, settable_per_extruder=False, resolve="resolveOrValue('self') + 1"
                 ),
-                "loop": entry(value="loop2"),
-                "loop2": entry(value="loop"),
-                "kind": entry("enum", default_value="grid", options={"grid": "", "zigzag": "", "lines": ""}),
-                "flag": entry("bool", default_value=False),
-                "areas": entry("polygons", default_value=[]),
-                "angles": entry("[int]", default_value="[ ]"),
+                "loop": make_entry(value="loop2"),
+                "loop2": make_entry(value="loop"),
+                "kind": make_entry(
+                    "enum", default_value="grid", options={"grid": "", "zigzag": "", "lines": ""}
+                ),
+                "flag": make_entry("bool", default_value=False),
+                "areas": make_entry("polygons", default_value=[]),
+                "angles": make_entry("[int]", default_value="[ ]"),
             },
         }
     }
 }
 CHILD = {"overrides": {"width": {"default_value": 0.5}, "warmth": {"value": "50"}, "gone": {"value": "1"}}}
 GRANDCHILD = {"overrides": {"warmth": {"default_value": 99}}}
-TRAIN = {"settings": {"nozzle": entry(default_value=0.4)}}
+TRAIN = {"settings": {"nozzle": make_entry(default_value=0.4)}}
 
 
-def resolver(user=(), extruder=(), global_values=()):
+def make_resolver(user=(), extruder=(), global_values=()):
     user = dict(user)
     layers = {
         Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(global_values)},
@@ -58,52 +61,54 @@ def resolver(user=(), extruder=(), global_values=()):
 
 
 def test_formula_of_a_parent_beats_a_plain_value_of_a_child():
-    assert resolver().value(Scope.EXTRUDER, "warmth") == 50
+    assert make_resolver().value(Scope.EXTRUDER, "warmth") == 50
 
 
 def test_extruder_falls_through_to_the_machine():
-    assert resolver().value(Scope.EXTRUDER, "width") == 0.5
-    assert resolver(extruder={"width": 0.6}).value(Scope.EXTRUDER, "child") == 6
-    assert resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
+    assert make_resolver().value(Scope.EXTRUDER, "width") == 0.5
+    assert make_resolver(extruder={"width": 0.6}).value(Scope.EXTRUDER, "child") == 6
+    assert make_resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
 
 
 def test_setting_that_is_not_per_extruder_has_the_global_value():
     assert (
-        resolver(extruder={"height": 9.0}, global_values={"height": 0.2}).value(Scope.EXTRUDER, "height")
+        make_resolver(extruder={"height": 9.0}, global_values={"height": 0.2}).value(Scope.EXTRUDER, "height")
         == 0.2
     )
 
 
 def test_resolve_uses_the_extruder_unless_the_value_is_set():
-    assert resolver(extruder={"warmth": 70.0}).value(Scope.GLOBAL, "bed") == 70.0
-    assert resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
+    assert make_resolver(extruder={"warmth": 70.0}).value(Scope.GLOBAL, "bed") == 70.0
+    assert make_resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
 
 
 @pytest.mark.parametrize(("number", "value"), [("0", 0.7), (-1, 0.7), ("-1", 0.5)])
 def test_limited_setting_has_the_value_of_its_extruder_if_any(number, value):
-    limited_resolver = resolver(extruder={"width": 0.7}, global_values={"nr": number})
+    limited_resolver = make_resolver(extruder={"width": 0.7}, global_values={"nr": number})
     assert limited_resolver.value(Scope.GLOBAL, "limited") == value
 
 
 def test_value_of_the_user_precedes_a_formula():
     assert (
-        resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).value(Scope.EXTRUDER, "width")
+        make_resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).value(
+            Scope.EXTRUDER, "width"
+        )
         == 1.0
     )
 
 
 def test_resolve_may_refer_to_itself_once():
-    assert resolver().value(Scope.GLOBAL, "self") == 2
+    assert make_resolver().value(Scope.GLOBAL, "self") == 2
 
 
 def test_circular_formula_is_an_error():
     with pytest.raises(DefinitionError, match="depends on itself"):
-        resolver().value(Scope.EXTRUDER, "loop")
+        make_resolver().value(Scope.EXTRUDER, "loop")
 
 
 def test_unknown_keys_name_the_nearest():
     with pytest.raises(BadSetting, match="heigth: Cura has no such setting; did you mean height"):
-        resolver().setting("heigth")
+        make_resolver().setting("heigth")
 
 
 @pytest.mark.parametrize(
@@ -119,7 +124,7 @@ def test_unknown_keys_name_the_nearest():
     ],
 )
 def test_values_are_read_by_type(key, raw, value):
-    parsed_value = parse_value(resolver().setting(key), raw)
+    parsed_value = parse_value(make_resolver().setting(key), raw)
     assert parsed_value == value
     assert type(parsed_value) is type(value)
 
@@ -143,16 +148,16 @@ def test_values_are_read_by_type(key, raw, value):
 )
 def test_values_of_another_type_are_refused(key, raw):
     with pytest.raises(BadSetting, match=key):
-        parse_value(resolver().setting(key), raw)
+        parse_value(make_resolver().setting(key), raw)
 
 
 def test_limits_are_computed():
-    assert resolver(user={"height": 0.25}).bounds(Scope.EXTRUDER, "width") == (None, 10.5)
-    assert resolver().bounds(Scope.GLOBAL, "height") == (0.001, None)
+    assert make_resolver(user={"height": 0.25}).bounds(Scope.EXTRUDER, "width") == (None, 10.5)
+    assert make_resolver().bounds(Scope.GLOBAL, "height") == (0.001, None)
 
 
 def test_only_the_extruders_own_keys_are_listed_for_it():
-    keys = resolver().keys(Scope.EXTRUDER)
+    keys = make_resolver().keys(Scope.EXTRUDER)
     assert "nozzle" in keys
     assert "width" in keys
     assert not {"height", "group", "bed"} & set(keys)
@@ -171,7 +176,7 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
 )
 def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
     user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
-    below = resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
+    below = make_resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
     assert below.value(Scope.EXTRUDER, "warmth") == value
     assert below.value(Scope.EXTRUDER, "width") == 3.0  # and only there
 
@@ -205,6 +210,6 @@ def test_scope_of_a_setting_follows_its_definition():
     ],
 )
 def test_computed_value_has_the_type_of_its_setting(key, valid_value, invalid_value):
-    setting = resolver().setting(key)
+    setting = make_resolver().setting(key)
     assert all(fits_type(setting, value) for value in valid_value)
     assert not any(fits_type(setting, value) for value in invalid_value)

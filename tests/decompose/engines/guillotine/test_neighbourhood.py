@@ -21,14 +21,14 @@ from decompose.grid import Box, BoxTables, box_index
 shapes = st.tuples(st.integers(2, 5), st.integers(1, 4), st.integers(1, 3))
 
 
-def cover(shape: Shape, partition: list[Box]) -> np.ndarray:
+def count_cover(shape: Shape, partition: list[Box]) -> np.ndarray:
     cells = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in partition:
         cells[x0:x1, y0:y1, z0:z1] += 1
     return cells
 
 
-def count(boxes: BoxTables, partition: list[Box]) -> int:
+def count_pieces(boxes: BoxTables, partition: list[Box]) -> int:
     return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in partition)
 
 
@@ -45,10 +45,10 @@ def test_improved_partition_is_valid_and_no_slower(shape: Shape, seed: int, spar
     boxes, is_needed = make_tables(shape, seed)
     partition = make_feasible_partition(boxes, share * 130.0 * float(np.prod(shape)))
     assume(partition)
-    printers = count(boxes, partition) + spare
+    printers = count_pieces(boxes, partition) + spare
     improved_partition = improve_locally(boxes, partition, printers)
-    assert count(boxes, improved_partition) <= printers
-    cells = cover(shape, improved_partition)
+    assert count_pieces(boxes, improved_partition) <= printers
+    cells = count_cover(shape, improved_partition)
     assert cells.max() <= 1
     assert (cells[is_needed] == 1).all()
     assert all(boxes.trimmed[box_index(box, shape)] == box_index(box, shape) for box in improved_partition)
@@ -67,8 +67,8 @@ def test_window_of_all_boxes_is_as_good_as_the_exact_search(shape: Shape, seed: 
     assert min(fewest, UNREACHABLE) <= Partitioner(boxes).solve(limit_s)
     if fewest < UNREACHABLE:
         partition = window.list_chosen_boxes()
-        assert count(boxes, partition) == fewest
-        assert (cover(shape, partition)[is_needed] == 1).all()
+        assert count_pieces(boxes, partition) == fewest
+        assert (count_cover(shape, partition)[is_needed] == 1).all()
         assert max(sort_times_s(boxes, partition)) <= limit_s
 
 

@@ -16,7 +16,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from http_caller import DAEMON_USER, call_as
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 
@@ -27,7 +27,7 @@ def farm(tmp_path, monkeypatch):
     farm.controller.started_s -= 3600.0
     farm.ready("a")
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    event = planned(1, 1)
+    event = make_plan_event(1, 1)
     farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     now_s = farm.controller.clock.now()
     expected_text(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)

@@ -7,7 +7,7 @@ from rich.text import Text
 from farm.cli.display.blocks import Block, fit_blocks
 
 
-def block(name, number, rank, least=0):
+def make_block(name, number, rank, least=0):
     return Block([Text(f"{name} {i}") for i in range(number)], rank=rank, noun=name, least=least)
 
 
@@ -16,7 +16,7 @@ def render(blocks, height):
 
 
 def test_highest_rank_is_shortened_first_with_a_count_of_omitted_lines():
-    blocks = [block("task", 2, 0), block("job", 4, 2), block("printer", 3, 1)]
+    blocks = [make_block("task", 2, 0), make_block("job", 4, 2), make_block("printer", 3, 1)]
     assert len(render(blocks, None)) == 9
     assert render(blocks, 7) == [
         *("task 0", "task 1"),
@@ -27,7 +27,7 @@ def test_highest_rank_is_shortened_first_with_a_count_of_omitted_lines():
 
 
 def test_minimum_lines_of_a_block_precede_lines_of_more_important_blocks():
-    blocks = [block("job", 4, 2, least=2), block("printer", 50, 1, least=3)]
+    blocks = [make_block("job", 4, 2, least=2), make_block("printer", 50, 1, least=3)]
     assert render(blocks, 5) == ["job 0", "... 3 more jobs", "printer 0", "printer 1", "... 48 more printers"]
     assert render(blocks, 2) == ["printer 0", "... 49 more printers"]
 
@@ -37,7 +37,7 @@ def test_minimum_lines_of_a_block_precede_lines_of_more_important_blocks():
     st.integers(0, 40),
 )
 def test_blocks_fit_the_height_and_are_complete_if_possible(sizes, height):
-    blocks = [block("x", *size) for size in sizes]
+    blocks = [make_block("x", *size) for size in sizes]
     lines = render(blocks, height)
     assert len(lines) <= height
     if sum(size[0] for size in sizes) <= height:

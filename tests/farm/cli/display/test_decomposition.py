@@ -8,7 +8,7 @@ from typing import Any
 from farm.cli.display.decomposition import summarise_decomposition
 
 
-def report(**options: Any) -> dict[str, Any]:
+def make_report(**options: Any) -> dict[str, Any]:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": True} for i in range(1, 4)]
     return {
         "engine": "guillotine",
@@ -42,13 +42,15 @@ def test_summary_lists_the_pins_to_cut_and_parts_that_were_not_drilled() -> None
         "cut_list": [{"length_mm": 13.0, "count": 1}, {"length_mm": 7.0, "count": 2}],
         "failures": ["p02 has no holes and marks: it is not one piece any more (rule drilled)"],
     }
-    lines = summarise_decomposition(report(connectors=connectors, options={"pin_mm": 2.85}), 4, Path("out"))
+    lines = summarise_decomposition(
+        make_report(connectors=connectors, options={"pin_mm": 2.85}), 4, Path("out")
+    )
     assert "3 pins of 2.85 mm: cut 1 of 13 mm, 2 of 7 mm" in lines
     assert "Check: p02 has no holes and marks: it is not one piece any more (rule drilled)" in lines
 
 
 def test_summary_of_a_good_result() -> None:
-    assert summarise_decomposition(report(), 4, Path("out")) == [
+    assert summarise_decomposition(make_report(), 4, Path("out")) == [
         "3 parts: 1h00 on 4 printers, 2h30 on a single large one; efficiency E 0.75",
         "By guillotine: at most 8% above the lower bound for cuts along its grid",
         "2 joints; the smallest, p01 to p02, has 120 mm2 of glue area and is 8.0 mm wide",
@@ -58,7 +60,7 @@ def test_summary_of_a_good_result() -> None:
 
 
 def test_turned_cuts_are_reported() -> None:
-    (_, message, *_) = summarise_decomposition(report(yaw_deg=15.0), 4, Path("out"))
+    (_, message, *_) = summarise_decomposition(make_report(yaw_deg=15.0), 4, Path("out"))
     assert message.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
 
 
@@ -66,7 +68,7 @@ def test_summary_has_seven_lines_at_most() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
     fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, less than 8 mm"}
     lines = summarise_decomposition(
-        report(repairs=["Closed it.", "Turned it."], faults=[fault], parts=parts), 4, Path("out")
+        make_report(repairs=["Closed it.", "Turned it."], faults=[fault], parts=parts), 4, Path("out")
     )
     assert len(lines) == 7
     assert lines[0] == "Closed it. Turned it."
@@ -77,14 +79,19 @@ def test_summary_has_seven_lines_at_most() -> None:
 
 
 def test_two_parts_have_one_joint() -> None:
-    (_, _, joint, *_) = summarise_decomposition(report(joints=report()["joints"][1:]), 4, Path("out"))
+    (_, _, joint, *_) = summarise_decomposition(
+        make_report(joints=make_report()["joints"][1:]), 4, Path("out")
+    )
     assert joint == "1 joint; the smallest, p02 to p03, has 900 mm2 of glue area and is 30.0 mm wide"
 
 
 def test_one_part_has_no_joint() -> None:
     lines = summarise_decomposition(
-        report(
-            parts=report()["parts"][:1], joints=[], cells=None, assembly={"steps": [], "estimated_s": 0.0}
+        make_report(
+            parts=make_report()["parts"][:1],
+            joints=[],
+            cells=None,
+            assembly={"steps": [], "estimated_s": 0.0},
         ),
         1,
         Path("out"),

@@ -22,11 +22,11 @@ NAMES = st.text("aB1._-", max_size=40).map(lambda rest: f"p{rest}")
 TIMES = st.integers(-2000, 0).map(lambda hours: (NOW + timedelta(hours=hours)).isoformat())
 
 
-def progress(plate, remaining_s, share):
+def make_progress(plate, remaining_s, share):
     return api.PrintProgress.model_construct(plate=plate, remaining_s=remaining_s, progress=share)
 
 
-PRINTS = st.builds(progress, st.sampled_from(["1/01", "12/03b"]), st.floats(0, 4e5), st.floats(0, 1))
+PRINTS = st.builds(make_progress, st.sampled_from(["1/01", "12/03b"]), st.floats(0, 4e5), st.floats(0, 1))
 LAST_PRINTS = st.builds(
     api.LastPrint,
     plate=st.just("123/45"),
@@ -106,7 +106,7 @@ def test_watched_page_fits_the_terminal(width, fleet, height):
 
 @SIZES
 def test_printing_row_is_complete_in_every_width(width):
-    long_row = {"state": "printing", "print": progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
+    long_row = {"state": "printing", "print": make_progress("12/03", 44_000, 0.55), "nozzle_c": 200.0}
     fleet = [
         p.model_copy(update={"targets": api.Targets(nozzle_c=200, bed_c=60), **long_row})
         for p in VIEW.printers

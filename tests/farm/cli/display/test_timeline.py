@@ -8,7 +8,7 @@ from farm import api
 from farm.cli.display.timeline import draw_gantt, render_timeline
 
 
-def slot(number, printer, starts, ends):
+def make_slot(number, printer, starts, ends):
     return api.SlotView(
         plate=f"4/{number:02d}",
         parts=[f"4/p{number:02d}"],
@@ -22,9 +22,9 @@ def slot(number, printer, starts, ends):
 
 NOW = "2026-11-21T09:00:00+00:00"
 SLOTS = [
-    slot(1, "um2-01", "10:00", "12:00"),
-    slot(2, "um2-02", "10:00", "11:00"),
-    slot(3, "um2-02", "13:00", "14:00"),
+    make_slot(1, "um2-01", "10:00", "12:00"),
+    make_slot(2, "um2-02", "10:00", "11:00"),
+    make_slot(3, "um2-02", "13:00", "14:00"),
 ]
 
 
@@ -37,7 +37,9 @@ def test_each_printer_has_one_row_in_the_chart():
 
 
 def test_short_plate_in_a_long_night_is_visible():
-    lines = draw_gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], NOW, columns=23)
+    lines = draw_gantt(
+        [make_slot(1, "a", "00:00", "00:01"), make_slot(2, "b", "00:00", "23:59")], NOW, columns=23
+    )
     assert lines[0].startswith("a  ") and lines[0].strip() != "a"
     assert len(lines[1]) == len("b  ") + 20
     assert draw_gantt([], NOW) == []

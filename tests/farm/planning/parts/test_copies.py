@@ -19,7 +19,7 @@ from farm.planning.parts.copies import MAX_PLATES, choose_spaced, iterate_part_c
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import DecomposeTask, Plan
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 
 MODEL = "ultimaker2_plus"
 
@@ -50,7 +50,7 @@ def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
 
 def make_copy_plan(*seconds):
     """Make the plan of one copy with a plate for each of these times."""
-    event = planned(plates=len(seconds))
+    event = make_plan_event(plates=len(seconds))
     plates = tuple(
         plate.model_copy(update={"sliced_s": s, "expected_s": s + 10.0, "printer": "p0"})
         for plate, s in zip(event.plates, seconds, strict=True)

@@ -71,7 +71,7 @@ def test_prelude_is_counted_once_in_a_price(resolve_slice_settings):
     assert replace(with_prelude, fixed_s=0.0) == layers_only
 
 
-def block():
+def make_block():
     return Solid.box((-30, -25, 0), (30, 25, 30))
 
 
@@ -89,7 +89,7 @@ def make_needle():
     return Solid.box((-4, -4, 0), (4, 4, 50))
 
 
-def cone():
+def make_cone():
     mesh = trimesh.creation.cone(35, 40, sections=32)
     return Solid.from_arrays(mesh.vertices, mesh.faces)
 
@@ -113,7 +113,7 @@ def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_pat
     settings = resolve_slice_settings(**variant)
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     errors = []
-    for make in (block, make_cup, make_bridge, make_needle, cone):
+    for make in (make_block, make_cup, make_bridge, make_needle, make_cone):
         vertices, faces = make().arrays()
         stl = tmp_path / f"{make.__name__}.stl"
         write_stl(stl, round_triangles(vertices, faces))

@@ -8,7 +8,7 @@ from farm.planning.plan import Plan
 from farm.planning.replanning.replan import ReplannedPlate, make_next_plate_id
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
-from make_books import make_plan_event as planned
+from make_books import make_plan_event
 from recording_controller import MODEL, PLUS, Farm
 
 UM2 = "ultimaker2"
@@ -31,7 +31,7 @@ def make_farm(tmp_path, models, plates=1, **options):
     farm.names = "abcdefgh"[: len(models)]
     farm.ready(*farm.names)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
-    event = planned(1, plates)
+    event = make_plan_event(1, plates)
     hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "family": PLUS}
     long_plates = tuple(plate.model_copy(update=hours) for plate in event.plates)
     farm.controller.on_plan(1, Plan(event.parts, long_plates, (), 1.0, 1.0, 10 * HOUR, None))
@@ -116,7 +116,7 @@ def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
     fails(farm, "a", "1/01")
     ((_, reserved_printers, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
-    event = planned(2, 2)
+    event = make_plan_event(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
     assert not printing(farm).keys() & set(reserved_printers)
     farm.controller.on_replan("1/01", FarmError("too thin"))

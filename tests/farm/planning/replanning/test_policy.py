@@ -10,27 +10,27 @@ from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
 from farm.model import Bed, HoldCode
 from farm.planning.replanning import policy
 from farm.scheduling.matching import Capabilities, Requirements
-from scheduling_examples import LOW, box, plate, printer, rules, situation
+from scheduling_examples import LOW, box, make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR  # Monday, 20:00 UTC
-NIGHT = rules(attended=["08:00-18:00"])
+NIGHT = make_rules(attended=["08:00-18:00"])
 PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
 
 
 def printer_of(name, family, nozzle_mm=0.4, **changes):
     return replace(
-        printer(name, **changes), capabilities=Capabilities(LOW, "generic_pla", None, nozzle_mm, family)
+        make_printer(name, **changes), capabilities=Capabilities(LOW, "generic_pla", None, nozzle_mm, family)
     )
 
 
-def part(hours=10.0, **changes):
+def make_part(hours=10.0, **changes):
     facts = {
         "requirements": Requirements("generic_pla", None, 0.4, box(100.0), PLUS),
         "heating_s": 300.0,
         "grams": 50.0,
     }
-    return plate("1/01", "a", **{**facts, "expected_s": hours * HOUR, **changes})
+    return make_plate("1/01", "a", **{**facts, "expected_s": hours * HOUR, **changes})
 
 
 def test_cost_of_a_piece_equals_that_of_a_decomposition():
@@ -40,7 +40,9 @@ def test_cost_of_a_piece_equals_that_of_a_decomposition():
 def test_plate_of_a_bed_full_until_morning_is_resliced():
     full_printer, other_printer = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", UM2)
     choice = policy.choose_reslice(
-        part(), situation([part()], [full_printer, other_printer], NIGHT, NOW_S), [other_printer]
+        make_part(),
+        make_situation([make_part()], [full_printer, other_printer], NIGHT, NOW_S),
+        [other_printer],
     )
     assert choice == policy.Reslice("1/01", "b")
     assert policy.waits_for_its_printer_kind(HoldCode.BED_NOT_CLEAR)
@@ -64,10 +66,10 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
 def test_plate_waits_if_the_other_printer_does_not_match(changes, other_fields):
     full_printer = printer_of("a", PLUS, bed=Bed.NOT_CLEAR)
     free_printer = printer_of("b", **other_fields)
-    view = part(**changes)
+    view = make_part(**changes)
     assert (
         policy.choose_reslice(
-            view, situation([view], [full_printer, free_printer], NIGHT, NOW_S), [free_printer]
+            view, make_situation([view], [full_printer, free_printer], NIGHT, NOW_S), [free_printer]
         )
         is None
     )
@@ -80,7 +82,9 @@ def test_plate_waits_if_its_printer_is_free_soon():
         busy_printer = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
         other_printer = printer_of("b", UM2)
         return policy.choose_reslice(
-            part(), situation([part()], [busy_printer, other_printer], rules(), NOW_S), [other_printer]
+            make_part(),
+            make_situation([make_part()], [busy_printer, other_printer], make_rules(), NOW_S),
+            [other_printer],
         )
 
     assert choose(2.0) is None
@@ -90,7 +94,9 @@ def test_plate_waits_if_its_printer_is_free_soon():
 def test_part_of_a_removed_printer_model_is_sliced_for_another():
     other_printer = printer_of("b", UM2)
     assert (
-        policy.choose_reslice(part(), situation([part()], [other_printer], rules(), NOW_S), [other_printer])
+        policy.choose_reslice(
+            make_part(), make_situation([make_part()], [other_printer], make_rules(), NOW_S), [other_printer]
+        )
         is not None
     )
 
@@ -103,47 +109,54 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
 
     def choose(start_rules):
         return policy.choose_reslice(
-            part(), situation([part()], [broken_printer, other_printer], start_rules, NOW_S), [other_printer]
+            make_part(),
+            make_situation([make_part()], [broken_printer, other_printer], start_rules, NOW_S),
+            [other_printer],
         )
 
     assert choose(NIGHT) is None  # by 18:15 on the next day
-    assert choose(rules()) == policy.Reslice("1/01", "b")
+    assert choose(make_rules()) == policy.Reslice("1/01", "b")
 
 
 def test_failed_part_is_cut_for_printers_not_needed_by_others():
     fleet = [printer_of(name, PLUS) for name in "abcd"]
-    failed_part = part(failed_on=frozenset("a"))
-    other_plate = plate("1/02", "b", expected_s=HOUR)
-    choice = policy.choose_recut(failed_part, situation([failed_part, other_plate], fleet, NIGHT, NOW_S))
+    failed_part = make_part(failed_on=frozenset("a"))
+    other_plate = make_plate("1/02", "b", expected_s=HOUR)
+    choice = policy.choose_recut(failed_part, make_situation([failed_part, other_plate], fleet, NIGHT, NOW_S))
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
-    short_part = part(hours=1.0)
-    assert policy.choose_recut(short_part, situation([short_part], fleet, NIGHT, NOW_S)) is None
-    two = part(places=2)
-    assert len(policy.choose_recut(two, situation([two], fleet, NIGHT, NOW_S)).printers) == 2
-    assert policy.choose_recut(part(places=1), situation([part(places=1)], fleet, NIGHT, NOW_S)) is None
-    assert policy.choose_recut(failed_part, situation([failed_part], fleet[:1], NIGHT, NOW_S)) is None
+    short_part = make_part(hours=1.0)
+    assert policy.choose_recut(short_part, make_situation([short_part], fleet, NIGHT, NOW_S)) is None
+    two = make_part(places=2)
+    assert len(policy.choose_recut(two, make_situation([two], fleet, NIGHT, NOW_S)).printers) == 2
+    assert (
+        policy.choose_recut(make_part(places=1), make_situation([make_part(places=1)], fleet, NIGHT, NOW_S))
+        is None
+    )
+    assert policy.choose_recut(failed_part, make_situation([failed_part], fleet[:1], NIGHT, NOW_S)) is None
 
 
 def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
     fleet = [printer_of(name, UM2) for name in "bc"]
-    short_part, long_part = part(hours=1.0), part(hours=10.0)
-    assert policy.compute_expected_end_s(short_part, situation([short_part], fleet, NIGHT, NOW_S)) == float(
-        "inf"
-    )
-    assert policy.choose_recut(short_part, situation([short_part], fleet, NIGHT, NOW_S)) is None
+    short_part, long_part = make_part(hours=1.0), make_part(hours=10.0)
+    assert policy.compute_expected_end_s(
+        short_part, make_situation([short_part], fleet, NIGHT, NOW_S)
+    ) == float("inf")
+    assert policy.choose_recut(short_part, make_situation([short_part], fleet, NIGHT, NOW_S)) is None
     assert policy.choose_reslice(
-        short_part, situation([short_part], fleet, NIGHT, NOW_S), fleet
+        short_part, make_situation([short_part], fleet, NIGHT, NOW_S), fleet
     ) == policy.Reslice("1/01", "b")
-    assert policy.choose_recut(long_part, situation([long_part], fleet, NIGHT, NOW_S)) == policy.Recut(
+    assert policy.choose_recut(long_part, make_situation([long_part], fleet, NIGHT, NOW_S)) == policy.Recut(
         "1/01", ("b", "c")
     )
 
 
 def test_pieces_may_end_before_quiet_hours_unlike_the_whole_part():
-    start_rules = rules(quiet=["06:00-22:00"])
+    start_rules = make_rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
     fleet = [printer_of(name, PLUS) for name in "abc"]
-    assert policy.choose_recut(part(), situation([part()], fleet, start_rules, now_s)) is not None
+    assert (
+        policy.choose_recut(make_part(), make_situation([make_part()], fleet, start_rules, now_s)) is not None
+    )
 
 
 fleets = st.lists(
@@ -162,7 +175,7 @@ fleets = st.lists(
     unique_by=lambda p: p.name,
 )
 parts = st.builds(
-    part,
+    make_part,
     st.floats(0.5, 20.0),
     failed_on=st.frozensets(st.sampled_from("abcdef"), max_size=2),
     places=st.none() | st.integers(0, 3),
@@ -174,8 +187,8 @@ parts = st.builds(
 def test_recut_requests_matching_free_printers_if_useful(view, fleet):
     by_name = {p.name: p for p in fleet}
     free_printers = [p for p in fleet if p.obstacle() is None]
-    whole_s = policy.compute_expected_end_s(view, situation([view], fleet, NIGHT, NOW_S))
-    reslice = policy.choose_reslice(view, situation([view], fleet, NIGHT, NOW_S), free_printers)
+    whole_s = policy.compute_expected_end_s(view, make_situation([view], fleet, NIGHT, NOW_S))
+    reslice = policy.choose_reslice(view, make_situation([view], fleet, NIGHT, NOW_S), free_printers)
     if reslice is not None:
         other_printer = by_name[reslice.printer]
         assert other_printer.obstacle() is None
@@ -185,14 +198,14 @@ def test_recut_requests_matching_free_printers_if_useful(view, fleet):
             False,
         )
         assert whole_s - NOW_S > policy.MIN_GAIN_S
-    decomposition = policy.choose_recut(view, situation([view], fleet, NIGHT, NOW_S))
+    decomposition = policy.choose_recut(view, make_situation([view], fleet, NIGHT, NOW_S))
     if decomposition is not None:
         assert 2 <= len(set(decomposition.printers)) == len(decomposition.printers) <= policy.MAX_PIECES
         assert all(by_name[name].obstacle() is None for name in decomposition.printers)
         assert view.places is None or len(decomposition.printers) <= view.places
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
     assert (
-        policy.choose_reslice(view, situation([view], fleet[::-1], NIGHT, NOW_S), free_printers[::-1])
+        policy.choose_reslice(view, make_situation([view], fleet[::-1], NIGHT, NOW_S), free_printers[::-1])
         == reslice
     )
-    assert policy.choose_recut(view, situation([view], fleet[::-1], NIGHT, NOW_S)) == decomposition
+    assert policy.choose_recut(view, make_situation([view], fleet[::-1], NIGHT, NOW_S)) == decomposition

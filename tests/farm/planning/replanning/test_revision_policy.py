@@ -10,7 +10,7 @@ from farm.model import Bed
 from farm.planning.replanning.policy import MARGIN, MIN_GAIN_S
 from farm.planning.replanning.revision_policy import PlannedJob, choose_revision, estimate_plates, find_end_s
 from farm.scheduling.matching import Requirements
-from scheduling_examples import plate, printer, rules, situation
+from scheduling_examples import make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 ANY = Requirements(None, None, None)
@@ -19,7 +19,9 @@ ANY = Requirements(None, None, None)
 def make_planned_job(hours, names, **changes):
     """Return a planned job with a plate of each of these lengths, for these printers in turn."""
     plates = tuple(
-        plate(f"1/{index:02d}", names[index % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0)
+        make_plate(
+            f"1/{index:02d}", names[index % len(names)], expected_s=item * HOUR + 300.0, heating_s=300.0
+        )
         for index, item in enumerate(hours, 1)
     )
     facts = {"planned_for": tuple(names), "requirements": ANY, "planning_s": 300.0}
@@ -27,53 +29,57 @@ def make_planned_job(hours, names, **changes):
 
 
 def choose(job, fleet, *candidates, start_rules=None, other_jobs=()):
-    return choose_revision(job, situation([*other_jobs, *job.plates], fleet, start_rules), candidates)
+    return choose_revision(job, make_situation([*other_jobs, *job.plates], fleet, start_rules), candidates)
 
 
 def test_plan_is_revised_for_more_free_printers():
-    fleet = [printer(name) for name in "abcdefgh"]
+    fleet = [make_printer(name) for name in "abcdefgh"]
     assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "abcdefgh") == tuple("abcdefgh")
     assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "abc", "abcdefgh") == tuple("abcdefgh")
 
 
 def test_plan_stays_if_the_gain_is_small():
-    fleet = [printer(name) for name in "abc"]
+    fleet = [make_printer(name) for name in "abc"]
     assert choose(make_planned_job([2.0, 2.0], "ab"), fleet, "abc") is None
     assert choose(make_planned_job([8.0, 8.0], "ab"), fleet, "ab") is None
     assert choose(make_planned_job([2.0, 2.0], "ab", planning_s=5 * HOUR), fleet, "abc") is None
 
 
 def test_plan_without_some_printers_is_not_revised_for_more():
-    fleet = [printer(name) for name in "abcdefgh"]
+    fleet = [make_printer(name) for name in "abcdefgh"]
     assert choose(make_planned_job([8.0, 8.0], "abcd"), fleet, "abcdefgh") is None
 
 
 def test_fewer_parts_are_planned_for_unattended_nights():
-    fleet = [printer("a"), printer("b"), *(printer(name, bed=Bed.NOT_CLEAR) for name in "cdef")]
-    night = rules(attended=["08:00-18:00"])
+    fleet = [
+        make_printer("a"),
+        make_printer("b"),
+        *(make_printer(name, bed=Bed.NOT_CLEAR) for name in "cdef"),
+    ]
+    night = make_rules(attended=["08:00-18:00"])
     job = make_planned_job([1.0] * 6, "abcdef")
-    moment = replace(situation(job.plates, fleet, night), now_s=20 * HOUR)
+    moment = replace(make_situation(job.plates, fleet, night), now_s=20 * HOUR)
     assert choose_revision(job, moment, ["ab"]) == ("a", "b")
     by_day = replace(moment, now_s=9 * HOUR)
     assert choose_revision(job, by_day, ["ab"]) is None
 
 
 def test_plan_that_meets_its_deadline_stays():
-    fleet = [printer(name) for name in "abcdefgh"]
+    fleet = [make_printer(name) for name in "abcdefgh"]
     job = make_planned_job([8.0, 8.0], "ab", done_by_s=9 * HOUR)
     assert choose(job, fleet, "abcdefgh") is None
     assert choose(replace(job, done_by_s=7 * HOUR), fleet, "abcdefgh") == tuple("abcdefgh")
 
 
 def test_plan_in_rounds_is_not_made_for_fewer_printers():
-    fleet = [printer(name) for name in "ab"]
+    fleet = [make_printer(name) for name in "ab"]
     assert choose(make_planned_job([8.0] * 5, "ab"), fleet, "a") is None
 
 
 def test_plan_that_no_printer_can_print_is_made_again():
     job = make_planned_job([8.0], "z")
     tall = tuple(replace(p, requirements=Requirements("generic_pla", None, 0.8)) for p in job.plates)
-    assert choose(replace(job, plates=tall), [printer("a"), printer("b")], "ab") == ("a", "b")
+    assert choose(replace(job, plates=tall), [make_printer("a"), make_printer("b")], "ab") == ("a", "b")
 
 
 fleets = st.lists(
@@ -89,12 +95,12 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     states, hours, used, planning_s, night
 ):
     """Check that no revision follows a plan that ends as estimated while the printers are unchanged."""
-    fleet = [printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
+    fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
     names = tuple(p.name for p in fleet)
     free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
     job = make_planned_job(hours, "abcdefgh"[:used], planning_s=float(planning_s))
-    start_rules = rules(attended=["08:00-18:00"]) if night else rules()
-    moment = replace(situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
+    start_rules = make_rules(attended=["08:00-18:00"]) if night else make_rules()
+    moment = replace(make_situation(job.plates, fleet, start_rules), now_s=20 * HOUR)
     revision = choose_revision(job, moment, (free_printers, names))
     if revision is None:
         return
@@ -112,9 +118,9 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
 @pytest.mark.parametrize("priority", [0, 5])
 def test_revision_considers_jobs_of_higher_priority(priority):
     """Use free printers that will soon print a job of higher priority."""
-    fleet = [printer(name) for name in "abcd"]
+    fleet = [make_printer(name) for name in "abcd"]
     other_jobs = [
-        plate(f"9/0{index}", name, job=9, priority=priority, expected_s=40 * HOUR)
+        make_plate(f"9/0{index}", name, job=9, priority=priority, expected_s=40 * HOUR)
         for index, name in enumerate("cd")
     ]
     job = make_planned_job([8.0, 8.0], "ab")

@@ -28,8 +28,7 @@ from farm.state.storage.backups import (
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.views import list_tasks
-from make_books import apply_events, make_fleet_events, make_job
-from make_books import make_plan_event as planned
+from make_books import apply_events, make_fleet_events, make_job, make_plan_event
 from recording_controller import MODEL, Farm
 
 NIGHT_S = 1_790_000_000.0
@@ -55,9 +54,9 @@ def fill(state):
 def make_held_books():
     """Make books with a job that waits for its approval."""
     events = (ev.JobSubmitted(at_s=0.0, job=make_job()), ev.PlanningStarted(at_s=0.0, job=1))
-    return apply_events(Books(), *make_fleet_events(), *events, planned().model_copy(update={"held": True}))[
-        0
-    ]
+    return apply_events(
+        Books(), *make_fleet_events(), *events, make_plan_event().model_copy(update={"held": True})
+    )[0]
 
 
 def test_backup_of_books_in_use_succeeds_and_old_ones_are_deleted(state):
@@ -188,7 +187,7 @@ def test_next_backup_is_at_four_after_any_clock_change():
 def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
-    event = planned(1, 3)
+    event = make_plan_event(1, 3)
     farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
@@ -200,7 +199,7 @@ def test_restored_database_starts_nothing_before_an_inspection(tmp_path):
     assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert books.jobs[2].options.hold
     next_books, _ = apply(ev.PlanningStarted(at_s=NIGHT_S, job=2), books)
-    next_books, _ = apply(planned(2, 1).model_copy(update={"held": True}), next_books)
+    next_books, _ = apply(make_plan_event(2, 1).model_copy(update={"held": True}), next_books)
     assert (
         next_books.jobs[2].hold == books.jobs[1].hold
     )  # the job may have been planned and printed since the copy

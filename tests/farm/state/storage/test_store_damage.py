@@ -14,15 +14,14 @@ from farm.state.books import Books
 from farm.state.storage.backups import back_up, open_books
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
-from make_books import make_end_event, make_fleet_events, make_job
-from make_books import make_plan_event as planned
+from make_books import make_end_event, make_fleet_events, make_job, make_plan_event
 
 BACKED_UP = 5  # events
 EVENTS = (
     *make_fleet_events(),
     ev.JobSubmitted(at_s=0.0, job=make_job()),
     ev.PlanningStarted(at_s=0.0, job=1),
-    planned(plates=3),
+    make_plan_event(plates=3),
     ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="a"),
     ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="b"),
     make_end_event("a", at_s=100.0),

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from dashboard_farm import (
     START_S,
-    empty_books,
-    judge,
+    add_planned_job,
+    add_print,
+    judge_print,
     make_context,
+    make_empty_books,
     make_situation,
-    print_plate,
-    submit,
 )
 from farm.errors import NoSuchThing
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
@@ -24,24 +24,24 @@ from farm.views.dashboard import Change, describe_fleet_timeline
 from farm.views.dashboard.fleet_plan import list_spans
 from farm.week_windows import parse_window
 from make_books import apply_events
-from scheduling_examples import UTC, hours
+from scheduling_examples import UTC, make_hours
 
 NOW_S = START_S + 1000.0
 
 
 def make_night_books():
     """Make books with a good, a failed and a running print on one printer, and three waiting jobs."""
-    books = submit(empty_books("a"), 1, 3)
-    books = judge(print_plate(books, "1/01", "a", START_S, 100.0), "a", START_S + 150.0)
-    books = print_plate(
+    books = add_planned_job(make_empty_books("a"), 1, 3)
+    books = judge_print(add_print(books, "1/01", "a", START_S, 100.0), "a", START_S + 150.0)
+    books = add_print(
         books, "1/02", "a", START_S + 200.0, 50.0, state=PrintState.FAILED, fault="noisy_line", reason="noise"
     )
-    books = judge(books, "a", START_S + 300.0)
+    books = judge_print(books, "a", START_S + 300.0)
     books, _ = apply_events(
         books, ev.PlateAssigned(at_s=NOW_S - 10.0, plate="1/03", printer="a", print_id="running")
     )
     for number in (2, 3):
-        books = submit(books, number, 1)
+        books = add_planned_job(books, number, 1)
     return books
 
 
@@ -103,7 +103,7 @@ def test_later_start_delays_the_job_alone():
 
 def test_held_job_is_tried_as_if_it_was_approved():
     books = make_night_books()
-    held_books = submit(books, 4, 1, is_held=True)
+    held_books = add_planned_job(books, 4, 1, is_held=True)
     assert held_books.jobs[4].state == "held"
     (shift,) = (
         row for row in describe(held_books, Change(4, moves=True, before=None)).shifts if row.job == 4
@@ -118,7 +118,7 @@ def test_unknown_job_is_refused():
 
 
 def test_empty_farm_has_an_empty_timeline():
-    view = describe(empty_books("abc"))
+    view = describe(make_empty_books("abc"))
     assert (view.table, view.shifts, view.unprintable_parts) == ((), (), ())
     assert view.chart.height > 0
 
@@ -130,7 +130,7 @@ WINDOWS = st.lists(
 
 @given(WINDOWS, st.floats(0.0, 7 * 86400.0), st.floats(1.0, 7 * 86400.0))
 def test_spans_are_apart_inside_of_the_time_and_agree_with_the_hours(texts, begin_s, length_s):
-    week, end_s = hours(*texts), begin_s + length_s
+    week, end_s = make_hours(*texts), begin_s + length_s
     spans = list_spans(week, begin_s, end_s)
     assert all(begin_s <= first_s < last_s <= end_s for first_s, last_s in spans)
     assert all(span[1] < next_span[0] for span, next_span in pairwise(spans))

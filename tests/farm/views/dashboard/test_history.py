@@ -2,7 +2,15 @@
 
 import pytest
 
-from dashboard_farm import DAY_S, START_S, empty_books, judge, make_context, print_plate, submit
+from dashboard_farm import (
+    DAY_S,
+    START_S,
+    add_planned_job,
+    add_print,
+    judge_print,
+    make_context,
+    make_empty_books,
+)
 from farm.errors import NoSuchThing
 from farm.model import PrintState, Verdict
 from farm.views.dashboard import HistoryFilter, describe_history, select_prints
@@ -11,16 +19,16 @@ NOW_S = START_S + 10 * DAY_S
 
 
 def make_books_of_ten_days():
-    books = submit(empty_books(), 1, 2)
-    books = judge(print_plate(books, "1/01", "a", START_S, 120.0), "a", START_S + 130.0)
-    books = judge(print_plate(books, "1/02", "b", START_S, 80.0), "b", START_S + 130.0)
-    books = submit(books, 2, 1)
+    books = add_planned_job(make_empty_books(), 1, 2)
+    books = judge_print(add_print(books, "1/01", "a", START_S, 120.0), "a", START_S + 130.0)
+    books = judge_print(add_print(books, "1/02", "b", START_S, 80.0), "b", START_S + 130.0)
+    books = add_planned_job(books, 2, 1)
     failure_fields = {"state": PrintState.FAILED, "fault": "no_answer", "reason": "silent"}
-    books = judge(
-        print_plate(books, "2/01", "a", NOW_S - 5000.0, 60.0, **failure_fields), "a", NOW_S - 4000.0
+    books = judge_print(
+        add_print(books, "2/01", "a", NOW_S - 5000.0, 60.0, **failure_fields), "a", NOW_S - 4000.0
     )
-    return judge(
-        print_plate(books, "2/01", "c", NOW_S - 3000.0, 90.0), "c", NOW_S - 2000.0, Verdict.BAD, "warped"
+    return judge_print(
+        add_print(books, "2/01", "c", NOW_S - 3000.0, 90.0), "c", NOW_S - 2000.0, Verdict.BAD, "warped"
     )
 
 
@@ -58,4 +66,4 @@ def test_long_history_is_shown_in_part_and_counted_in_full():
 
 def test_unknown_job_is_refused():
     with pytest.raises(NoSuchThing, match="no job 9"):
-        select_prints(make_context(empty_books(), NOW_S), HistoryFilter(job=9))
+        select_prints(make_context(make_empty_books(), NOW_S), HistoryFilter(job=9))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dashboard_farm import START_S, empty_books, judge, make_context, print_plate, submit
+from dashboard_farm import START_S, add_planned_job, add_print, judge_print, make_context, make_empty_books
 from farm.errors import NoSuchThing
 from farm.model import Moment, PrintState, Still, Temperatures
 from farm.views.dashboard import describe_printer_page
@@ -11,13 +11,13 @@ NOW_S = START_S + 1000.0
 
 
 def failed_books():
-    books = submit(empty_books(), 1, 2)
+    books = add_planned_job(make_empty_books(), 1, 2)
     failure_fields = {
         "state": PrintState.FAILED,
         "fault": "thermal_runaway",
         "reason": "the nozzle got colder",
     }
-    books = judge(print_plate(books, "1/01", "a", START_S, 60.0, **failure_fields), "a", START_S + 100.0)
+    books = judge_print(add_print(books, "1/01", "a", START_S, 60.0, **failure_fields), "a", START_S + 100.0)
     (name,) = books.prints
     still = Still(moment=Moment.FAILURE, at_s=START_S + 50.0, file="abc.png")
     books.prints[name] = books.prints[name].model_copy(update={"stills": (still,)})
@@ -51,4 +51,4 @@ def test_stills_of_a_pruned_job_are_left_out():
 
 def test_printer_that_left_the_fleet_has_no_page():
     with pytest.raises(NoSuchThing, match="no printer z"):
-        describe(empty_books("az"), "z")
+        describe(make_empty_books("az"), "z")

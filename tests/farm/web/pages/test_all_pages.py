@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jinja2 import PackageLoader
 
-from dashboard_farm import submit
+from dashboard_farm import add_planned_job
 from drivers.errors import Fault
 from drivers.messages import WireLine
 from farm.api import NETWORK_PREFIX
@@ -113,9 +113,11 @@ def make_attempt(number, printer, state, **changes):
 def make_gallery(farm, text="reason", name="bracket"):
     """Put every state, hold and fault into the books and the telemetry of a farm, with these words."""
     farm.controller.books = farm.initial_books
-    books = submit(farm.initial_books, 1, len(HoldCode), NOW_S - 5000.0, name=name, submitted_by=text)
+    books = add_planned_job(
+        farm.initial_books, 1, len(HoldCode), NOW_S - 5000.0, name=name, submitted_by=text
+    )
     for number in range(2, 2 + len(JobState)):
-        books = submit(books, number, 1, NOW_S - 5000.0, name=name)
+        books = add_planned_job(books, number, 1, NOW_S - 5000.0, name=name)
     for number, state in enumerate(JobState, 2):
         options = books.jobs[number].options.model_copy(update={"note": text, "colour": text})
         texts = {"reason": text, "repairs": (text,), "hold": Hold(code=HoldCode.START_TIME, text=text)}

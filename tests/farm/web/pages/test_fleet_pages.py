@@ -7,7 +7,7 @@ from datetime import datetime
 
 import pytest
 
-from dashboard_farm import judge, print_plate, submit
+from dashboard_farm import add_planned_job, add_print, judge_print
 from drivers.messages import WireLine
 from farm.control import DryRuns
 from farm.http import EventStreams
@@ -32,17 +32,17 @@ def farm(tmp_path):
 def busy_farm(farm):
     """Make a farm with a failed print that has a still, and jobs that wait."""
     now_s = farm.clock.now_s
-    books = submit(farm.controller.books, 1, 2, now_s - 2000.0)
+    books = add_planned_job(farm.controller.books, 1, 2, now_s - 2000.0)
     failure_fields = {
         "state": PrintState.FAILED,
         "fault": "thermal_runaway",
         "reason": "the nozzle got <cold>",
     }
-    books = judge(
-        print_plate(books, "1/01", "a", now_s - 1000.0, 500.0, **failure_fields), "a", now_s - 100.0
+    books = judge_print(
+        add_print(books, "1/01", "a", now_s - 1000.0, 500.0, **failure_fields), "a", now_s - 100.0
     )
     for number in (2, 3):
-        books = submit(books, number, 1, now_s - 900.0)
+        books = add_planned_job(books, number, 1, now_s - 900.0)
     (attempt,) = books.prints.values()
     still = Still(moment=Moment.FAILURE, at_s=now_s - 501.0, file="0123.png")
     books.prints[attempt.id] = attempt.model_copy(update={"stills": (still,)})

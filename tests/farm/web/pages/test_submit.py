@@ -12,7 +12,7 @@ from farm.web.notes import Reader
 from farm.web.pages.submit.options import DEFAULTS, read_job_options
 from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
 from network_farm import NetworkFarm
-from recording_controller import fleet
+from recording_controller import make_fleet
 from same_process import AcceptAll
 
 FARM = SimpleNamespace(name="farm", timezone="UTC")
@@ -73,7 +73,7 @@ def test_wrong_field_is_named(fields, text):
 
 
 def test_page_offers_what_the_fleet_has():
-    page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     assert f'action="/submit?request={REQUEST}"' in page
     assert "On this many of 2 printers" in page
     assert "Ultimaker 2+" in page
@@ -81,7 +81,7 @@ def test_page_offers_what_the_fleet_has():
 
 
 def test_every_field_has_a_label():
-    page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     form = page[page.index('<form id="submit"') :]
     labels = re.findall(r"<label[^>]*>(.*?)</label>", form, re.DOTALL)
     field_names = set(re.findall(r'<(?:input|select)[^>]* name="(\w+)"', form))
@@ -162,7 +162,7 @@ def test_request_for_more_printers_than_there_are_is_a_note(farm):
 @pytest.mark.parametrize("reads_step", [True, False])
 def test_step_is_offered_where_it_can_be_read(monkeypatch, reads_step):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object() if reads_step else None)
-    page = render_submit_page(list_choices(fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
+    page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     suffixes = re.search(r'accept="([^"]*)"', page)[1].split(",")
     assert (".step" in suffixes, "STEP" in page) == (reads_step, reads_step)
     assert {".stl", ".gcode"} <= set(suffixes)
