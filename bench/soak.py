@@ -98,9 +98,9 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
         fault=fault,
         exact=fault is None and moves == lines and is_at_end and has_fed,
         moves=moves,
-        altered=firmware.noise.altered if firmware.noise is not None else 0,
-        damaged_bytes=firmware.noise.damaged if firmware.noise is not None else 0,
-        repeated=link.repeated,
+        altered=firmware.noise.altered_lines if firmware.noise is not None else 0,
+        damaged_bytes=firmware.noise.damaged_bytes if firmware.noise is not None else 0,
+        repeated=link.repeat_count,
         cpu_s=round(time.process_time() - began_s, 1),
     )
 

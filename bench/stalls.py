@@ -311,7 +311,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     is_exact = received_lines == expected_lines[: len(received_lines)] and len(received_lines) > len(
         expected_lines
     ) - len(TAIL)
-    return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeated)
+    return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeat_count)
 
 
 def main() -> None:

@@ -69,7 +69,7 @@ class HangingClients:
     def __init__(self, port: int, key: str, number: int) -> None:
         self._port, self._incomplete_requests = port, list_incomplete_requests(key)
         self._selector = selectors.DefaultSelector()
-        self._number, self.connected, self.closed, self.refused = number, 0, 0, 0
+        self._number, self.is_connected, self.closed, self.refused = number, 0, 0, 0
 
     def hang(self, seconds: float) -> None:
         """Keep the connections open for some seconds."""
@@ -85,13 +85,13 @@ class HangingClients:
         client.settimeout(0.2)
         try:
             client.connect(("127.0.0.1", self._port))
-            client.send(self._incomplete_requests[self.connected % len(self._incomplete_requests)])
+            client.send(self._incomplete_requests[self.is_connected % len(self._incomplete_requests)])
         except OSError:
             client.close()
             self.refused += 1
             return
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        self.connected += 1
+        self.is_connected += 1
         self._selector.register(client, selectors.EVENT_READ)
 
     def _read(self, client: socket.socket) -> None:
@@ -170,7 +170,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
     local_ms.sort()
     return {
         "connections": number,
-        "made": clients.connected,
+        "made": clients.is_connected,
         "closed_by_the_daemon": clients.closed,
         "refused": clients.refused,
         "descriptors": descriptors,

@@ -27,7 +27,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
-MAX_SUMS = 1e8  # of sums for the curve of unequal printers: about a second for each limit
+MAX_SUMS = 1e8  # maximum number of sums for the curve of unequal printers: about a second for each limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,13 +113,13 @@ class _StageTimes:
     """Wall time by stage."""
 
     def __init__(self) -> None:
-        self._start = self._lap_start_s = perf_counter()
-        self._laps: dict[str, float] = {}
+        self._start = self._stage_start_s = perf_counter()
+        self._stage_times_s: dict[str, float] = {}
 
     def record_stage(self, stage: str) -> None:
         now_s = perf_counter()
-        self._laps[stage] = now_s - self._lap_start_s
-        self._lap_start_s = now_s
+        self._stage_times_s[stage] = now_s - self._stage_start_s
+        self._stage_start_s = now_s
 
     def stage_times(self) -> dict[str, float]:
-        return {**self._laps, "total": self._lap_start_s - self._start}
+        return {**self._stage_times_s, "total": self._stage_start_s - self._start}

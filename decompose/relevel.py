@@ -79,9 +79,11 @@ def relevel_planes(
 def _shift_planes(problem: Problem, cut_boxes: list[list[Piece]]) -> list[Piece] | None:
     """Move the planes between the pieces of each box; None if the gain is too small to slice again."""
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in cut_boxes])
-    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, cut_boxes)
+    shifted_pieces = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, cut_boxes)
     old_s = _compute_makespan_s(problem, [piece for pieces in cut_boxes for piece in pieces])
-    return after if _compute_makespan_s(problem, after) <= (1.0 - MIN_GAIN) * old_s else None
+    return (
+        shifted_pieces if _compute_makespan_s(problem, shifted_pieces) <= (1.0 - MIN_GAIN) * old_s else None
+    )
 
 
 def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:

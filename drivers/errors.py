@@ -1,4 +1,4 @@
-"""Errors of the printer drivers, one root for the package."""
+"""Errors of the printer drivers, with a common base."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-AGENT_LOCK = "lock"  # in an agent's folder
+AGENT_LOCK = "lock"  # file in an agent's folder
 _TRIES, _WAIT_S = 20, 0.05
 _DEATH_S = 1.0
 _PID_BYTES = 10

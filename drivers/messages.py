@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
-AGENT_SOCKET = "agent.sock"  # in an agent's folder
+AGENT_SOCKET = "agent.sock"  # socket in an agent's folder
 
 PROTOCOL = 4
 """Version of the protocol, increased when a request or a field is added, or has another meaning. Each
@@ -34,7 +34,7 @@ class _Message(BaseModel):
 class _Request(_Message):
     """Request to an agent. Agents refuse unknown fields, so older agents are not sent new ones."""
 
-    since: ClassVar[int] = 1  # protocol version that added the request
+    first_protocol: ClassVar[int] = 1  # protocol version that added the request
 
 
 class _AgentMessage(_Message):
@@ -197,7 +197,7 @@ class StartPrint(_Request):
 class EndPrintBy(_Request):
     """Set the time limit of a print, which the agent then ends safely even without a daemon."""
 
-    since: ClassVar[int] = 2
+    first_protocol: ClassVar[int] = 2
     do: Literal["end_by"] = "end_by"
     id: int
     print_id: str
@@ -253,7 +253,7 @@ class ForgetPrint(_Request):
 class ListPrints(_Request):
     """List all prints that had not ended at a given time, that of a restored daemon's state."""
 
-    since: ClassVar[int] = 2
+    first_protocol: ClassVar[int] = 2
     do: Literal["list"] = "list"
     id: int
     since_s: float  # the agent's clock
@@ -262,7 +262,7 @@ class ListPrints(_Request):
 class ListLines(_Request):
     """List the last lines on the wire; nothing else changes."""
 
-    since: ClassVar[int] = 4
+    first_protocol: ClassVar[int] = 4
     do: Literal["lines"] = "lines"
     id: int
 
@@ -338,7 +338,7 @@ def encode_for_protocol(request: Request, protocol: int) -> str | None:
             unknown.add(name)
             if getattr(request, name) != field.default:
                 return None
-    return None if request.since > protocol else request.model_dump_json(exclude=unknown)
+    return None if request.first_protocol > protocol else request.model_dump_json(exclude=unknown)
 
 
 FromAgent = Snapshot | Reply

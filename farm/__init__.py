@@ -6,6 +6,6 @@ __version__: str
 def __getattr__(name: str) -> str:
     if name != "__version__":
         raise AttributeError(f"module 'farm' has no attribute {name!r}")
-    from importlib.metadata import version  # slow to load, and few ask
+    from importlib.metadata import version  # slow to load, and rarely needed
 
     return version("farm")

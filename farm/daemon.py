@@ -287,9 +287,9 @@ class Daemon:
         planning = self._controller.planning
         while not now and (self._inspections or planning.list_running(self._controller.books)):
             await asyncio.sleep(0.1)
-        give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
+        deadline_s = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
-            if asyncio.get_running_loop().time() > give_up:
+            if asyncio.get_running_loop().time() > deadline_s:
                 log.error("not shutting down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
                 self._controller.stopping = False
                 return

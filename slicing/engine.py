@@ -118,9 +118,8 @@ def run_engine(
         arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
         command = [str(engine), *arguments, "-o", "part.gcode", "-l", "part.stl"]
         exit_code, log = _run_process(command, folder, limits, progress)
-        if (
-            exit_code > 0 and _UNKNOWN_ERROR in log
-        ):  # seen on a machine under load, where a second run succeeded
+        # Seen on a machine under load, where a second run succeeded.
+        if exit_code > 0 and _UNKNOWN_ERROR in log:
             exit_code, log = _run_process(command, folder, limits, progress)
         if exit_code != 0:
             raise _build_engine_error(exit_code, log, limits.memory_bytes)

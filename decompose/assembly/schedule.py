@@ -14,7 +14,7 @@ DRY_S = 120.0
 CLEAN_S = 30.0  # to remove the brim of a part before its first use
 HANDLE_S = 45.0  # to find two bodies, fit them without glue, and read the page
 HOLD_S = 30.0  # to hold the bodies until the glue does
-UNSTEADY_HOLD_S = 30.0  # to be added if the lower body does not stand
+UNSTEADY_HOLD_S = 30.0  # additional time if the lower body does not stand
 JOINT_S = 10.0  # to align each further joint
 GLUE_S_PER_MM2 = 0.005  # to apply the glue
 
@@ -98,12 +98,12 @@ def compute_critical_path_s(works: Sequence[Work], dry_s: float = DRY_S) -> floa
         Time until a glued body can be handled; it is not counted after the last step of the chain.
     """
     ends_s: list[float] = []
-    for work, earlier in zip(works, _find_predecessors(works), strict=True):
-        ends_s.append(max((ends_s[j] + dry_s for j in earlier), default=0.0) + work.seconds)
+    for work, predecessors in zip(works, _find_predecessors(works), strict=True):
+        ends_s.append(max((ends_s[j] + dry_s for j in predecessors), default=0.0) + work.seconds)
     return max(ends_s, default=0.0)
 
 
 def _find_predecessors(works: Sequence[Work]) -> list[list[int]]:
     """List, for each step, the steps that make its bodies."""
-    makers = {work.parts: i for i, work in enumerate(works)}
-    return [[makers[body] for body in work.bodies if body in makers] for work in works]
+    step_by_body = {work.parts: i for i, work in enumerate(works)}
+    return [[step_by_body[body] for body in work.bodies if body in step_by_body] for work in works]

@@ -1,4 +1,4 @@
-"""Coupon: a block with holes of several fits and their numbers, to find the one that takes a pin."""
+"""Coupon: a block with numbered holes of several fits, to find the fit of pins on a printer."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Solid
 
 FITS_MM = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-GAUGE_FIT_MM = 0.8  # pins go into the two gauges with ease
+GAUGE_FIT_MM = 0.8  # width of the two gauges beyond the pin, which enters them easily
 LETTERS_MM, GROOVE_MM = 6.0, 0.5
-GAP_MM = 3.0  # between holes, numbers and edges
+GAP_MM = 3.0  # gap between holes, numbers and edges
 UP = np.array([0.0, 0.0, 1.0])
 INWARDS, DOWNWARDS = np.array([0.0, 1.0, 0.0]), -UP
 
@@ -32,7 +32,7 @@ class Coupon:
     solid
         Block with all holes and numbers.
     holes
-        Holes on top, then in front, with rising fits; then the gauges for the long and the short pin.
+        Holes on top, then in front, by rising fit; then the gauges for the long and the short pin.
     marks
         Numbers, in the same order: fits in tenths of a millimetre; lengths in millimetres.
     fits_mm, lengths_mm
@@ -49,7 +49,7 @@ class Coupon:
 def make_coupon(pin_mm: float) -> Coupon:
     """Make the coupon for pins of a diameter.
 
-    The holes on top are printed as those that open upwards, those in front as those that lie: with a roof.
+    The holes on top open upwards; those in front are horizontal and have a roof.
     """
     pitch_mm = pin_mm + 2.0 * GAP_MM + 1.5
     depths_mm = choose_depths_mm(pin_mm)

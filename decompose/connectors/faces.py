@@ -1,4 +1,4 @@
-"""Room for tools on the faces of joints: where a tool stays inside of both parts."""
+"""Room for tools on the faces of joints, in which a tool stays inside of both parts."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from decompose.geometry import Solid
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
-SKIN_MM = 0.05  # depth from which a part is examined: at the face itself rounding leaves films
-AREA_MM2 = 1e-3  # less is rounding
+SKIN_MM = 0.05  # depth at which the examination of a part begins: at the face itself rounding leaves films
+AREA_MM2 = 1e-3  # minimum area: less is rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class Blank:
     Attributes
     ----------
     name
-        Short name, as it is written on the part.
+        Short name that is written on the part.
     solid
         In the frame of the joints, mm.
     up
@@ -91,7 +91,7 @@ def find_sides(blanks: Sequence[Blank], number: int, joint: Joint) -> list[tuple
 
 @dataclass(slots=True)
 class Room:
-    """Parts with the tools placed so far, and the room that is left for others."""
+    """Parts with the tools placed so far, and the remaining room for other tools."""
 
     blanks: Sequence[Blank]
     tools: list[Tool] = field(default_factory=list)
@@ -115,7 +115,7 @@ class Room:
         side, depth_mm
             The face, and the depth with all rims.
         wall_mm
-            Distance that is kept from the border; other tools are left `RIM_MM` all the same.
+            Distance from the border; the distance from other tools is `RIM_MM` in any case.
         """
         room = self._find_solid(side, depth_mm)
         for tool in self.tools:
@@ -135,7 +135,7 @@ class Room:
 
 
 def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
-    """Find the area of a face below which a solid has no gap, by a slab and the outline of what it lacks."""
+    """Find the area of a face below which a solid has no gap: a slab without the outline of its gaps."""
     outline = side.face.outline
     frame = np.vstack([side.face.axes, side.face.normal])
     ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm])
@@ -147,7 +147,7 @@ def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
 
 
 def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:
-    """Find where the origin of a convex shape may be so that the shape stays inside of an area."""
+    """Compute the places of the origin of a convex shape at which the shape stays inside of an area."""
     edges = [
         np.stack([ring[:-1], ring[1:]], axis=1)
         for polygon in list_polygons(area)
@@ -170,7 +170,7 @@ def rings_of(outline: shapely.Geometry) -> list[Floats]:
 
 
 def polygons_of(rings: Sequence[Floats]) -> shapely.Geometry:
-    """Build a geometry from rings (n, 2), of which those inside of others bound holes."""
+    """Build a geometry from rings (n, 2); a ring inside of another one bounds a hole."""
     faces = [shapely.Polygon(ring) for ring in rings if len(ring) > 2]
     outline: shapely.Geometry = shapely.Polygon()
     for face in sorted(faces, key=lambda polygon: -polygon.area):

@@ -1,7 +1,7 @@
 """Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and give room to glue.
 
-The slicer begins each ring at its sharpest inner corner. Without one it takes an edge between two cut faces,
-or a fold of the visible surface, and leaves a bump there.
+The slicer begins each ring at its sharpest inner corner. Without one it begins at an edge between two cut
+faces, or at a fold of the visible surface, and leaves a bump there.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from decompose.connectors.records import RIM_MM, Gutter
 from decompose.connectors.tools import GROOVE_MM, LIP_MM, make_groove
 from decompose.pieces import Joint
 
-UPRIGHT_SIN = 0.02  # of the angle between a face and the vertical, up to which it is upright
-PITCH_MM = 4.0  # of the places that are tried
-SHORTEST_MM = 15.0  # of heights that a gutter adds
-MAX_GUTTERS = 3  # of a part
+UPRIGHT_SIN = 0.02  # maximum sine of the angle between an upright face and the vertical
+PITCH_MM = 4.0  # pitch of the tested places
+SHORTEST_MM = 15.0  # minimum range of heights that a gutter adds
+MAX_GUTTERS = 3  # maximum number of gutters of a part
 ROUND_MM = 0.05
 
 
@@ -60,8 +60,8 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
                 if abs(float(side.into @ room.blanks[side.part].up)) < UPRIGHT_SIN:
                     sides[side.part].append(side)
     gutters = []
-    for part, own in sorted(sides.items()):
-        places = [place for side in own for place in _find_places(room, side)]
+    for part, part_sides in sorted(sides.items()):
+        places = [place for side in part_sides for place in _find_places(room, side)]
         covered_span = shapely.LineString()
         for _ in range(MAX_GUTTERS):
             gains = [_span(place).difference(covered_span).length for place in places]

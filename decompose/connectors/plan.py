@@ -31,10 +31,10 @@ def plan_connectors(
     joints, assembly
         Of these parts, in the same frame.
     options
-        Diameter of the pins, distances that their pairs must not have, and whether there are marks; the fit
-        is that of each blank.
+        Diameter of the pins, distances that pairs must not have, and whether there are marks; each blank has
+        its fit.
     min_glue_mm2
-        Least area of a joint that counts as holding.
+        Minimum area of a joint that counts as holding.
     """
     room = Room(blanks)
     pins, unpinned = place_pins(room, joints, assembly, options, min_glue_mm2)
@@ -55,6 +55,6 @@ def drill(blanks: Sequence[Blank], connectors: Connectors) -> list[Solid]:
     for tool in connectors.tools:
         tools[tool.part].append(Solid.hull(tool.points_mm))
     return [
-        blank.solid.subtract(Solid.union(own)) if own else blank.solid
-        for blank, own in zip(blanks, tools, strict=True)
+        blank.solid.subtract(Solid.union(part_tools)) if part_tools else blank.solid
+        for blank, part_tools in zip(blanks, tools, strict=True)
     ]

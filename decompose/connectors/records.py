@@ -8,8 +8,8 @@ import numpy as np
 
 from decompose.arrays import Floats
 
-RIM_MM = 1.2  # least distance of a tool from the outside of its part, and from another tool
-KEY_RIM_MM = 0.8  # of the groove of a key from the outside: two lines
+RIM_MM = 1.2  # minimum distance of a tool from the outside of its part, and from another tool
+KEY_RIM_MM = 0.8  # minimum distance of the groove of a key from the outside: two lines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Tool:
     part
         Number of the part.
     points_mm
-        (n, 3) its corners, in the frame of the parts. It reaches a little out of the face that it opens at.
+        (n, 3) its corners, in the frame of the parts. It extends slightly beyond the face at which it opens.
     into
         (3,) unit vector from that face into the part.
     face_mm
@@ -41,7 +41,7 @@ class Pin:
     Attributes
     ----------
     step, joint
-        Numbers of the step of the assembly that closes over it, and of its joint.
+        Numbers of the step of the assembly that closes its joint, and of the joint.
     at_mm
         (3,) point on its axis, in the plane of the joint.
     axis
@@ -51,9 +51,9 @@ class Pin:
     depth_mm
         Depth of its hole in each part.
     length_mm
-        Length to which it is cut; the rest of the holes stays free.
+        Length to which it is cut; it is shorter than the holes.
     slotted
-        Whether one of its holes is longer towards the other pin, as the distance may shrink.
+        Whether one of its holes is elongated towards the other pin, as the distance may shrink.
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     along
@@ -87,8 +87,8 @@ class Mark:
         Numbers of the part that carries it, and of the joint.
     text
         Numbers of the part and its neighbour (`10-14`, or `-14` where the face is printed level), and `^`,
-        which points to the top of the model (on level faces, to its back); the part's number alone; or only
-        full stops: as many dots on both faces of a joint, where no digits fit.
+        which points to the top of the model (on level faces, to its back); the part's number alone; or, where
+        no digits fit, full stops: the same number of dots on both faces of a joint.
     height_mm
         Height of its letters.
     lines_mm
@@ -114,7 +114,7 @@ class Gutter:
     part, joint
         Numbers of the part that has it, and of the joint.
     line_mm
-        (2, 3) its ends on the face, in the frame of the parts; the first is lower as the part is printed.
+        (2, 3) its ends on the face, in the frame of the parts, the lower one in the printing pose first.
     groove
         Its tool.
     """
@@ -140,7 +140,7 @@ class Connectors:
     gutters
         In the order of the parts.
     failures
-        Sentences about what was left out because it broke a rule.
+        Sentences about connectors that were left out because they broke a rule.
     """
 
     pins: tuple[Pin, ...] = ()
@@ -160,7 +160,7 @@ class Connectors:
         ]
 
     def without_part(self, part: int, reason: str) -> Connectors:
-        """Return the connectors without those that cut a part or reach into it; the reason is kept."""
+        """Return the connectors without those that cut a part, and store the reason."""
         return replace(
             self,
             pins=tuple(pin for pin in self.pins if all(hole.part != part for hole in pin.holes)),

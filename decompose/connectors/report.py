@@ -13,7 +13,7 @@ from decompose.pieces import Joint
 
 
 def list_cuts(pins: Sequence[Pin]) -> list[tuple[float, float, int]]:
-    """List the diameters and lengths of pins and keys to cut, in mm, and their counts; the largest first."""
+    """List diameter and length in mm of the pins and keys to cut, with their numbers; the largest first."""
     counts = Counter((pin.diameter_mm, round(pin.length_mm, 1)) for pin in pins)
     return sorted(((*cut, count) for cut, count in counts.items()), reverse=True)
 
@@ -26,7 +26,7 @@ def describe_connectors(
     Parameters
     ----------
     connectors
-        Those of a decomposition.
+        Connectors of a decomposition.
     names
         Ids of its parts.
     joints
@@ -64,7 +64,7 @@ def describe_connectors(
 
 
 def read_pair_distances_mm(report: Mapping[str, Any]) -> tuple[float, ...]:
-    """Read the distances between the two pins of each step from decomposition.json; none from older ones."""
+    """Read the distances between the two pins of each step from decomposition.json; empty for older files."""
     by_step: dict[int, list[Mapping[str, Any]]] = {}
     for pin in (report.get("connectors") or {}).get("pins", ()):
         by_step.setdefault(pin["step"], []).append(pin)
@@ -80,7 +80,7 @@ def _describe_pin(pin: Pin) -> dict[str, Any]:
     return {
         "step": pin.step + 1,
         "at_mm": pin.at_mm.tolist(),
-        "axis": (pin.axis + 0.0).tolist(),  # no -0
+        "axis": (pin.axis + 0.0).tolist(),  # without -0
         "diameter_mm": pin.diameter_mm,
         "depth_mm": pin.depth_mm,
         "length_mm": pin.length_mm,

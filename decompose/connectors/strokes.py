@@ -8,7 +8,7 @@ from decompose.arrays import Floats
 
 GRID_HIGH = 6.0
 GRID_WIDE = 4.0
-ADVANCE = 5.6  # from one letter to the next
+ADVANCE = 5.6  # distance of two letters
 
 # Each letter: polylines of points x, y as pairs of digits.
 LETTERS = {

@@ -12,15 +12,14 @@ from decompose.arrays import Floats
 from decompose.connectors.records import Tool
 from decompose.geometry import choose_plane_axes
 
-LIP_MM = 0.1  # reach of a tool out of its face, so that no film is left
-HOLE_SIN = math.sin(
-    math.radians(40.0)
-)  # steepest ceiling of a hole, as the sine of its angle to the vertical
-GROOVE_SIN = math.sin(math.radians(47.5))  # of a groove; the slicer supports from 50 degrees
+LIP_MM = 0.1  # reach of a tool beyond its face, so that no film remains
+# Flattest ceiling of a hole, as the sine of its angle to the vertical.
+HOLE_SIN = math.sin(math.radians(40.0))
+GROOVE_SIN = math.sin(math.radians(47.5))  # flattest ceiling of a groove; the slicer supports from 50 degrees
 GROOVE_MM = 0.6  # depth of a groove, and half its width: its sides slope by 45 degrees
 
-# Roof and tip of a hole in its inner radii, the least material first. The roof runs along the hole, upwards
-# across it; the tip rises from its end.
+# Roof and tip of a hole as multiples of its inner radius, the least material first. The roof runs along the
+# hole and points upwards; the tip rises from its end.
 _CEILINGS = (
     (0.0, 0.0),
     (1.9, 0.0),
@@ -35,10 +34,10 @@ _CEILINGS = (
 RIDGE_MM = 0.5
 """Half the length of the ridge in which a tip ends. The slicer drops rings shorter than 1 mm, so that a
 ceiling that ends in a point closes by a step that it supports (`closes_in_a_step`)."""
-LAYER_MM, STEP_MM = 0.2, 0.23  # a layer, and the step between two of them that is not supported yet
-RING_MM = 1.0  # shorter rings are dropped by the slicer, so that a ceiling closes early
+LAYER_MM, STEP_MM = 0.2, 0.23  # height of a layer, and maximum step between two layers without support
+RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones, so that a ceiling closes early
 _EDGE_MM = 1e-3
-_MOUTH = -0.99  # cosine between a side of a tool and the direction into the part, from which it is the mouth
+_MOUTH = -0.99  # maximum cosine between the normal of the mouth and the direction into the part
 _CORNERS = np.deg2rad(90.0 + 60.0 * np.arange(6))
 _CONE = np.deg2rad(45.0 * np.arange(8))
 
@@ -48,7 +47,7 @@ def make_hole(
 ) -> Tool | None:
     """Make a hexagonal hole with the ceiling that its part's pose needs.
 
-    A hexagon has corners for air and glue, and holds a round pin in six lines.
+    The corners of a hexagon have room for air and glue; its sides hold a round pin along six lines.
 
     Parameters
     ----------
@@ -63,12 +62,12 @@ def make_hole(
     size_mm
         Width across the flats, and depth.
     stretch_mm
-        (3,) by which it is longer both ways across the axis; 0 for a hexagon.
+        (3,) elongation in both directions across the axis; 0 for a hexagon.
 
     Returns
     -------
     Tool | None
-        None where no such shape prints without support.
+        None if no such shape prints without support.
     """
     width_mm, depth_mm = size_mm
     inner_mm = width_mm / 2.0
@@ -114,7 +113,7 @@ def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
 def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
     """Compute the sine of the angle to the vertical of the flattest ceiling of a convex tool (n, 3).
 
-    The mouth is left out. Negative where nothing hangs over.
+    The mouth does not count. Negative without an overhang.
     """
     normals = ConvexHull(points_mm).equations[:, :3]
     sides = normals[normals @ into > _MOUTH]
@@ -122,7 +121,7 @@ def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
 
 
 def closes_in_a_step(tool: Tool, up: Floats) -> bool:
-    """Check whether the ceiling of a tool closes from one layer to the next by more than prints unsupported.
+    """Check whether the ceiling of a tool closes in one layer by more than prints without support.
 
     The sections of a convex tool shrink towards its top. The slicer drops the short ones, so that a ceiling
     that ends in a point closes one or two layers early.
@@ -138,7 +137,7 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
     high_mm = float(heights.max())
     top = tool.points_mm[heights > high_mm - _EDGE_MM]
     if (top @ tool.into).min() < tool.face_mm + _EDGE_MM:
-        return False  # it ends at the mouth: a notch in the outline, not a ring
+        return False  # the section ends at the mouth: a notch in the outline, not a ring
     if 2.0 * float(np.ptp(top, axis=0).max()) < RING_MM:
         low_mm = float(heights.min())
         for _ in range(10):
@@ -150,7 +149,7 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
 
 
 def _cut(tool: Tool, up: Floats, at_mm: float) -> shapely.Geometry:
-    """Cut the convex body of a tool at a height; empty if it does not reach there."""
+    """Cut the convex body of a tool at a height; empty if it does not reach that height."""
     off_mm = tool.points_mm @ up - at_mm
     above, below = np.flatnonzero(off_mm > 0.0), np.flatnonzero(off_mm <= 0.0)
     if not len(above) or not len(below):

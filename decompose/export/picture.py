@@ -55,9 +55,9 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
         shapes.append(Shape((vertices + offset_mm - middle)[faces], colour))
     drawing = draw(shapes, make_camera(AZIMUTH_DEG, ELEVATION_DEG), longest_px)
     figure, axes = make_figure(drawing)
-    hidden_shapes = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
-    if hidden_shapes:
-        lines = fill(f"behind: {', '.join(hidden_shapes)}", max(20, int(drawing.visible.shape[1] / LABEL_PX)))
+    hidden_labels = write_labels(axes, drawing, [find_part_number(part.id) for part in parts])
+    if hidden_labels:
+        lines = fill(f"behind: {', '.join(hidden_labels)}", max(20, int(drawing.visible.shape[1] / LABEL_PX)))
         axes.text(
             0.01, 0.01, lines, transform=axes.transAxes, fontsize=LABEL_PT, path_effects=make_white_outline()
         )
@@ -81,11 +81,11 @@ def make_figure(drawing: Drawing) -> tuple[Any, Any]:
 
 def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str]:
     """Write the labels of the first shapes at their most visible places; return those of hidden shapes."""
-    hidden_shapes = []
+    hidden_labels = []
     windows = find_objects(drawing.visible, len(labels))
     for number, (label, window) in enumerate(zip(labels, windows, strict=True), 1):
         if window is None:
-            hidden_shapes.append(label)
+            hidden_labels.append(label)
             continue
         room = distance_transform_edt(np.pad(drawing.visible[window] == number, 1))
         row, column = np.unravel_index(int(room.argmax()), room.shape)
@@ -94,7 +94,7 @@ def write_labels(axes: Any, drawing: Drawing, labels: Sequence[str]) -> list[str
             window[1].start + column - 1, window[0].start + row - 1, label,
             ha="center", va="center", fontsize=points, weight="bold", path_effects=make_white_outline(),
         )  # fmt: skip
-    return hidden_shapes
+    return hidden_labels
 
 
 def make_white_outline() -> list[Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from decompose.connectors import Pin, list_cuts
 
 RULER_MM = 100
-LEFT_MM, ROW_MM, RULER_HIGH_MM = 5.0, 11.0, 17.0
+LEFT_MM, ROW_MM, RULER_HEIGHT_MM = 5.0, 11.0, 17.0
 WIDTH_MM = RULER_MM + 2.0 * LEFT_MM
 SAW_MM = 1.0  # width of the saw's cut
 
@@ -72,7 +72,7 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
     sizes_mm
         Distinct pairs of a length and a diameter.
     """
-    height_mm = RULER_HIGH_MM + ROW_MM * len(sizes_mm)
+    height_mm = RULER_HEIGHT_MM + ROW_MM * len(sizes_mm)
     marks = [_draw_line(LEFT_MM, 2.0, LEFT_MM + RULER_MM, 2.0)]
     for mm in range(RULER_MM + 1):
         long_mm = 6.0 if mm % 10 == 0 else 4.5 if mm % 5 == 0 else 3.0
@@ -80,7 +80,7 @@ def draw_gauge(sizes_mm: Sequence[tuple[float, float]]) -> str:
         if mm % 10 == 0:
             marks.append(_write(LEFT_MM + mm, 11.5, f"{mm}", anchor="middle"))
     for row, (length_mm, diameter_mm) in enumerate(sizes_mm):
-        top_mm = RULER_HIGH_MM + ROW_MM * row
+        top_mm = RULER_HEIGHT_MM + ROW_MM * row
         end_mm = LEFT_MM + length_mm
         marks += [_draw_line(x, top_mm - 2.0, x, top_mm + diameter_mm + 2.0) for x in (LEFT_MM, end_mm)]
         marks.append(

@@ -56,18 +56,20 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         It bounds no solid, or closing it would remove or add too much.
     """
     repairs = list(surface.repairs)
-    before = _list_bodies(name, surface)
-    uses = [count_edge_uses(body.faces) for body in before]
-    after, is_changed = _close_bodies(before, uses, report)
-    if not after:
-        raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
+    split_bodies = _list_bodies(name, surface)
+    uses = [count_edge_uses(body.faces) for body in split_bodies]
+    closed_bodies, is_changed = _close_bodies(split_bodies, uses, report)
+    if not closed_bodies:
+        raise ModelNotSolid(
+            f"{name}: {len(split_bodies)} loose surfaces, none of them a solid; export a solid"
+        )
     messages: list[str] = []
-    bodies_before, bodies_after = len(before), len(after)
+    bodies_before, bodies_after = len(split_bodies), len(closed_bodies)
     if bodies_after > 1:
         report(f"joining {bodies_after} bodies")
-    solid = _join(name, after, messages)
-    del before, after  # those of a large model take a gigabyte
-    single_edges, shared = sum(use.single for use in uses), sum(use.shared for use in uses)
+    solid = _join(name, closed_bodies, messages)
+    del split_bodies, closed_bodies  # those of a large model take a gigabyte
+    single_edges, shared = sum(use.single_count for use in uses), sum(use.shared_count for use in uses)
     if is_changed:
         report("comparing the repaired surface")
         is_open = single_edges > 0
@@ -83,7 +85,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
         repairs.append(
             f"Separated {noun} that touch or overlap ({shared} edges shared by more than two triangles)."
         )
-    if any(use.is_closed and use.repeated for use in uses):
+    if any(use.is_closed and use.repeated_count for use in uses):
         repairs.append("Turned triangles that faced the wrong way.")
     solid, twice_mm3 = resolve_overlaps(solid)
     if twice_mm3:
@@ -123,7 +125,7 @@ def _close_bodies(bodies: list[Any], uses: list[EdgeUses], report: Report) -> tu
     open_bodies: list[Any] = []
     is_changed = False
     for number, (body, use) in enumerate(zip(bodies, uses, strict=True), 1):
-        if use.is_closed and not use.repeated:
+        if use.is_closed and not use.repeated_count:
             closed_bodies.append(body)
             continue
         report(f"repairing body {number} of {len(bodies)}" if len(bodies) > 1 else "repairing")
@@ -177,21 +179,23 @@ def _run_mesh_fix(body: Any) -> Any:
     return repaired_mesh if len(repaired_mesh.faces) and repaired_mesh.is_watertight else None
 
 
-def _refuse_if_changed(name: str, before: Any, solid: Solid, defect: str) -> float:
+def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -> float:
     """Measure the share of new surface; refuse a repair that changes too much of the model."""
-    after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
-    probes = _draw_probes(before, PROBES)
-    far_probes = probes[_is_far(before, after)]
+    mesh_after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
+    probes = _draw_probes(mesh_before, PROBES)
+    far_probes = probes[_is_far(mesh_before, mesh_after)]
     lost_share = 0.0
     if len(far_probes):
-        lost_share = float((~_is_inside(far_probes, np.asarray(after.triangles))).sum()) / len(probes)
-    new_share = float(_is_far(after, before).mean())
+        lost_share = float((~_is_inside(far_probes, np.asarray(mesh_after.triangles))).sum()) / len(probes)
+    new_share = float(_is_far(mesh_after, mesh_before).mean())
     if new_share > NEW_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would invent {100 * new_share:.0f} % of its surface (limit "
             f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; mend it by hand"
         )
-    shrink = float(np.abs(after.bounds - before.bounds).max() / np.ptp(before.bounds, axis=0).max())
+    shrink = float(
+        np.abs(mesh_after.bounds - mesh_before.bounds).max() / np.ptp(mesh_before.bounds, axis=0).max()
+    )
     if lost_share > MAX_LOST_SHARE or shrink > EXTENT_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "

@@ -173,8 +173,10 @@ class Solid:
 
     def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
         """Split into the parts below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
-        above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
-        return Solid(_check_status(below, "cutting a solid")), Solid(_check_status(above, "cutting a solid"))
+        manifold_above, manifold_below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
+        return Solid(_check_status(manifold_below, "cutting a solid")), Solid(
+            _check_status(manifold_above, "cutting a solid")
+        )
 
     def section(self, frame: Floats, at_mm: float) -> list[Floats]:
         """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.

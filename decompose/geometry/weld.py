@@ -35,22 +35,22 @@ class EdgeUses:
 
     Attributes
     ----------
-    single
+    single_count
         Edges of one face: the surface is open there.
-    shared
+    shared_count
         Edges of more than two faces.
-    repeated
+    repeated_count
         Directed edges of two faces: the faces are oriented in opposite directions.
     """
 
-    single: int
-    shared: int
-    repeated: int
+    single_count: int
+    shared_count: int
+    repeated_count: int
 
     @property
     def is_closed(self) -> bool:
         """Check that each edge has two faces."""
-        return self.single == self.shared == 0
+        return self.single_count == self.shared_count == 0
 
 
 def weld_triangles(triangles: Floats) -> Surface:
@@ -60,13 +60,13 @@ def weld_triangles(triangles: Floats) -> Surface:
     """
     corners = triangles.reshape(-1, 3)
     index, first = number_rows(corners, 1.0 / SAME_MM)
-    vertices, soup = corners[first], index.reshape(-1, 3)
-    faces = select_distinct(soup)
+    vertices, triangle_vertices = corners[first], index.reshape(-1, 3)
+    faces = select_distinct(triangle_vertices)
     repairs = []
     if len(faces) < len(triangles):
         dropped_count = len(triangles) - len(faces)
         repairs.append(f"Dropped {dropped_count} triangles that had collapsed or were given twice.")
-    open_edges = count_edge_uses(faces).single
+    open_edges = count_edge_uses(faces).single_count
     if open_edges:
         tree = cKDTree(vertices)
         size_mm = float(np.ptp(vertices, axis=0).max())
@@ -74,8 +74,8 @@ def weld_triangles(triangles: Floats) -> Surface:
             pairs = tree.query_pairs(share * size_mm, output_type="ndarray")
             group = label_components(len(vertices), pairs[:, 0], pairs[:, 1])
             first_of_group = np.unique(group, return_index=True)[1][group]
-            welded_faces = select_distinct(first_of_group[soup])
-            if count_edge_uses(welded_faces).single < open_edges / 2:
+            welded_faces = select_distinct(first_of_group[triangle_vertices])
+            if count_edge_uses(welded_faces).single_count < open_edges / 2:
                 faces = welded_faces
                 repairs.append(f"Joined vertices within {share * size_mm:.1g} mm of each other.")
                 break
@@ -103,9 +103,9 @@ def count_edge_uses(faces: Ints) -> EdgeUses:
     del directed_edges
     is_same = np.concatenate([[False], undirected_edges[1:] == undirected_edges[:-1], [False]])
     return EdgeUses(
-        single=int((~is_same[:-1] & ~is_same[1:]).sum()),
-        shared=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
-        repeated=repeated_count,
+        single_count=int((~is_same[:-1] & ~is_same[1:]).sum()),
+        shared_count=int((~is_same[:-2] & is_same[1:-1] & is_same[2:]).sum()),
+        repeated_count=repeated_count,
     )
 
 

@@ -207,7 +207,7 @@ def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, t
         As in `Grid`.
     pricing
         Rooms, cut areas and prices.
-    priced
+    tables
         Filled in.
     """
     nx, ny, nz = shape = needed.shape

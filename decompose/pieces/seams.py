@@ -156,10 +156,10 @@ class _Extents:
 
     def drop_outermost(self, planes: Floats) -> Floats:
         """Leave out the planes (k, 4) with all pieces on one side, which cut nothing."""
-        is_kept: Bools = np.array([self._cuts(plane) for plane in planes], dtype=np.bool_)
+        is_kept: Bools = np.array([self._is_cut(plane) for plane in planes], dtype=np.bool_)
         return planes[is_kept]
 
-    def _cuts(self, plane: Floats) -> bool:
+    def _is_cut(self, plane: Floats) -> bool:
         normal = plane[:3]
         key = normal.tobytes()
         if key not in self._extents:

@@ -11,12 +11,13 @@ from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_
 from decompose.jit import jit, jit_inline
 
 MIN_STEP_MM = 0.4
-LEVELS = 8  # heights at which the growing part is measured
-ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
-LEVEL_MM = 0.01  # heights closer than this are the same
-STEEPEST = 20.0  # the tangent that counts as upright
-BED_MM = 0.15  # what begins below it is printed in the first layer
-MIN_GAP_MM = 0.3  # a face that is lower above the bed, or above the part, gets no support
+LEVELS = 8  # number of heights at which the growing part is measured
+ISLAND_LEVELS = 16  # number of heights at which islands are counted
+ISLAND_STRIDE = 2  # step between the columns that are counted
+LEVEL_MM = 0.01  # maximum difference of equal heights
+STEEPEST = 20.0  # minimum tangent of an upright face
+BED_MM = 0.15  # maximum height at which a run begins in the first layer
+MIN_GAP_MM = 0.3  # minimum height of a supported face above the bed or the part
 
 
 class Runs(NamedTuple):
@@ -68,14 +69,16 @@ class Sweep(NamedTuple):
 
 
 @jit
-def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, overhang_cos: float) -> Sweep:
-    """Send upright rays through a closed mesh and add up the solid and the air of their columns.
+def sweep_columns(
+    triangles: Floats, is_marked: Floats, rays: Rays, height: float, overhang_cos: float
+) -> Sweep:
+    """Send vertical rays through a closed mesh, and sum the solid and the air along them.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) float64 in mm, outward, standing on z = 0.
-    marked
+    is_marked
         (m,) float64: 1 for a face to which no support should stick, else 0.
     rays
         One in the middle of each column.
@@ -88,32 +91,32 @@ def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, 
     normals = compute_unit_normals(triangles)
     crossings = find_crossings(triangles, normals, rays)
     runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
-    touched = 0.0
+    touched_count = 0.0
     supports = np.zeros((nx, ny))
-    propped = np.zeros((nx, ny), np.bool_)
-    passing = np.zeros((LEVELS, 4))  # runs up to each level that continue above it
-    ending = np.zeros((LEVELS, 4))  # and those that end below it, and not below the one before
+    is_propped = np.zeros((nx, ny), np.bool_)
+    passing_sums = np.zeros((LEVELS, 4))  # runs up to each level that continue above it
+    ending_sums = np.zeros((LEVELS, 4))  # runs that end below a level, but not below the previous one
     for column in range(nx * ny):
         i, j = column // ny, column % ny
-        count = _follow_ray(crossings, column, normals, marked, overhang_cos, runs.ends)
-        runs.counts[column], supports[i, j], on_marked, propped[i, j] = count
-        touched += on_marked
+        count = _follow_ray(crossings, column, normals, is_marked, overhang_cos, runs.ends)
+        runs.counts[column], supports[i, j], column_touched_count, is_propped[i, j] = count
+        touched_count += column_touched_count
         x, y = origin[0] + i * step, origin[1] + j * step
         for run in range(runs.start[column], runs.start[column] + runs.counts[column]):
-            _add_run(passing, ending, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height)
+            _add_run(passing_sums, ending_sums, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height)
     for level in range(LEVELS):
         for upper_level in range(level, LEVELS):
-            passing[upper_level] += ending[level]
-    carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried, step)
+            passing_sums[upper_level] += ending_sums[level]
+    carried_mm = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
+    towers_mm, edges_mm2 = _sum_towers_mm(runs, supports, carried_mm, step)
     paths = _sum_islands_mm(runs, rays.shape, height, step)
-    standing = _find_standing(runs, rays.shape)
-    return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, *paths, standing)
+    is_standing = _find_standing_columns(runs, rays.shape)
+    return Sweep(touched_count, passing_sums, is_propped, supports, towers_mm, edges_mm2, *paths, is_standing)
 
 
 @jit_inline
 def _follow_ray(
-    crossings: Crossings, ray: int, normals: Floats, marked: Floats, overhang_cos: float, ends: Floats
+    crossings: Crossings, ray: int, normals: Floats, is_marked: Floats, overhang_cos: float, ends: Floats
 ) -> tuple[int, float, float, bool]:
     """Find the runs of solid along a ray, and the support below them.
 
@@ -131,8 +134,9 @@ def _follow_ray(
         carries the part from the bed.
     """
     first = crossings.start[ray]
-    count, supported, touched, propped = 0, 0.0, 0.0, False
-    below, on_marked = 0.0, 0.0  # height at which a support would begin, and the mark of the face there
+    count, support_mm, touched_count, is_propped = 0, 0.0, 0.0, False
+    # Start of a possible support, and the mark of the face there.
+    support_start_mm, mark_at_start = 0.0, 0.0
     depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(first, crossings.start[ray + 1]):
         z, t = crossings.z_mm[k], crossings.face[k]
@@ -141,33 +145,37 @@ def _follow_ray(
             depth += 1
             if depth != 1:
                 continue
-            bottom, air, support = z, z - below, 0.0
+            bottom, air, support = z, z - support_start_mm, 0.0
             lean = min(STEEPEST, np.sqrt(1.0 - up * up) / -up)
             if -up > overhang_cos and air > MIN_GAP_MM:
-                supported += air
+                support_mm += air
                 air, support = 0.0, air
-                touched += marked[t] + on_marked
-                propped = propped or below == 0.0
+                touched_count += is_marked[t] + mark_at_start
+                is_propped = is_propped or support_start_mm == 0.0
             continue
         depth -= 1
         if depth != 0:
             continue
-        below, on_marked = z, marked[t]
+        support_start_mm, mark_at_start = z, is_marked[t]
         run = first + count
         ends[run, 0], ends[run, 1], ends[run, 2], ends[run, 3], ends[run, 4] = bottom, z, air, support, lean
         count += 1
-    return count, supported, touched, propped
+    return count, support_mm, touched_count, is_propped
 
 
 @jit_inline
 def _add_run(
-    passing: Floats, ending: Floats, place: tuple[float, float], run: tuple[float, float], height: float
+    passing_sums: Floats,
+    ending_sums: Floats,
+    place: tuple[float, float],
+    run: tuple[float, float],
+    height: float,
 ) -> None:
     """Add a run of a column to the moments and the mass of each level.
 
     Parameters
     ----------
-    passing, ending
+    passing_sums, ending
         (LEVELS, 4) float64 sums of the runs that continue above a level, and of those that end below it.
     place
         x and y of the column in mm.
@@ -179,9 +187,9 @@ def _add_run(
     bottom, top = run
     level = int(bottom / height * LEVELS)
     while level < LEVELS - 1 and height * (level + 1) / LEVELS < top:
-        _add(passing, level, place, bottom, height * (level + 1) / LEVELS)
+        _add(passing_sums, level, place, bottom, height * (level + 1) / LEVELS)
         level += 1
-    _add(ending, min(level, LEVELS - 1), place, bottom, top)
+    _add(ending_sums, min(level, LEVELS - 1), place, bottom, top)
 
 
 @jit_inline
@@ -195,7 +203,7 @@ def _add(sums: Floats, level: int, place: tuple[float, float], bottom: float, to
 
 
 @jit
-def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[float, float]:
+def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float) -> tuple[float, float]:
     """Sum the height of air under runs of solid that neither a run nor a support beside them carries.
 
     If runs begin beside each other on about one level, in an edge, the first of them counts, and of the
@@ -205,7 +213,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) ->
     ----------
     supports
         (nx, ny) float64 height of support in each column, in mm.
-    carried, step
+    carried_mm, step
         Height by which a run beside has to begin lower to carry a run, and distance of the columns, in mm.
 
     Returns
@@ -219,7 +227,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) ->
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
             bottom, air = ends[k, 0], ends[k, 2]
-            # A thin wall that leans is carried by what is lower, by as much as it falls between two columns.
+            # A leaning thin wall is carried by a neighbour that is lower by its fall between two columns.
             reached = bottom - ends[k, 4] * step
             if air <= MIN_GAP_MM:
                 continue
@@ -234,7 +242,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) ->
                             continue
                         diagonal = abs(i - column // ny) + abs(j - column % ny) == 2
                         lower = bottom - ends[m, 0]
-                        least = carried * (1.4142135623730951 if diagonal else 1.0)
+                        least = carried_mm * (1.4142135623730951 if diagonal else 1.0)
                         if lower > least:
                             begins = False
                         elif lower > LEVEL_MM or (lower > -LEVEL_MM and neighbour < column):
@@ -247,22 +255,22 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried: float, step: float) ->
 
 
 @jit
-def _find_standing(runs: Runs, shape: tuple[int, int]) -> Bools:
+def _find_standing_columns(runs: Runs, shape: tuple[int, int]) -> Bools:
     """Find the columns (nx, ny) whose lowest run stands on the bed."""
-    standing = np.zeros(shape, np.bool_)
+    is_standing = np.zeros(shape, np.bool_)
     for column in range(shape[0] * shape[1]):
         first = runs.start[column]
-        standing[column // shape[1], column % shape[1]] = (
+        is_standing[column // shape[1], column % shape[1]] = (
             runs.counts[column] > 0 and runs.ends[first, 0] < BED_MM
         )
-    return standing
+    return is_standing
 
 
 @jit
 def _sum_islands_mm(
     runs: Runs, shape: tuple[int, int], height: float, step: float
 ) -> tuple[float, float, float, float, float]:
-    """Sum the islands of each layer but one, its bodies of solid but one, and its holes, over the height.
+    """Sum over the height: islands of a layer less one, bodies of solid less one, and holes.
 
     The fourth and the last sum are of the islands and the holes times the mean distance of their kind, in
     mm2: the side of the square that each of them has of the layer's rectangle, or of its solid.
@@ -279,22 +287,30 @@ def _sum_islands_mm(
         Distance of the columns in mm.
     """
     nx, ny = shape
-    total, others, holes, paths, ways = 0, 0, 0, 0.0, 0.0
+    total, other_bodies, holes, hole_paths, island_paths = 0, 0, 0, 0.0, 0.0
     rows, row = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
-    kind = np.zeros(rows * row, np.int8)  # none, solid, support
+    kind = np.zeros(rows * row, np.int8)  # kinds of cells: none, solid, support
     parent = np.zeros(rows * row, np.int64)
     for level in range(ISLAND_LEVELS):
         rectangle = _fill_level(runs, ny, height * (level + 0.5) / ISLAND_LEVELS, kind, (rows, row))
         islands, bodies, cells = _count_islands(kind, parent, rows, row)
         if islands > 1:
             total += islands - 1
-            ways += (islands - 1) * ISLAND_STRIDE * step * np.sqrt(rectangle / islands)
-        others += max(0, bodies - 1)
-        pierced = max(0, bodies - _count_euler(kind, rows, row))
-        holes += pierced
-        paths += pierced * ISLAND_STRIDE * step * np.sqrt(cells / (bodies + pierced)) if pierced else 0.0
+            island_paths += (islands - 1) * ISLAND_STRIDE * step * np.sqrt(rectangle / islands)
+        other_bodies += max(0, bodies - 1)
+        hole_count = max(0, bodies - _count_euler(kind, rows, row))
+        holes += hole_count
+        hole_paths += (
+            hole_count * ISLAND_STRIDE * step * np.sqrt(cells / (bodies + hole_count)) if hole_count else 0.0
+        )
     level_mm = height / ISLAND_LEVELS
-    return total * level_mm, others * level_mm, holes * level_mm, ways * level_mm, paths * level_mm
+    return (
+        total * level_mm,
+        other_bodies * level_mm,
+        holes * level_mm,
+        island_paths * level_mm,
+        hole_paths * level_mm,
+    )
 
 
 @jit
@@ -331,7 +347,7 @@ def _count_islands(kind: Bytes, parent: Ints, rows: int, row: int) -> tuple[int,
                 continue
             solid = 1 if kind[index] == 1 else 0
             islands, bodies, cells = islands + 1, bodies + solid, cells + solid
-            for n in range(4):  # the four of the eight neighbours that were visited before
+            for n in range(4):  # the four of the eight neighbours that have been visited
                 u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
                 if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[index]:
                     continue
@@ -356,12 +372,12 @@ def _count_euler(kind: Bytes, rows: int, row: int) -> int:
             b = i >= 0 and j + 1 < row and kind[i * row + j + 1] == 1
             c = i + 1 < rows and j >= 0 and kind[(i + 1) * row + j] == 1
             d = i + 1 < rows and j + 1 < row and kind[(i + 1) * row + j + 1] == 1
-            filled = int(a) + int(b) + int(c) + int(d)
-            if filled == 1:
+            filled_count = int(a) + int(b) + int(c) + int(d)
+            if filled_count == 1:
                 quads += 1
-            elif filled == 3:
+            elif filled_count == 3:
                 quads -= 1
-            elif filled == 2 and a == d:
+            elif filled_count == 2 and a == d:
                 quads -= 2
     return quads // 4
 

@@ -1,6 +1,6 @@
 """Part as upright columns: the places of its supports, and the growth of its mass as it is printed.
 
-A support ends on whatever is below it, which is often the part itself; sums over faces do not show that.
+A support ends on the first face below it, which is often the part itself; sums over faces do not show that.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from decompose.arrays import Bools, Floats
 from decompose.geometry.rays import Rays, find_bounds
 from decompose.print_time.column_kernels import MIN_STEP_MM, sweep_columns
 
-COLUMNS = 12_000  # approximate number, at which support volumes err by 1 to 2 %
+COLUMNS = 12_000  # approximate number of columns; support volumes have errors of 1 to 2 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +72,21 @@ class Columns:
         if width_mm <= 0.0:
             return 0.0
         stands = ndimage.binary_fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
-        # The outline is half a column beyond the middle of the last one inside.
+        # The outline lies half a column beyond the middle of the last column inside.
         away_mm = (ndimage.distance_transform_edt(~stands) - 0.5) * self.step_mm
         return float((~stands & (away_mm <= width_mm)).sum() * self.step_mm**2) if stands.any() else 0.0
 
 
-def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = COLUMNS) -> Columns:
+def measure_columns(
+    triangles: Floats, is_marked: Bools, overhang_cos: float, count: int = COLUMNS
+) -> Columns:
     """Cut a closed mesh into upright columns and measure its supports, mass and islands.
 
     Parameters
     ----------
     triangles
         (m, 3, 3) in mm, outward, standing on z = 0.
-    marked
+    is_marked
         (m,) faces to which no support should stick.
     overhang_cos
         Faces whose normal points down by more than this get support.
@@ -96,10 +98,10 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     width, depth, height = (hi - lo).tolist()
     step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
     shape = math.ceil(width / step), math.ceil(depth / step)
-    # Off the middle by an irregular share: a ray through an edge of the mesh could count twice or not at all.
+    # An irregular offset avoids rays through edges of the mesh, which could count twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
     sums = sweep_columns(
-        triangles, marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos
+        triangles, is_marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos
     )
     mass = np.maximum(sums.levels[:, 3:], 1e-12)
     area = step**2
@@ -122,10 +124,10 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     )
 
 
-def _find_row_ends(marked: Bools) -> Floats:
+def _find_row_ends(is_marked: Bools) -> Floats:
     """Find the indices (p, 2) of the first and the last column marked in each row."""
-    rows = np.flatnonzero(marked.any(axis=1))
-    first, last = marked.argmax(axis=1), marked.shape[1] - 1 - marked[:, ::-1].argmax(axis=1)
+    rows = np.flatnonzero(is_marked.any(axis=1))
+    first, last = is_marked.argmax(axis=1), is_marked.shape[1] - 1 - is_marked[:, ::-1].argmax(axis=1)
     return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)
 
 

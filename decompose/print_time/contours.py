@@ -1,4 +1,4 @@
-"""Contours that sums over faces do not show: rims of flat faces, and rings of denser infill under slopes.
+"""Contours, which sums over faces do not show: rims of flat faces, rings of denser infill under slopes.
 
 A slicer prints no skin where the walls stand at the rim of a flat face, and more of it under a wall that
 rises from one. Gradual infill is denser in a ring below each slope.
@@ -27,11 +27,11 @@ class Contours(NamedTuple):
         Length of the rims of faces with skin, as seen from above, each times the share of a right angle by
         which the face beside it is steeper; negative, and `RISING_SHARE` times, where that face rises there.
     ends_mm
-        The same without a sign: where lines of skin end.
+        The same without a sign: the ends of lines of skin.
     ring_mm2
         Sum of A sqrt(1 - n^2) over the slopes below which infill is denser.
     steep_top_mm2
-        Area of those of them without skin, as seen from above.
+        Area of the slopes among them without skin, as seen from above.
     """
 
     rim_mm: float
@@ -54,21 +54,23 @@ def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float,
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(cross, axis=1)
-    normals = cross / np.maximum(doubled, 1e-300)[:, None]
+    doubled_areas = np.linalg.norm(cross, axis=1)
+    normals = cross / np.maximum(doubled_areas, 1e-300)[:, None]
     heights = normals @ up
-    upright = doubled / 2.0 * np.sqrt(np.maximum(0.0, 1.0 - heights**2))
+    upright = doubled_areas / 2.0 * np.sqrt(np.maximum(0.0, 1.0 - heights**2))
     ring = heights > ring_cos
     steep = ring & (heights <= skin_cos)
     first, second = _pair_edges(faces, len(vertices), np.abs(heights) > skin_cos)
     lengths = _sum_rims_mm(vertices, faces, normals, up, np.stack([first, second], axis=1))
-    return Contours(*lengths, float(upright[ring].sum()), float((doubled / 2.0 * heights)[steep].sum()))
+    return Contours(*lengths, float(upright[ring].sum()), float((doubled_areas / 2.0 * heights)[steep].sum()))
 
 
 def _pair_edges(faces: Ints, vertices: int, flat: Bools) -> tuple[Ints, Ints]:
     """Pair the half-edges (k,), as three times the face plus the corner, of edges between flat and steep."""
-    after = np.roll(faces, -1, axis=1)
-    keys = (np.minimum(faces, after).astype(np.int64) * vertices + np.maximum(faces, after)).ravel()
+    next_corners = np.roll(faces, -1, axis=1)
+    keys = (
+        np.minimum(faces, next_corners).astype(np.int64) * vertices + np.maximum(faces, next_corners)
+    ).ravel()
     order = np.argsort(keys, kind="stable")
     same = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
     first, second = order[same], order[same + 1]

@@ -5,7 +5,7 @@ cells of a grid is that of a part, cut faces being ordinary faces, so that `grid
 from tables. The rest follows from the sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. Travel, acceleration and retraction, which
-these leave out, are in factors that were measured: `FACTORS`, by bench/print_time_model.py.
+these omit, are in measured factors: `FACTORS`, by bench/print_time_model.py.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Additive = tuple[float, float, float, float, float]
 Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
-"""Maximum share of the walls that insets take off: beyond it they are as thick as the part."""
+"""Maximum share of the walls that insets save: beyond it the walls are as thick as the part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +39,10 @@ class CostModel:
     + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in
     mm2, H the height in mm. Where a part's columns are known, `support_price_s` takes the place of O.
 
-    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 1.5 % on
-    average, and in each of five settings by 2.3 % at most, also where three of them are not fitted on; the
-    tables, with supports down to the bed, by 2.8 % (bench/print_time_model.py, bench/print_time.csv).
+    On parts that the decomposition makes, each model held out from the fit, the mean error of a part with its
+    own supports is 1.5 %, and 2.3 % at most in each of five settings, even if the fit uses only two of them;
+    that of the tables, with supports down to the bed, is 2.8 % (bench/print_time_model.py,
+    bench/print_time.csv).
     """
 
     fixed_s: float
@@ -51,9 +52,9 @@ class CostModel:
     slope_s_mm2: float
     overhang_s_mm3: float
     brim_s_mm2: float
-    min_s_mm: float  # the least time of the layers in a mm of height
+    min_s_mm: float  # minimum time of the layers in a mm of height
     brim_mm: float
-    supported_deg: float = 45.0  # faces that lean out further from the vertical get support
+    supported_deg: float = 45.0  # faces at a larger angle from the vertical get support
     skin_cos: float = 0.7  # faces with a larger |n| get skin
     inset_s_mm: float = 0.0
     skin_rim_s_mm: float = 0.0
@@ -75,11 +76,11 @@ class CostModel:
     line_mm: float = 0.0
     layer_mm: float = 1.0
     outer_walls_mm: float = 0.0  # width of the outer wall on both sides of a thin part
-    walls_mm: float = 0.0  # and of all walls
+    walls_mm: float = 0.0  # width of all walls on both sides
     skins_mm: float = 0.0  # height of the skin on both sides of a sheet
     ring_cos: float = 1.0  # slopes with a larger n have denser infill below them
-    hidden_bed_share: float = 0.0  # of the skin of a hidden face on the bed, saved; see `hidden_faces`
-    hidden_top_share: float = 0.0  # of that of hidden tops
+    hidden_bed_share: float = 0.0  # saved share of the skin of a hidden face on the bed; see `hidden_faces`
+    hidden_top_share: float = 0.0  # saved share of the skin of hidden tops
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
 
     @property
@@ -134,45 +135,45 @@ class CostModel:
             hidden_top_share=recipe.top_layers_saved / max(recipe.skin_layers, 1.0),
         )
 
-    def support_price_s(
+    def price_support_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
     ) -> float:
         """Price a support by its volume, its upright sides, and the height of its towers and islands."""
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
-    def path_price_s(self, islands_mm2: float, holes_mm: float, holes_mm2: float) -> float:
-        """Price travel to islands and holes by height times distance, and to holes by their height too."""
+    def price_paths_s(self, islands_mm2: float, holes_mm: float, holes_mm2: float) -> float:
+        """Price travel to islands and holes by height times distance, and to holes also by their height."""
         holes_s = self.hole_s_mm * holes_mm + self.hole_path_s_mm2 * holes_mm2
         return self.island_path_s_mm2 * islands_mm2 + holes_s
 
-    def brim_price_s(self, brim_mm2: float, extents_mm: Floats) -> float:
-        """Price a brim in place of that around the part's rectangle, which `price` assumes."""
+    def price_brim_s(self, brim_mm2: float, extents_mm: Floats) -> float:
+        """Compute by how much a brim's price exceeds that of the rectangular brim that `price` assumes."""
         width, depth = extents_mm[:2]
         ring_mm2 = self.brim_mm * (2.0 * (width + depth) + math.pi * self.brim_mm)
         return float(self.brim_s_mm2 * (brim_mm2 - ring_mm2))
 
-    def contour_price_s(self, contours: Contours, skin_mm2: float) -> float:
-        """Price the contours of a part, its rims in place of those of one face of its area of skin."""
+    def price_contours_s(self, contours: Contours, skin_mm2: float) -> float:
+        """Price the contours of a part; its rims replace those of a single face, which `price` assumes."""
         skin_s = self.skin_s_mm2 * skin_mm2
         assumed_s = max(0.0, skin_s - self.skin_rim_s_mm * math.sqrt(max(0.0, skin_mm2)))
         rims_s = max(0.0, skin_s - self.rim_s_mm * contours.rim_mm) - assumed_s
         rings_s = self.ring_s_mm2 * contours.ring_mm2 + self.steep_top_s_mm2 * contours.steep_top_mm2
         return rims_s + self.rim_end_s_mm * contours.ends_mm + rings_s
 
-    def thin_price_s(self, thin: ThinWalls) -> float:
-        """Price what thin walls and sheets have more and less than thick ones."""
+    def price_thin_walls_s(self, thin: ThinWalls) -> float:
+        """Compute the difference in price of thin walls and sheets to thick ones."""
         walls_s = self.bare_s_mm2 * thin.bare_mm2 + self.gap_s_mm2 * thin.gap_mm2
         return walls_s + self.full_s_mm2 * thin.full_mm2 + self.overlap_s_mm3 * thin.overlap_mm3
 
-    def inset_price_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
+    def price_insets_s(self, lateral_mm2: float, height_mm: float, bodies_mm: float) -> float:
         """Compute the saving by shorter inner walls in all but one body of a layer, which `price` omits.
 
-        Around a hole they are longer: a hole counts as a negative body.
+        Inner walls around a hole are longer: a hole counts as a negative body.
         """
-        most_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
-        one_s = min(self.inset_s_mm * height_mm, most_s)
-        return min(self.inset_s_mm * (height_mm + bodies_mm), most_s) - one_s
+        max_s = MAX_INSET_SHARE * self.lateral_s_mm2 * lateral_mm2
+        body_s = min(self.inset_s_mm * height_mm, max_s)
+        return min(self.inset_s_mm * (height_mm + bodies_mm), max_s) - body_s
 
     def prices(self) -> Prices:
         """Return the coefficients as a record for compiled code, one float64 a field, by their names."""

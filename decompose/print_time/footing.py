@@ -11,14 +11,15 @@ from scipy.spatial.distance import pdist
 from decompose.arrays import Floats
 from decompose.geometry import find_convex_outline, find_half_planes
 
-FIRST_LAYER_MM = 0.15  # height at which the first layer is cut, its middle
+FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which it is cut
 SHARP_DEG = 120.0
-ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
+ROUNDED_MM = 1.0  # maximum size of a chamfer or a rounding that counts as one corner
 
 # [assumed] Widths of brims.
-STEADY = 3.0  # maximum height of a part without a brim, over the width of its walls in the first layer
+STEADY = 3.0  # maximum ratio of height to width of the walls in the first layer without a brim
 GOOD_CONTACT_MM2 = 400.0
-WARPS_MM = (60.0, 120.0)  # lengths of a base at which its corners begin to lift, and need the widest brim
+# Lengths of a base from which its corners lift, and need the widest brim.
+WARP_LENGTHS_MM = (60.0, 120.0)
 REFERENCE_SHRINKAGE = 0.007
 """Shrinkage (of ABS) to which `WARPS_MM` applies: a corner lifts by shrinkage times length squared."""
 MIN_BRIM_MM = 2.0
@@ -79,24 +80,24 @@ class Footing:
     def brim_width_mm(
         self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
-        """Choose the brim that a part of this height needs; 0 for none, never more than the widest.
+        """Choose the width of the brim that a part of this height needs, from 0 to the widest.
 
         A part that is tall for its base, or whose centre of mass is not above it (`lean_mm`), gets a brim
-        that widens the base; a small contact sticks by its brim; a long base curls up at its corners, less
-        where they are blunt, and later with a material that shrinks less (`shrinkage`, a share of its
+        that widens the base; a small contact area needs a brim for adhesion; a long base curls up at its
+        corners, less at blunt corners and with a material that shrinks less (`shrinkage`, a share of its
         length).
         """
         lever = (height_mm / STEADY - self.wall_mm) / 2.0
         contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
         longer = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
-        begins, all_of_it = (longer * length_mm for length_mm in WARPS_MM)
+        begins, all_of_it = (longer * length_mm for length_mm in WARP_LENGTHS_MM)
         warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
         offset_mm = widest_mm if lean_mm < 0.0 else 0.0
         width_mm = max(lever, contact, offset_mm, warp if self.sharp_corners else warp / 2.0)
         return 0.0 if width_mm < MIN_BRIM_MM else math.floor(10.0 * min(width_mm, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:
-        """Choose the horizontal expansion of the first layer: a face that is glued must not stick out."""
+        """Choose the horizontal expansion of the first layer, so that no glued face protrudes."""
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
@@ -110,7 +111,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     order = np.argsort(low_triangles[:, :, 2], axis=1)[:, :, None]
     corners = np.take_along_axis(low_triangles, order, axis=1)
     z = corners[:, :, 2]
-    one_in_layer = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
+    one_in_layer = z[:, 1] >= FIRST_LAYER_MM  # triangles with one corner in the layer, and with two
     two_in_layer = ~one_in_layer & (z[:, 2] >= FIRST_LAYER_MM)
     share = np.ones(len(low_triangles))
     share[one_in_layer] = _compute_corner_share(z[one_in_layer])
@@ -130,7 +131,7 @@ def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
             ),
         ]
     )
-    # By the divergence theorem a section is the area that faces down below it, less the area that faces up.
+    # By the divergence theorem the area of a section is the downward area below it minus the upward area.
     area_mm2 = max(0.0, -float((areas_mm2 * share).sum()))
     outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
     return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])

@@ -1,7 +1,7 @@
 """Faces that are hidden once the parts are glued: cut faces on the bed, and tops that are all cuts.
 
-They need less skin than faces that are seen. A slicer counts the layers on the bed apart from those of other
-undersides, but all tops alike: tops are hidden only if none of them is seen.
+They need less skin than visible faces. A slicer has one number of layers on the bed, another one for other
+undersides, and one for all tops: so tops count as hidden only if none of them is visible.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from decompose.jit import jit
 
 LEVEL_COS = 0.999  # minimum downward part of the normal of a face that lies on the bed: within 2.6 degrees
 ON_BED_MM = 0.15
-SEEN_MM2 = 1.0  # a smaller area of faces that are seen is rounding
+SEEN_MM2 = 1.0  # minimum area of visible faces: less is rounding
 
 
 class HiddenFaces(NamedTuple):
@@ -28,20 +28,20 @@ class HiddenFaces(NamedTuple):
 
     @property
     def is_bed_hidden(self) -> bool:
-        """Check whether all that lies on the bed is cut."""
+        """Check whether all faces on the bed are cut faces."""
         return self.cut_bed_mm2 > 0.0 and self.seen_bed_mm2 < SEEN_MM2
 
     @property
     def are_tops_hidden(self) -> bool:
-        """Check whether all tops with skin are cut."""
+        """Check whether all tops with skin are cut faces."""
         return self.cut_top_mm2 > 0.0 and self.seen_top_mm2 < SEEN_MM2
 
-    def saved_share(self, bed_share: float, top_share: float) -> float:
+    def compute_saved_share(self, bed_share: float, top_share: float) -> float:
         """Compute the share of skin that a sheet between bed and top saves, by the shares of `CostModel`."""
         saved = (bed_share if self.is_bed_hidden else 0.0) + (top_share if self.are_tops_hidden else 0.0)
         return saved / 2.0
 
-    def saved_skin_mm2(self, bed_share: float, top_share: float) -> float:
+    def compute_saved_skin_mm2(self, bed_share: float, top_share: float) -> float:
         """Compute the area of skin that is saved, by the shares of `CostModel`."""
         saved_mm2 = bed_share * self.cut_bed_mm2 if self.is_bed_hidden else 0.0
         return saved_mm2 + (top_share * self.cut_top_mm2 if self.are_tops_hidden else 0.0)
@@ -50,10 +50,10 @@ class HiddenFaces(NamedTuple):
 def find_hidden_faces(triangles: Floats, cut: Bools, skin_cos: float) -> HiddenFaces:
     """Find the hidden faces of a closed mesh (m, 3, 3) in mm, standing on z = 0; cut: (m,)."""
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    doubled = np.linalg.norm(cross, axis=1)
-    keep = doubled > 0.0
-    normals = cross[keep] / doubled[keep, None]
-    surfaces = (normals, doubled[keep] / 2.0, triangles[keep].mean(axis=1))
+    doubled_areas = np.linalg.norm(cross, axis=1)
+    keep = doubled_areas > 0.0
+    normals = cross[keep] / doubled_areas[keep, None]
+    surfaces = (normals, doubled_areas[keep] / 2.0, triangles[keep].mean(axis=1))
     return HiddenFaces(*measure_hidden_faces(surfaces, cut[keep], np.array([0.0, 0.0, 1.0]), 0.0, skin_cos))
 
 

@@ -24,11 +24,11 @@ from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_featu
 from decompose.print_time.pose_prices import POSE_ROTATIONS, sum_pose_features
 from decompose.printers import PrinterRoom
 
-HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
-DISTINCT_DEG = 2.0  # directions closer than this are one candidate
-MAX_MEASURED = 24  # candidates that are measured, in the order of their prices
-FEW_COLUMNS = 1_500  # for an estimate
-CERTAIN_SUPPORT_SHARE = 0.8  # of an estimated support that is surely needed
+HULL_FACETS, FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
+DISTINCT_DEG = 2.0  # minimum angle between two candidates
+MAX_MEASURED = 24  # maximum number of measured candidates, in the order of their prices
+ESTIMATE_COLUMNS = 1_500  # approximate number of columns for an estimate
+CERTAIN_SUPPORT_SHARE = 0.8  # share of an estimated support that is certainly needed
 DEGREES: Floats = np.radians(np.arange(90.0))
 
 
@@ -94,8 +94,8 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Pri
         Printers to fit; empty for a printer without limits.
     """
     hull = _select_hull_points(vertices)
-    oriented = [_orient(up, hull, printers) for up in list_directions(vertices, faces)]
-    return np.array([r for r in oriented if r is not None]).reshape(-1, 3, 3)
+    found_rotations = [_orient(up, hull, printers) for up in list_directions(vertices, faces)]
+    return np.array([r for r in found_rotations if r is not None]).reshape(-1, 3, 3)
 
 
 def _estimate_support_s(
@@ -103,8 +103,8 @@ def _estimate_support_s(
 ) -> float:
     """Estimate the time of the support in a pose by few columns, without its islands."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
-    columns = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW_COLUMNS)
-    return cost.support_price_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
+    columns = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, ESTIMATE_COLUMNS)
+    return cost.price_support_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
 
 
 def list_directions(vertices: Floats, faces: Ints) -> Floats:
@@ -118,17 +118,17 @@ def list_directions(vertices: Floats, faces: Ints) -> Floats:
         facets = np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None] / 2.0 * hull.equations[:, :3]
     except QhullError:
         facets = np.zeros((0, 3))
-    for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
+    for normals, max_count in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
         directions = _add_distinct(
-            directions, -_find_flat_directions(normals), most, math.cos(math.radians(DISTINCT_DEG))
+            directions, -_find_flat_directions(normals), max_count, math.cos(math.radians(DISTINCT_DEG))
         )
     return directions
 
 
 @jit
-def _add_distinct(known_directions: Floats, candidates: Floats, most: int, near_cos: float) -> Floats:
-    """Append up to `most` candidates (m, 3) to the directions (k, 3) that they are not near; float64."""
-    directions = np.zeros((len(known_directions) + most, 3))
+def _add_distinct(known_directions: Floats, candidates: Floats, max_count: int, near_cos: float) -> Floats:
+    """Append up to `max_count` candidates (m, 3) to the directions (k, 3) that they are not near; float64."""
+    directions = np.zeros((len(known_directions) + max_count, 3))
     count = len(known_directions)
     directions[:count] = known_directions
     for i in range(len(candidates)):
@@ -170,9 +170,9 @@ def _select_hull_points(points: Floats) -> Floats:
 
 
 def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
-    """Find the rotation (rows) with a direction up and a yaw that fits every printer; None for none.
+    """Find the rotation (rows) with a direction up and a yaw that fits every printer; None if there is none.
 
-    Axis poses are not turned. Any other pose is turned into its smallest rectangle, and further only where
+    Axis poses keep their yaw if it fits. Any other pose is turned to its smallest rectangle, and further if
     that does not fit.
     """
     axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
@@ -184,11 +184,11 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
         y = np.cross(up, x)
     flat = hull @ np.array([x, y]).T
     height = float(np.ptp(hull @ up))
-    rim = find_convex_outline(flat)
-    angles = find_smallest_rectangle(rim) + DEGREES
+    outline = find_convex_outline(flat)
+    angles = find_smallest_rectangle(outline) + DEGREES
     if len(axis):
         angles = np.insert(angles, 0, 0.0)
-    for angle, (width, depth) in zip(angles, measure_rectangles(rim, angles).tolist(), strict=True):
+    for angle, (width, depth) in zip(angles, measure_rectangles(outline, angles).tolist(), strict=True):
         if all(printer.fits(width, depth, height) for printer in printers):
             return np.vstack([_turn_plane(angle) @ np.array([x, y]), up])
     return None

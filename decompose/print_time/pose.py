@@ -20,22 +20,22 @@ from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_wal
 
 LATERAL = ADDITIVE.index("lateral_mm2")
 SKIN = ADDITIVE.index("skin_mm2")
-COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
-HOLE_INSET_SHARE = math.pi / 4.0  # of a square outline: most holes are round
-TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
+COLUMN = ADDITIVE.index("column_mm3")  # the volume of a support that reaches the bed
+HOLE_INSET_SHARE = math.pi / 4.0  # inset of a round hole as a share of a square one's: most holes are round
+TOUCHED_MM2 = 1.0  # minimum area of a cut face under support: less is rounding
 
 # [assumed] A part stays upright while it sticks to the bed better than the nozzle pulls at its top and its
 # weight at its side. Support is made to be peeled off; the outer half of a brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0
-MIN_FOOT_MM = 0.8  # minimum `Footing.wall_mm`: the layer of an edge narrower than a line is not printed
-STICKS_N_MM2 = 0.05
-SUPPORTED_CONTACT_SHARE = 0.1  # share of that for the area that supports carry
+MIN_FOOT_MM = 0.8  # minimum `Footing.wall_mm`: an edge narrower than a line is not printed
+ADHESION_N_MM2 = 0.05
+SUPPORTED_CONTACT_SHARE = 0.1  # share of the adhesion for the area that supports carry
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5
 
-# [assumed] A part that is so tall for so small a foot is told to people, although it stands by its brim.
+# [assumed] People are warned of a part so tall on so small a foot, even if it stands by its brim.
 SMALL_FOOT_MM2 = 300.0
-SLENDER = 6.0  # 100 mm high on 300 mm2
+SLENDER = 6.0  # such as 100 mm high on 300 mm2
 WEIGHT_N_MM3 = 1.25e-5
 
 
@@ -60,9 +60,9 @@ class Pose:
     brim_share_mm
         Width by which the brim widens the footing.
     brim_width_mm, layer_0_expansion_mm
-        Chosen for the part; None: those of the quality.
+        Chosen for the part; None for those of the quality.
     bed_face_hidden, tops_hidden
-        All that lies on the bed is cut, all tops are, and the cost knows that they need less skin.
+        Whether the faces on the bed, and all tops, are cut faces, which by the cost need less skin.
     """
 
     to_model: Floats
@@ -81,7 +81,7 @@ class Pose:
 
     @property
     def stands(self) -> bool:
-        """Check whether it stays in place while it is printed, its weight on its footing or its brim."""
+        """Check whether the part stays in place while it is printed, by its footing and its brim."""
         footing = self.footing
         touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
         return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
@@ -94,16 +94,16 @@ class Pose:
 
     @property
     def has_small_foot(self) -> bool:
-        """Check whether it is tall for a small first layer."""
+        """Check whether the part is tall for a small first layer."""
         return self.footing.contact_mm2 < SMALL_FOOT_MM2 and self.slenderness > SLENDER
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
         """Sort key, lower is better: standing, clean cut faces, time; if none stands, the lowest strain."""
-        touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
+        touched_mm2 = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
         if self.stands:
-            return (0, 0.0, touched, self.price_s)
-        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched, self.price_s)
+            return (0, 0.0, touched_mm2, self.price_s)
+        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched_mm2, self.price_s)
 
 
 def measure_pose(
@@ -146,20 +146,20 @@ def measure_from_features(
     mesh: PartMesh, rotation: Floats, features: Floats, cost: CostModel, fit_first_layer: bool
 ) -> Pose:
     """Measure a pose as `measure_pose` does, from `ADDITIVE` features (5,) that are known already."""
-    placed = mesh.vertices @ rotation.T
-    lo, hi = placed.min(axis=0), placed.max(axis=0)
+    rotated_vertices = mesh.vertices @ rotation.T
+    lo, hi = rotated_vertices.min(axis=0), rotated_vertices.max(axis=0)
     origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
-    triangles = (placed - origin)[mesh.faces]
+    triangles = (rotated_vertices - origin)[mesh.faces]
     width, depth, height = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
-    hidden = find_hidden_faces(triangles, mesh.cut, cost.skin_cos)
-    saved_share = hidden.saved_share(cost.hidden_bed_share, cost.hidden_top_share)
+    hidden_faces = find_hidden_faces(triangles, mesh.cut, cost.skin_cos)
+    saved_share = hidden_faces.compute_saved_share(cost.hidden_bed_share, cost.hidden_top_share)
     sheets = Sheets(cost.skins_mm * (1.0 - saved_share), cost.layer_mm, cost.skin_cos)
-    inside = measure_columns(triangles, mesh.cut, cost.overhang_cos)
+    columns = measure_columns(triangles, mesh.cut, cost.overhang_cos)
     thin = measure_thin_walls(triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets)
-    footing = Footing.from_mesh(triangles, inside.props_mm)
-    leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
+    footing = Footing.from_mesh(triangles, columns.props_mm)
+    leans = [footing.inside_mm(centre[None, :2]) for centre in columns.centres_mm]
     brim: float | None = None
     expansion: float | None = None
     if fit_first_layer:
@@ -171,20 +171,20 @@ def measure_from_features(
     return Pose(
         to_model=to_model,
         size_mm=(width, depth, height),
-        price_s=_price_pose_s(features, hi - lo, inside, pose_cost)
-        + cost.thin_price_s(thin)
-        + cost.contour_price_s(contours, float(features[SKIN]))
+        price_s=_price_pose_s(features, hi - lo, columns, pose_cost)
+        + cost.price_thin_walls_s(thin)
+        + cost.price_contours_s(contours, float(features[SKIN]))
         + price_short_layers_s(triangles, cost),
         footing=footing,
-        strain=_compute_strain(footing, inside, height, leans),
+        strain=_compute_strain(footing, columns, height, leans),
         lean_mm=leans[-1],
-        support_mm3=inside.support_mm3,
-        touched_mm2=inside.touched_mm2,
+        support_mm3=columns.support_mm3,
+        touched_mm2=columns.touched_mm2,
         brim_share_mm=BRIM_FOOTING_SHARE * pose_cost.brim_mm,
         brim_width_mm=brim,
         layer_0_expansion_mm=expansion,
-        bed_face_hidden=hidden.is_bed_hidden and cost.hidden_bed_share > 0.0,
-        tops_hidden=hidden.are_tops_hidden and cost.hidden_top_share > 0.0,
+        bed_face_hidden=hidden_faces.is_bed_hidden and cost.hidden_bed_share > 0.0,
+        tops_hidden=hidden_faces.are_tops_hidden and cost.hidden_top_share > 0.0,
     )
 
 
@@ -193,10 +193,10 @@ def _price_pose_s(features: Floats, extents_mm: Floats, inside: Columns, cost: C
     bodies_mm = inside.bodies_mm - HOLE_INSET_SHARE * inside.holes_mm
     return (
         cost.price_s([*features[:COLUMN], 0.0], extents_mm)
-        - cost.inset_price_s(float(features[LATERAL]), float(extents_mm[2]), bodies_mm)
-        + cost.path_price_s(inside.island_paths_mm2, inside.holes_mm, inside.hole_paths_mm2)
-        + cost.brim_price_s(inside.brim_mm2(cost.brim_mm), extents_mm)
-        + cost.support_price_s(
+        - cost.price_insets_s(float(features[LATERAL]), float(extents_mm[2]), bodies_mm)
+        + cost.price_paths_s(inside.island_paths_mm2, inside.holes_mm, inside.hole_paths_mm2)
+        + cost.price_brim_s(inside.brim_mm2(cost.brim_mm), extents_mm)
+        + cost.price_support_s(
             inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
         )
     )
@@ -205,7 +205,7 @@ def _price_pose_s(features: Floats, extents_mm: Floats, inside: Columns, cost: C
 def _compute_strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
     """Compute the worst ratio of the moments that tilt a growing part to the moment that holds it."""
     area_mm2 = footing.contact_mm2 + SUPPORTED_CONTACT_SHARE * inside.propped_mm2
-    holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
+    holds = ADHESION_N_MM2 * area_mm2 * footing.width_mm / 2.0
     outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))
     pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside
     return float(pulls / holds) if holds > 0.0 else math.inf

@@ -1,7 +1,7 @@
 """Price of a closed mesh in a pose, from sums over its faces alone, and the extra time of short layers.
 
-Supports count as if they went down to the bed. A slicer slows down for layers that are so short that they
-would not cool before the next.
+Supports count as if they went down to the bed. A slicer slows down short layers, which would not cool before
+the next one.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ SKIN = ADDITIVE.index("skin_mm2")
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
 
-SLABS = 32  # equal slabs of the height; all layers in one are taken as equal
-MAX_SLOWDOWN = 4.0  # times: walls of 40 to 50 mm/s are not printed at less than 10
+SLABS = 32  # number of equal slabs of the height; the layers of a slab are taken as equal
+MAX_SLOWDOWN = 4.0  # maximum factor: walls of 40 to 50 mm/s are not printed at less than 10
 
 
 def find_pose_axes(pose: int) -> tuple[int, int, int]:
@@ -84,7 +84,7 @@ def sum_pose_features(
 ) -> tuple[Floats, Floats]:
     """Sum the `ADDITIVE` features (k, 5) of a closed mesh in k poses, and measure its extents (k, 3) in mm.
 
-    The skin that hidden faces save is taken off.
+    The skin that hidden faces save is subtracted.
 
     Parameters
     ----------
@@ -99,25 +99,25 @@ def sum_pose_features(
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(cross, axis=1)
-    keep = doubled > 0.0
-    corners, cross, doubled = corners[keep], cross[keep], doubled[keep]
-    normals, areas, centres = cross / doubled[:, None], doubled / 2.0, corners.mean(axis=1)
+    doubled_areas = np.linalg.norm(cross, axis=1)
+    keep = doubled_areas > 0.0
+    corners, cross, doubled_areas = corners[keep], cross[keep], doubled_areas[keep]
+    normals, areas, centres = cross / doubled_areas[:, None], doubled_areas / 2.0, corners.mean(axis=1)
     saves = cut is not None and bool(cut.any()) and cost.hidden_bed_share + cost.hidden_top_share > 0.0
     cuts = cut[keep] if cut is not None else np.zeros(0, np.bool_)
     features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
     features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
     cosines = (cost.skin_cos, cost.overhang_cos)
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
-        placed = (vertices if hull is None else hull) @ rotation.T
-        bottom = placed.min(axis=0)
-        extents[i] = placed.max(axis=0) - bottom
+        rotated_vertices = (vertices if hull is None else hull) @ rotation.T
+        bottom = rotated_vertices.min(axis=0)
+        extents[i] = rotated_vertices.max(axis=0) - bottom
         up, bed_mm = rotation[2], float(bottom[2])
         surfaces = (normals, areas, centres)
         features[i, 1:] = _sum_surfaces(surfaces, up, bed_mm, cosines)
         if saves:
-            hidden = HiddenFaces(*measure_hidden_faces(surfaces, cuts, up, bed_mm, cost.skin_cos))
-            saved_mm2 = hidden.saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
+            hidden_faces = HiddenFaces(*measure_hidden_faces(surfaces, cuts, up, bed_mm, cost.skin_cos))
+            saved_mm2 = hidden_faces.compute_saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
             features[i, SKIN] = max(0.0, features[i, SKIN] - saved_mm2)
     return features, extents
 
@@ -144,8 +144,8 @@ def price_axis_poses_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats
 def price_short_layers_s(triangles: Floats, cost: CostModel) -> float:
     """Compute the extra time in seconds of short layers, beyond what `CostModel.price_s` covers.
 
-    That covers the mean of all layers only: in a part that tapers, only the layers at the tip are slowed
-    down.
+    That price covers only the mean of all layers: in a part that tapers, only the layers at the tip are
+    slowed down.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
     The section at a height is the sum of A n over all faces above it, n being the upward part of a face's
     unit normal.
     """
-    lateral, above = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # of what lies below each plane, and above it
+    lateral, section_sums = np.zeros(SLABS + 1), np.zeros(SLABS + 1)  # sums below each plane, and above it
     for t in range(len(triangles)):
         ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
         ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
@@ -190,6 +190,6 @@ def _sum_by_slab(triangles: Floats, height: float) -> tuple[Floats, Floats]:
             else:
                 below = 1.0 - (high - z) ** 2 / ((high - middle) * (high - low))
             lateral[plane] += below * upright
-            above[plane] += (1.0 - below) * up
-    above[0] = above[1]  # nothing lies below the bed
-    return lateral[1:] - lateral[:-1], np.maximum(0.0, (above[1:] + above[:-1]) / 2.0)
+            section_sums[plane] += (1.0 - below) * up
+    section_sums[0] = section_sums[1]  # below the bed there is nothing
+    return lateral[1:] - lateral[:-1], np.maximum(0.0, (section_sums[1:] + section_sums[:-1]) / 2.0)

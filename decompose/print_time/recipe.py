@@ -63,9 +63,9 @@ FACTORS: Mapping[str, float] = {
 }
 """Factors of the seconds of each term of `time_terms`: one set for all settings.
 
-``columns`` replaces all of `SUPPORT` where only tables are available. Those of travel, of supports and of
-what only a pose shows were fitted to the features of sliced parts (`bench/print_time_features.py`), the
-others to five settings (`bench/print_time_model.py`).
+``columns`` replaces all of `SUPPORT` where only tables are available. The factors of travel, of supports and
+of the terms that only a pose shows were fitted to the features of sliced parts
+(`bench/print_time_features.py`), the others to five settings (`bench/print_time_model.py`).
 """
 
 
@@ -75,19 +75,18 @@ TOWER = 2.7
 
 
 INSET = 8.0
-"""Length by which a loop is shorter for each mm that it lies inside the outline: two mm at each right
-angle."""
+"""Length by which a loop is shorter for each mm from the outline: 2 mm at each right angle."""
 
 
 OUTLINE_MM = 0.004
-"""Margin below the greatest overhang of a layer, beyond which it gets support: outlines are rounded, and a
-line of support grows to the whole face. Without it a face at just the support angle would be priced without
-one."""
+"""Margin of the maximum overhang of a layer without support: outlines are rounded, and a line of support
+grows to the whole face. Without the margin, a face at exactly the support angle would be priced without
+support."""
 
 
 HOLE_VISITS = 4.0
-"""Number of times that the nozzle goes to a hole in a layer, or around it: measured on plates of 1 to 16
-bores, whose travel is that many times their distance, with a stop each."""
+"""Number of travels to a hole, or around it, in a layer: measured on plates of 1 to 16 bores, whose travel is
+this multiple of their distance, with a stop for each."""
 
 
 TURN_TIME_SHARE = 0.5
@@ -103,11 +102,11 @@ class Recipe:
     outer_line_width_mm: float = 0.35
     wall_count: int = 2
     skin_layers: float = 3.0  # mean of top and bottom
-    bed_layers_saved: float = 0.0  # layers of skin that a hidden face on the bed has less, see `hidden_faces`
-    top_layers_saved: float = 0.0  # and that hidden tops have less
+    bed_layers_saved: float = 0.0  # layers of skin saved at a hidden face on the bed, see `hidden_faces`
+    top_layers_saved: float = 0.0  # layers of skin saved at hidden tops
     infill_line_distance_mm: float = 7.0  # mean spacing, all directions together; 0 without infill
-    infill_connected: bool = True  # along the walls, as a zigzag is
-    infill_steps: int = 0  # times that the infill gets half as dense with its depth below the tops
+    infill_connected: bool = True  # lines are connected along the walls, as in a zigzag
+    infill_steps: int = 0  # number of steps below the tops at which the density of the infill halves
     infill_step_mm: float = 0.0  # depth of each step
     support_line_distance_mm: float = 2.333  # 0 without support
     outer_wall_mm_s: float = 40.0
@@ -115,15 +114,15 @@ class Recipe:
     infill_mm_s: float = 60.0
     skin_mm_s: float = 30.0
     support_mm_s: float = 40.0
-    support_angle_deg: float = 45.0  # from the vertical; faces that lean out further get support
+    support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0  # of the first layer
     speeding_layers: int = 2  # number of layers over which the speed rises to that of the others
     travel_mm_s: float = 150.0
-    retraction_s: float = 0.52  # back and forth
+    retraction_s: float = 0.52  # of retraction and return together
     acceleration_mm_s2: float = 3000.0
     min_layer_s: float = 5.0  # the slicer slows down shorter layers to this time
-    shrinkage: float = 0.007  # of the material, a share of its length, which makes parts warp
+    shrinkage: float = 0.007  # share of its length by which the material shrinks, so that parts warp
     prelude_s: float = 0.0  # heating, homing, start and end code, once for each part
 
     @property
@@ -141,23 +140,23 @@ class Recipe:
 
     @property
     def skin_s_mm(self) -> float:
-        """Seconds for a mm of line in all layers of a skin; every second skin lies on the bed."""
+        """Seconds for a mm of line in all layers of a skin; one skin of two lies on the bed."""
         layers = min(self.speeding_layers, round(self.skin_layers))
-        faster = (self.skin_mm_s - self.brim_mm_s) / max(self.speeding_layers, 1)
-        first = sum(1.0 / (self.brim_mm_s + i * faster) for i in range(layers))
+        speed_gain = (self.skin_mm_s - self.brim_mm_s) / max(self.speeding_layers, 1)
+        first = sum(1.0 / (self.brim_mm_s + i * speed_gain) for i in range(layers))
         return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s) / 2.0
 
     @property
     def deep_lines_mm(self) -> float:
-        """Lines of infill in a mm, all directions together, where it is sparsest."""
+        """Number of infill lines in a mm, all directions together, at the lowest density."""
         distance_mm = self.infill_line_distance_mm * 2.0**self.infill_steps
         return 1.0 / distance_mm if distance_mm > 0.0 else 0.0
 
     @property
     def connection_s_mm2(self) -> float:
         """Seconds for a line of infill along a mm2 of wall; 0 where its lines are not connected."""
-        connected = self.infill_connected and self.deep_lines_mm > 0.0
-        return 1.0 / (self.layer_height_mm * self.infill_mm_s) if connected else 0.0
+        is_connected = self.infill_connected and self.deep_lines_mm > 0.0
+        return 1.0 / (self.layer_height_mm * self.infill_mm_s) if is_connected else 0.0
 
     @property
     def infill_ends_s_mm2(self) -> float:
@@ -168,7 +167,7 @@ class Recipe:
 
     @property
     def top_lines(self) -> float:
-        """Mm of lines below each mm2 of a top that its infill has more than elsewhere, over a mm of depth."""
+        """Additional mm of infill lines below each mm2 of a top, times mm of depth."""
         return (
             self.infill_step_mm
             * self.deep_lines_mm
@@ -184,8 +183,8 @@ class Recipe:
     @property
     def supported_deg(self) -> float:
         """Angle from the vertical beyond which faces count as supported: slightly less than the setting."""
-        out_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
-        return math.degrees(math.atan2(max(0.0, out_mm), self.layer_height_mm))
+        overhang_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
+        return math.degrees(math.atan2(max(0.0, overhang_mm), self.layer_height_mm))
 
     @property
     def skin_cos(self) -> float:
@@ -197,8 +196,8 @@ class Recipe:
 def time_terms(recipe: Recipe) -> dict[str, Floats]:
     """Compute the seconds of each term, by name, for one unit of each of `FEATURES`.
 
-    A line of infill or of a slope's narrow skin ends where it turns round: the nozzle stops and starts. Walls
-    cover the rim of a skin.
+    At each end of a line of infill, or of a slope's narrow skin, the nozzle stops and starts. Walls cover the
+    rim of a skin.
 
     Parameters
     ----------
@@ -222,7 +221,7 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
         "infill": _vector(
             volume_mm3=infill,
             lateral_mm2=-infill * r.walls_mm,
-            # Every second skin is a top.
+            # One skin of two is a top.
             skin_mm2=-infill * r.skin_layers * layer + r.top_lines / 2.0 / (layer * r.infill_mm_s),
         ),
         "walls": _vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
@@ -256,7 +255,7 @@ def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
             holes_mm=HOLE_VISITS * stop_s / layer, hole_paths_mm2=HOLE_VISITS / (layer * r.travel_mm_s)
         ),
         "rims": _vector(rim_mm=-skin * r.walls_mm),
-        # A line ends at the rim once every pi widths in the mean over all directions.
+        # In the mean over all directions, a line ends at the rim once for every pi widths.
         "rim ends": _vector(
             rim_ends_mm=r.skin_layers * r.skin_mm_s / r.acceleration_mm_s2 / (math.pi * r.line_width_mm)
         ),
@@ -273,5 +272,5 @@ def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
 
 
 def _vector(**features: float) -> Floats:
-    """Return a vector in the order of `FEATURES`; those not named are 0."""
+    """Return a vector in the order of `FEATURES`; features that are not named are 0."""
     return np.array([features.get(name, 0.0) for name in FEATURES])

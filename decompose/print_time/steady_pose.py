@@ -1,6 +1,6 @@
 """Steadier pose of a part that has time to spare: a larger foot and less height than in its fastest pose.
 
-A part that ends before the slowest one gains nothing by its fastest pose. On a foot of some square
+For a part that ends before the slowest one, the fastest pose has no advantage. On a foot of some square
 millimetres it is more likely to come off the bed.
 """
 
@@ -20,10 +20,10 @@ from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_featu
 from decompose.print_time.pose_prices import sum_pose_features
 from decompose.printers import PrinterRoom
 
-LOW_SLENDERNESS = 1.0  # of a cube: a part that is no taller for its foot is steady enough
-WORTH_RATIO = 0.8  # of the slenderness: a pose that is not steadier by this is not worth another one
-DEAR_RATIO = 1.02  # of the fastest time: may be spent on a steadier pose
-MAX_MEASURED = 4  # poses, the steadiest by their flat faces first
+LOW_SLENDERNESS = 1.0  # maximum slenderness of a steady part: that of a cube
+MAX_SLENDERNESS_RATIO = 0.8  # a steadier pose must have at most this share of the slenderness
+MAX_TIME_RATIO = 1.02  # maximum time of a steadier pose, as a multiple of the fastest
+MAX_MEASURED = 4  # maximum number of measured poses, the steadiest by their flat faces first
 
 
 def steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
@@ -39,10 +39,10 @@ def steady_limit_s(fastest: Pose, spare_limit_s: float) -> float:
     Returns
     -------
     float
-        All of the time to spare for a part on a small foot, and 2 % even where it has none; else 2 % at most.
+        For a part on a small foot all of its spare time, and at least 2 %; for others 2 % at most.
     """
-    dear_s = DEAR_RATIO * fastest.price_s
-    return max(spare_limit_s, dear_s) if fastest.has_small_foot else min(spare_limit_s, dear_s)
+    max_s = MAX_TIME_RATIO * fastest.price_s
+    return max(spare_limit_s, max_s) if fastest.has_small_foot else min(spare_limit_s, max_s)
 
 
 def find_steady_pose(
@@ -66,13 +66,13 @@ def find_steady_pose(
     Returns
     -------
     Pose
-        The fastest pose, if none is much steadier, or where support would touch more of its cut faces.
+        The fastest pose if no other is much steadier, or if support would touch more cut faces in the others.
     """
     if fastest.slenderness <= LOW_SLENDERNESS or limit_s < fastest.price_s:
         return fastest
     rotations = find_fitting_rotations(mesh.vertices, mesh.faces, rooms)
     slenderness = np.array([_estimate_slenderness(mesh, rotation) for rotation in rotations])
-    max_slenderness = WORTH_RATIO * fastest.slenderness
+    max_slenderness = MAX_SLENDERNESS_RATIO * fastest.slenderness
     order = [i for i in np.argsort(slenderness, kind="stable") if slenderness[i] < max_slenderness]
     without_brim, measured_count = replace(cost, brim_mm=0.0), 0
     for i in order:
@@ -95,7 +95,7 @@ def find_steady_pose(
 
 
 def _estimate_slenderness(mesh: PartMesh, rotation: Floats) -> float:
-    """Estimate the height of a part over the side of its foot, from its faces that lie flat on the bed."""
+    """Estimate the ratio of height to side of the foot of a part, from its flat faces on the bed."""
     z_mm = mesh.vertices @ rotation[2]
     low_mm = float(z_mm.min())
     bottom_faces = mesh.faces[(z_mm[mesh.faces] < low_mm + FIRST_LAYER_MM).all(axis=1)]

@@ -1,7 +1,7 @@
 """Thin walls and sheets of a part, by rays through it: where infill, inner walls or skins find no room.
 
-Between the walls of a thin one, a slicer prints a single line at the speed of skin instead of infill. Where
-not even the inner walls fit, such a line takes their place.
+Between the walls of a thin one, a slicer prints a single line at the speed of skin instead of infill. If
+the inner walls do not fit either, such a line replaces them.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from decompose.arrays import Floats
 from decompose.geometry.rays import Crossings, Rays, compute_unit_normals, find_bounds, find_crossings
 from decompose.jit import jit
 
-RAYS = 4_000  # approximate number along each of two axes
+RAYS = 4_000  # approximate number of rays along each of two axes
 MIN_STEP_MM = 0.05
-MIN_GAP_MM = 0.05  # a narrower gap between walls is not filled
+MIN_GAP_MM = 0.05  # minimum gap between walls that is filled
 
 
 class WallWidths(NamedTuple):
@@ -37,7 +37,7 @@ class Sheets(NamedTuple):
 
 
 class ThinWalls(NamedTuple):
-    """Areas of upright faces in mm2, each side of a wall by itself, whose wall is thin; and of thin sheets.
+    """Areas in mm2 of upright faces of thin walls, each side counted, and of thin sheets.
 
     Attributes
     ----------
@@ -60,7 +60,8 @@ class ThinWalls(NamedTuple):
 def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, count: int = RAYS) -> ThinWalls:
     """Measure the thin walls and sheets of a closed mesh (m, 3, 3) in mm that stands on the bed."""
     sums = np.zeros(3)
-    for upright, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):  # x, then y, is turned up; the index of z in it
+    # First x, then y, is rotated to the last axis; `upright` is the index of z after it.
+    for upright, order in ((1, [1, 2, 0]), (0, [2, 0, 1])):
         crossings, normals, ray_mm2 = _send_rays(triangles[:, :, order], count)
         sums += ray_mm2 * _sum_thin_walls(crossings, normals, upright, widths)
     crossings, normals, ray_mm2 = _send_rays(triangles, count)
@@ -71,14 +72,14 @@ def measure_thin_walls(triangles: Floats, widths: WallWidths, sheets: Sheets, co
 
 def _send_rays(triangles: Floats, count: int) -> tuple[Crossings, Floats, float]:
     """Send rays along the last axis; return their crossings, the faces' normals, and the area of a ray."""
-    turned = np.ascontiguousarray(triangles)
-    lo, hi = find_bounds(turned)
+    turned_triangles = np.ascontiguousarray(triangles)
+    lo, hi = find_bounds(turned_triangles)
     width, depth = (hi - lo)[:2].tolist()
     step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    normals = compute_unit_normals(turned)
+    normals = compute_unit_normals(turned_triangles)
     rays = Rays(origin, step, (math.ceil(width / step), math.ceil(depth / step)))
-    return find_crossings(turned, normals, rays), normals, step * step
+    return find_crossings(turned_triangles, normals, rays), normals, step * step
 
 
 @jit

@@ -147,7 +147,7 @@ class Problem:
         proof = self.executor.submit(prove)
         return lambda: proof.result().seconds
 
-    def grid_figures(
+    def compute_grid_figures(
         self,
         grid: Grid,
         boxes: BoxTables,
@@ -176,11 +176,11 @@ class Problem:
         """Check whether a result of these pieces may be the best one, so that its bound has to be proven."""
         if not self.options.prove:
             return False
-        ends_s = self.makespan_s(pieces)
+        ends_s = self.compute_makespan_s(pieces)
         # One of two results that end at the same time is chosen.
         return math.isfinite(ends_s) and ends_s <= self.best_known_s
 
-    def makespan_s(self, pieces: Sequence[Piece]) -> float:
+    def compute_makespan_s(self, pieces: Sequence[Piece]) -> float:
         """Compute the time when the last piece ends, each truly posed, on its printer; inf for no fit.
 
         The printers for which the pieces are cut are ignored, as in the makespan of the result.

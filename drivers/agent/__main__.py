@@ -32,7 +32,7 @@ def main() -> int:
     except AgentError as error:
         logging.error("%s", error)
         return 1
-    inhibitor = Inhibitor(start.printer, simulated=start.port.startswith("sim://"))
+    inhibitor = Inhibitor(start.printer, is_simulated=start.port.startswith("sim://"))
     try:
         if not _take_lock(folder):
             logging.error("%s: another agent has this printer: end it first", folder)

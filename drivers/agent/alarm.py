@@ -18,8 +18,8 @@ _NOT_OFF = "heaters were not confirmed off"
 class Alarms:
     """Alarms of one printer; runs its `power_off_cmd` once for each.
 
-    First the finding is taken, then the journal is written, then `run_command` acts: unless the disk fails,
-    no command is run before its request is in the journal.
+    First the finding is recorded, then the journal is written, then `run_command` acts: unless the disk
+    fails, no command is run before its request is in the journal.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Alarms:
         self._requested_by: Session | None = None  # the session that asked for the mains to be cut
 
     @property
-    def pending(self) -> bool:
-        """See `Alarm.pending`."""
-        return self.alarm is not None and self.alarm.pending
+    def is_pending(self) -> bool:
+        """True while the mains are to be cut; see `Alarm.is_pending`."""
+        return self.alarm is not None and self.alarm.is_pending
 
     @property
     def message(self) -> str | None:
@@ -102,7 +102,7 @@ class Alarms:
         outcome = None if self._power_off is None else self._power_off.outcome()
         if outcome is not None:
             self._power_off = None
-        elif self._command is None and self.pending:
+        elif self._command is None and self.is_pending:
             outcome = NO_COMMAND
         if outcome is not None and self.alarm is not None:
             self.alarm = self.alarm.model_copy(update={"outcome": outcome})
@@ -110,7 +110,7 @@ class Alarms:
 
     def run_command(self) -> None:
         """Run the command if it was requested; the request is in the journal already."""
-        if self._power_off is None and self._command is not None and self.pending:
+        if self._power_off is None and self._command is not None and self.is_pending:
             self._power_off = PowerOff(self._command, self._printer)
 
     def wake_wall_s(self) -> float:

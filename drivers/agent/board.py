@@ -61,7 +61,7 @@ class Board:
         True if the printer was reconnected or seen cold: later findings are new ones.
     idle_watch, emulator, wire
         Watch over the idle board; status and bed of the emulator, if there is one; last bytes on the port.
-    changed
+    has_changed
         True if anything changed other than the next line of a program.
     """
 
@@ -74,7 +74,7 @@ class Board:
         save: Callable[[], None],
         on_port_change: Callable[[int | None], None],
     ) -> None:
-        self.simulated = url.startswith("sim://")
+        self.is_simulated = url.startswith("sim://")
         self.pace = Pace.from_clock(clock)
         self.profile, self._firmware = profile, profile.firmware
         self.link = Link(self._firmware, self.pace.floor_s)
@@ -87,8 +87,8 @@ class Board:
         self.stuck_heater: str | None = None
         self.rearms_alarm = False
         self.idle_watch = IdleWatch()
-        self.emulator = EmulatorBed(folder if self.simulated else None)
-        self.changed = False
+        self.emulator = EmulatorBed(folder if self.is_simulated else None)
+        self.has_changed = False
         self._url, self._folder, self._clock = url, folder, clock
         self._save, self._on_port_change = save, on_port_change
         self._port: Port | None = None
@@ -140,7 +140,7 @@ class Board:
         try:
             device = identify_device(self._url)
             is_same_device = device is not None and device == self.state.device_id
-            if not (self.simulated or self._is_responsible or self._is_idle_confirmed or is_same_device):
+            if not (self.is_simulated or self._is_responsible or self._is_idle_confirmed or is_same_device):
                 raise PortNotIdle(MAY_PRINT)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
@@ -156,7 +156,7 @@ class Board:
             return
         if not self._is_responsible:
             self._on_opened()
-        elif self.simulated:
+        elif self.is_simulated:
             send_abort(self._port, self._firmware)
             self._on_opened()
         else:
@@ -178,9 +178,9 @@ class Board:
         """End the open print safely."""
         self._with_session(lambda session, now_s: session.cancel(reason, now_s))
 
-    def pause(self, paused: bool) -> None:
+    def pause(self, is_paused: bool) -> None:
         """Pause or resume the open print."""
-        self._with_session(lambda session, now_s: (session.pause if paused else session.resume)(now_s))
+        self._with_session(lambda session, now_s: (session.pause if is_paused else session.resume)(now_s))
 
     def end_by(self, at_s: float | None) -> None:
         """Set the time at which the open print is ended safely; None for no limit."""
@@ -212,7 +212,7 @@ class Board:
     @property
     def reset_verified(self) -> bool:
         """True if DTR was confirmed to reset the board behind this port."""
-        return self.simulated or self.state.reset_verified == self._url
+        return self.is_simulated or self.state.reset_verified == self._url
 
     @property
     def reset_failed(self) -> bool:
@@ -220,7 +220,7 @@ class Board:
         return not self.reset_verified and self.state.reset_failed == self._url
 
     @property
-    def verifying_reset(self) -> bool:
+    def is_verifying_reset(self) -> bool:
         """True while waiting for the answer to a pulse of DTR."""
         return self._pulses_left > 0
 
@@ -244,7 +244,7 @@ class Board:
             self._pulses_left = RESET_PULSES
         else:
             self._is_idle_confirmed = False  # the confirmation was for a printer that is no longer connected
-        self.changed = True
+        self.has_changed = True
 
     def switch_off(self) -> None:
         """Switch off heat and motion that this agent may have caused, by a reset, before it ends."""
@@ -263,7 +263,7 @@ class Board:
     # --- events ---
 
     def _process(self, events: Events, now_s: float) -> None:
-        self.changed = True
+        self.has_changed = True
         for event in events:
             self._on_event(event, now_s)
         if self.session is not None:
@@ -306,12 +306,12 @@ class Board:
             if self.session is None:
                 self._on_idle_trouble(event, now_s)
 
-    def _on_connected(self, connected: Connected) -> None:
+    def _on_connected(self, event: Connected) -> None:
         """Record whether the last pulse of DTR has reset the board."""
         self.idle_watch.reset()
-        if connected.restarted:
+        if event.restarted:
             self.idle_watch.filament.note_reset()
-        if connected.restarted and (self._pulses_left or self.session is not None):
+        if event.restarted and (self._pulses_left or self.session is not None):
             self.state.reset_verified, self.state.reset_failed = self._url, None
         elif self._pulses_left > 1:
             self._pulses_left -= 1

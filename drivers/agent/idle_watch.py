@@ -36,19 +36,19 @@ class FilamentWatch:
 
     def __init__(self, is_certain: bool = False, rest_position: str | None = None) -> None:
         self.is_certain, self.rest_position = is_certain, rest_position
-        self._printed = False  # since the last reset: else the position says nothing
+        self._has_printed = False  # since the last reset: else the position says nothing
 
     def confirm(self) -> None:
-        """Trust the journal from now on: a print begins, or a person said where the filament is."""
+        """Trust the journal from now on: a print begins, or a person has named the filament's position."""
         self.is_certain, self.rest_position = True, None
 
     def note_print(self) -> None:
         """Accept the position at which the printer rests after this print."""
-        self._printed = True
+        self._has_printed = True
 
     def note_reset(self) -> None:
         """Ignore positions until the next print: after a reset all positions are alike."""
-        self._printed, self.rest_position = False, None
+        self._has_printed, self.rest_position = False, None
 
     def forget(self) -> None:
         """Stop trusting the journal: somebody used the printer."""
@@ -58,8 +58,8 @@ class FilamentWatch:
         """Judge the position at which an idle printer was seen twice."""
         position = answer.decode("ascii", "replace")
         if not self.is_certain:
-            self.is_certain = self._printed = position == self.rest_position
-        self.rest_position = position if self.is_certain and self._printed else None
+            self.is_certain = self._has_printed = position == self.rest_position
+        self.rest_position = position if self.is_certain and self._has_printed else None
 
 
 class IdleWatch:
@@ -85,8 +85,8 @@ class IdleWatch:
         self.card = False
         self._position: bytes | None = None
         self._first: bytes | None = None  # the answer before there is a position
-        self._unconfirmed: bytes | None = None  # last answer that differs from the known position
-        self._heated = False
+        self._unconfirmed_position: bytes | None = None  # last answer that differs from the known position
+        self._was_heated = False
         self._coolest_c = [float("inf"), float("inf")]
         self._hot_reports = 0  # number of consecutive reports with a heater stuck on
         self._cold_reports = 0  # number of consecutive reports with both off and cold
@@ -109,13 +109,13 @@ class IdleWatch:
         if _POSITION.match(text) is None:
             return False, None
         if text == self._position:
-            self._unconfirmed = None
-        elif text != self._unconfirmed:
+            self._unconfirmed_position = None
+        elif text != self._unconfirmed_position:
             self._first = self._first or text
-            self._unconfirmed = text  # a garbled digit may be the cause, in the first answer as well
+            self._unconfirmed_position = text  # a garbled digit may be the cause, in the first answer as well
         else:
             has_moved = self._position is not None or not _may_be_garbled(self._first or text, text)
-            self._position, self._unconfirmed = text, None
+            self._position, self._unconfirmed_position = text, None
             self.filament.judge_position(text)
             return True, MOVED if has_moved else None
         return True, None
@@ -128,11 +128,11 @@ class IdleWatch:
         (str | None, LinkFault | None)
             An event not caused by the farm; a heater that is stuck on.
         """
-        heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
-        is_cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
+        is_heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
+        is_cold = not is_heated and max(report.nozzle_c, report.bed_c) < COLD_C
         self._cold_reports = self._cold_reports + 1 if is_cold else 0
-        is_heated_twice, self._heated = heated and self._heated, heated
-        if heated:
+        is_heated_twice, self._was_heated = is_heated and self._was_heated, is_heated
+        if is_heated:
             self._coolest_c = [float("inf"), float("inf")]
             self._hot_reports = 0
             return (HEATED if is_heated_twice else None), None

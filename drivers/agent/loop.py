@@ -46,7 +46,7 @@ class Agent:
 
     def __init__(self, start: StartFile, folder: Path, inhibitor: Inhibitor | None = None) -> None:
         self._start, self._folder, self._clock = start, folder, start.clock
-        self._inhibitor = inhibitor or Inhibitor(start.printer, simulated=True)
+        self._inhibitor = inhibitor or Inhibitor(start.printer, is_simulated=True)
         self._selector = selectors.DefaultSelector()
         self._port_fd: int | None = None
         profile = PROFILES[start.model]
@@ -95,7 +95,7 @@ class Agent:
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._build_snapshot)
         wake_wall_s = 0.0
-        while not self._requests.ended:
+        while not self._requests.has_ended:
             wait_s = wake_wall_s - read_wall_s()
             for key, mask in self._selector.select(wait_s if wait_s > 0.0 else 0.0):
                 key.data(mask)
@@ -103,8 +103,9 @@ class Agent:
             if is_due:
                 self._board.tick()
                 self._limit_log()
-            if is_due or self._board.changed:  # else only a program line was sent: no deadline came nearer
-                self._board.changed = False
+            # Otherwise only a program line was sent, and no deadline came nearer.
+            if is_due or self._board.has_changed:
+                self._board.has_changed = False
                 self._push()
                 alarms_wall_s = self._recorder.alarms.wake_wall_s()
                 wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s, alarms_wall_s)
@@ -117,8 +118,8 @@ class Agent:
 
     def _save(self) -> None:
         self._recorder.record_changes()
-        if self._requests.ending and self._board.session is None and not self._board.state.hot:
-            self._requests.ended = True
+        if self._requests.is_ending and self._board.session is None and not self._board.state.hot:
+            self._requests.has_ended = True
 
     # --- messages ---
 
@@ -187,9 +188,9 @@ class Agent:
         """End after the open print on SIGTERM; on SIGINT end the print safely first."""
         ends_print = signal.SIGINT in self._signals[0].recv(64)
         if self._board.session is None and (ends_print or not self._board.state.hot):
-            self._requests.ended = True
+            self._requests.has_ended = True
             return
-        self._requests.ending = True
+        self._requests.is_ending = True
         log.warning(
             "asked to end by a signal: %s", "at once" if ends_print else "when the open print has ended"
         )

@@ -53,9 +53,9 @@ class Recorder:
         self._program: Program | None = None
         self._starved_before_s = 0.0
         board.state = journal.state.board.model_copy()
-        is_watched = board.simulated and board.state.bed_unknown_reason is None
+        is_watched = board.is_simulated and board.state.bed_unknown_reason is None
         board.idle_watch.filament = FilamentWatch(is_watched, board.state.rest_position)
-        if board.state.bed_unknown_reason is None and not board.simulated:
+        if board.state.bed_unknown_reason is None and not board.is_simulated:
             board.state.bed_unknown_reason = NOT_WATCHED
 
     def begin(
@@ -161,7 +161,7 @@ class Recorder:
 
     def _lacks_outcome(self, context: SessionContext) -> bool:
         """Return True if the reason of an ended print still lacks the outcome of `power_off_cmd`."""
-        return context.ended and self.alarms.pending
+        return context.ended and self.alarms.is_pending
 
     def describe_print(self, saved_print: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """Return the current state of the open print."""

@@ -47,15 +47,15 @@ class RequestHandler:
 
     Attributes
     ----------
-    ended
+    has_ended
         True if the agent ends now.
-    ending
+    is_ending
         True if the agent ends after the open print.
     """
 
     def __init__(self, printer: str, recorder: Recorder, spool: Spool, clock: Clock) -> None:
-        self.ended = False
-        self.ending = False
+        self.has_ended = False
+        self.is_ending = False
         self._printer = printer
         self._recorder, self._board, self._journal = recorder, recorder.board, recorder.journal
         self._spool, self._clock = spool, clock
@@ -130,7 +130,7 @@ class RequestHandler:
             update = {"phase": PrintPhase.FAILED, "fault": Fault.BAD_FILE, "reason": str(error)}
             snapshot = snapshot.model_copy(update=update | {"started_s": now_s, "ended_s": now_s})
             self._journal.write(now_s, print=snapshot.model_dump(mode="json"))
-            self._board.changed = True
+            self._board.has_changed = True
             return
         snapshot = snapshot.model_copy(update={"lines": program.count, "started_s": now_s})
         self._journal.write(now_s, print=snapshot.model_dump(mode="json"), filament=request.filament.value)
@@ -168,9 +168,9 @@ class RequestHandler:
         if self._board.session is None:
             if self._board.state.hot and not request.now:
                 raise AgentError(f"{self._printer} may still be hot: check it, or shut down with `now`")
-            self.ended = True
+            self.has_ended = True
         elif request.now:
-            self.ending = True
+            self.is_ending = True
             self._board.cancel("the farm was shut down")
         else:
             raise AgentError(f"{self._printer} prints: cancel it, or shut down with `now`")

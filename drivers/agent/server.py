@@ -63,7 +63,7 @@ class Server:
         self._answer = answer
         self._make_snapshot = make_snapshot
         self._clients: dict[_Client, None] = {}  # in order of arrival
-        self._listening = False
+        self._is_listening = False
         self._paused_until_s = self._quiet_until_s = -math.inf
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         (folder / AGENT_SOCKET).unlink(missing_ok=True)  # unused, as the agent holds the folder's lock
@@ -99,13 +99,13 @@ class Server:
         self._listen(False)
         self._listener.close()
 
-    def _listen(self, enabled: bool) -> None:
+    def _listen(self, is_enabled: bool) -> None:
         """Start or stop accepting new clients."""
-        if enabled and not self._listening:
+        if is_enabled and not self._is_listening:
             self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
-        elif self._listening and not enabled:
+        elif self._is_listening and not is_enabled:
             self._selector.unregister(self._listener)
-        self._listening = enabled
+        self._is_listening = is_enabled
 
     def _accept(self, _: int) -> None:
         now_s = read_wall_s()

@@ -27,14 +27,14 @@ class Inhibitor:
         Command that holds the lock while the command after it runs.
     """
 
-    def __init__(self, printer: str, *, simulated: bool, command: Sequence[str] | None = None) -> None:
-        enabled = command is not None or (_SYSTEMD.is_dir() and not simulated)
-        self._command = (*(command or _COMMAND), f"--why={printer} prints", "cat") if enabled else None
+    def __init__(self, printer: str, *, is_simulated: bool, command: Sequence[str] | None = None) -> None:
+        is_enabled = command is not None or (_SYSTEMD.is_dir() and not is_simulated)
+        self._command = (*(command or _COMMAND), f"--why={printer} prints", "cat") if is_enabled else None
         self._child: subprocess.Popen[bytes] | None = None
 
-    def hold(self, enabled: bool) -> None:
+    def hold(self, is_enabled: bool) -> None:
         """Take or release the lock. If the host refuses it, that is logged, and the print continues."""
-        if self._command is None or enabled == (self._child is not None):
+        if self._command is None or is_enabled == (self._child is not None):
             return
         if self._child is not None:
             assert self._child.stdin is not None

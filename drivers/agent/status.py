@@ -31,7 +31,7 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
         return LinkState.BUSY, board.absent_reason or journal_error
     if board.absent_reason is not None:
         return LinkState.ABSENT, board.absent_reason
-    if board.verifying_reset:
+    if board.is_verifying_reset:
         return LinkState.CONNECTING, None
     if board.state.attention_reason is not None:
         return LinkState.FAULT, board.state.attention_reason

@@ -31,7 +31,7 @@ from drivers.printers import PROFILES, Profile
 
 STATUS_S = 0.4  # wall seconds between two status writes; readers expect one every 0.5 s
 CONTROL_S = 0.5
-PIECE_BYTES = 2  # of an answer that is sent in pieces
+PIECE_BYTES = 2  # size of the pieces of an answer
 SLACK_S = 0.002  # wall seconds by which an accelerated emulator may delay an ok while its planner is full
 
 
@@ -76,14 +76,14 @@ class Emulator:
                 wait_s = 0.0
             sources = [
                 control_fd,
-                *([port.watch_fd] if port.plugged else ()),
+                *([port.watch_fd] if port.is_plugged else ()),
                 *([port.master] if port.is_open else ()),
             ]
             ready = select.select(sources, (), (), max(0.0, wait_s))[0]
             now_s = max(now_s, clock.now() - self._origin_s)
             data = b""
             if ready:
-                if port.plugged and port.watch_fd in ready:
+                if port.is_plugged and port.watch_fd in ready:
                     self._notice(now_s)
                 elif port.is_open and port.master in ready:
                     data = port.read()
@@ -128,7 +128,7 @@ class Emulator:
             bed_c=round(board.bed.temperature_c(now_s), 2),
             bed_target_c=board.bed.target_c,
             position_mm=(round(x, 4), round(y, 4), round(z, 4)),
-            homed=firmware.machine.homed,
+            homed=firmware.machine.is_homed,
             filament_mm=round(board.filament_mm, 4),
             filament_end_mm=round(board.filament_end_mm, 4),
             bed_clear=board.bed_clear,
@@ -138,8 +138,8 @@ class Emulator:
             errors=firmware.errors,
             resets=firmware.resets,
             printing_s=round(firmware.printing_s, 4),
-            damaged=firmware.noise.damaged if firmware.noise is not None else 0,
-            altered=firmware.noise.altered if firmware.noise is not None else 0,
+            damaged=firmware.noise.damaged_bytes if firmware.noise is not None else 0,
+            altered=firmware.noise.altered_lines if firmware.noise is not None else 0,
         )
         try:
             write_status(self._folder, status)

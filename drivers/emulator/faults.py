@@ -199,7 +199,7 @@ def parse_faults(words: Iterable[str], source: str = "--fault") -> Faults:
         except ValueError:
             raise PortError(f"{source}: {name} needs a number, not {value!r}") from None
         if number < 0 or (kind is float and number > 1) or (kind is int and number != int(number)):
-            expected = "a probability from 0 to 1" if kind is float else "a whole number from 0"
-            raise PortError(f"{source}: {name} needs {expected}, not {value!r}")
+            expected_value = "a probability from 0 to 1" if kind is float else "a whole number from 0"
+            raise PortError(f"{source}: {name} needs {expected_value}, not {value!r}")
         values[name] = kind(number)
     return Faults(**values)  # type: ignore[arg-type]

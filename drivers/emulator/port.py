@@ -31,7 +31,7 @@ class Port:
         File descriptor of the printer's end; non-blocking.
     watch_fd
         File descriptor that becomes readable when the slave is opened or closed.
-    plugged
+    is_plugged
         True while the cable is plugged in; otherwise the descriptors are invalid.
     is_open
         True while a host has the slave open.
@@ -55,7 +55,7 @@ class Port:
         os.close(slave)  # else an open port would look like a closed one
         os.set_blocking(self.master, False)
         self.watch_fd = _watch(self.name)
-        self.plugged = True
+        self.is_plugged = True
         self.is_open = False
         self._hosts = 0
         new_link = self._link.with_name(f".{self._link.name}.new")
@@ -65,11 +65,11 @@ class Port:
 
     def unplug(self) -> None:
         """Pull the cable: the host's end hangs up, and the board continues."""
-        if self.plugged:
+        if self.is_plugged:
             self.unlink()
             os.close(self.master)
             os.close(self.watch_fd)
-        self.plugged = self.is_open = False
+        self.is_plugged = self.is_open = False
 
     def process_opens(self) -> bool:
         """Process opens and closes of the slave; return True if it was closed and then opened.

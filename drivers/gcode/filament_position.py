@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from drivers.gcode.program import Program
 
 BUFFERED_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
-WINDOW_LINES = 4096  # at some line in each such window the filament was at the nozzle
-NEAR_MM = 1.0  # M114 rounds to 0.01
+WINDOW_LINES = 4096  # in each window of this size, the filament was at the nozzle at some line
+NEAR_MM = 1.0  # tolerance of a position; M114 rounds to 0.01
 
 _POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
 _WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")

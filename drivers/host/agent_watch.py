@@ -42,7 +42,7 @@ class AgentWatch:
         Its start file.
     folder
         Its folder.
-    kept
+    kept_installation
         The installation that it is kept on after an update failed; None: that of this process.
     on_change
         Called when its state has changed.
@@ -56,9 +56,13 @@ class AgentWatch:
     """
 
     def __init__(
-        self, start: StartFile, folder: Path, kept: Installation | None, on_change: Callable[[], None]
+        self,
+        start: StartFile,
+        folder: Path,
+        kept_installation: Installation | None,
+        on_change: Callable[[], None],
     ) -> None:
-        self.start, self.kept, self.wanted = start, kept, True
+        self.start, self.kept_installation, self.is_wanted = start, kept_installation, True
         self.snapshot: m.Snapshot | None = None
         self._folder, self._on_change = folder, on_change
         self._heartbeat = Heartbeat()
@@ -67,7 +71,7 @@ class AgentWatch:
         self._process: subprocess.Popen[bytes] | None = None
         self.starts = self.ended_start = 0
         self._reason: str | None = None
-        self._listening: asyncio.Task[None] | None = None
+        self._listen_task: asyncio.Task[None] | None = None
         self._phase = AgentPhase.STARTING
 
     @property
@@ -104,7 +108,7 @@ class AgentWatch:
         return None if pid is None else Installation.from_agent(pid)
 
     def _find_phase(self) -> AgentPhase:
-        if not self.wanted:
+        if not self.is_wanted:
             return AgentPhase.ENDING
         if self.snapshot is None:
             return AgentPhase.STARTING if self.is_alive else AgentPhase.WAITING
@@ -112,8 +116,8 @@ class AgentWatch:
 
     def keep_alive(self) -> None:
         """Start the agent if none runs and its wait is over; kill one that hangs."""
-        if self._listening is None:
-            self._listening = asyncio.create_task(self._listen())
+        if self._listen_task is None:
+            self._listen_task = asyncio.create_task(self._listen())
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
                 self.ended_start = self.starts
@@ -122,7 +126,7 @@ class AgentWatch:
             self._process = None
         if self._process is not None or self.is_alive:
             self._kill_if_hung()
-        elif self.wanted and self._backoff.may_start(time.monotonic()):
+        elif self.is_wanted and self._backoff.may_start(time.monotonic()):
             self._start()
         phase = self._find_phase()
         if phase is not self._phase:
@@ -138,8 +142,12 @@ class AgentWatch:
         self._heartbeat.reset()
         self.starts += 1
         try:
-            kept = self.kept if self.kept is not None and self.kept.exists else None
-            self._process = start_agent(self.start, self._folder, kept)
+            installation = (
+                self.kept_installation
+                if self.kept_installation is not None and self.kept_installation.exists
+                else None
+            )
+            self._process = start_agent(self.start, self._folder, installation)
             log.info("%s: agent started, pid %d", self.printer, self._process.pid)
         except DriverError as error:
             self.ended_start = self.starts
@@ -190,7 +198,7 @@ class AgentWatch:
 
     async def close(self) -> None:
         """Stop watching; the agent goes on."""
-        if self._listening is not None:
-            self._listening.cancel()
-            await asyncio.gather(self._listening, return_exceptions=True)
+        if self._listen_task is not None:
+            self._listen_task.cancel()
+            await asyncio.gather(self._listen_task, return_exceptions=True)
         await self._client.close()

@@ -65,10 +65,10 @@ async def _connect(folder: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWr
 
 
 async def _carry_lines(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, report_s: float) -> None:
-    chosen = ReportFilter(report_s)
+    report_filter = ReportFilter(report_s)
     with suppress(OSError, ValueError):  # ValueError: a line that is too long; the daemon connects again
         while line := await reader.readline():
-            if chosen.passes(line, time.monotonic()):
+            if report_filter.passes(line, time.monotonic()):
                 writer.write(line)
                 await writer.drain()
 

@@ -24,8 +24,8 @@ class MuxStream(asyncio.Transport):
         self._reader = asyncio.StreamReader(LINE_BYTES)
         self._protocol = asyncio.StreamReaderProtocol(self._reader)
         self._protocol.connection_made(self)
-        self._closing = self._reading_paused = self._writing_paused = False
-        self._unconsumed = 0
+        self._is_closing = self._is_reading_paused = self._is_writing_paused = False
+        self._unconsumed_bytes = 0
 
     def pair(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Return its reader and its writer."""
@@ -35,47 +35,47 @@ class MuxStream(asyncio.Transport):
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send bytes in their turn."""
         self._owner.write(self._number, bytes(data))
-        if not self._writing_paused and self._owner.count_waiting(self._number) > _HIGH_BYTES:
-            self._writing_paused = True
+        if not self._is_writing_paused and self._owner.count_waiting(self._number) > _HIGH_BYTES:
+            self._is_writing_paused = True
             self._protocol.pause_writing()
 
     def on_sent(self) -> None:
-        """Let the writer go on after bytes were sent."""
-        if self._writing_paused and self._owner.count_waiting(self._number) <= _LOW_BYTES:
-            self._writing_paused = False
+        """Resume the writer after bytes were sent."""
+        if self._is_writing_paused and self._owner.count_waiting(self._number) <= _LOW_BYTES:
+            self._is_writing_paused = False
             self._protocol.resume_writing()
 
     def on_data(self, data: bytes) -> None:
         """Give received bytes to the reader."""
         self._protocol.data_received(data)
-        if self._reading_paused:
-            self._unconsumed += len(data)
+        if self._is_reading_paused:
+            self._unconsumed_bytes += len(data)
         else:
             self._owner.consume(self._number, len(data))
 
     def on_closed(self, reason: str) -> None:
         """End the reader: the other end has closed the stream, or the connection is lost."""
-        self._closing = True
+        self._is_closing = True
         self._protocol.connection_lost(ConnectionError(reason) if reason else None)
 
     def pause_reading(self) -> None:
-        """Let no more bytes follow."""
-        self._reading_paused = True
+        """Stop the flow of bytes from the other end."""
+        self._is_reading_paused = True
 
     def resume_reading(self) -> None:
-        """Let bytes follow again."""
-        self._reading_paused = False
-        self._owner.consume(self._number, self._unconsumed)
-        self._unconsumed = 0
+        """Resume the flow of bytes from the other end."""
+        self._is_reading_paused = False
+        self._owner.consume(self._number, self._unconsumed_bytes)
+        self._unconsumed_bytes = 0
 
     def is_closing(self) -> bool:
         """Return whether it is closed."""
-        return self._closing
+        return self._is_closing
 
     def close(self, reason: str = "") -> None:
         """Close the stream after the bytes that wait, and tell the other end why."""
-        if not self._closing:
-            self._closing = True
+        if not self._is_closing:
+            self._is_closing = True
             self._owner.close_stream(self._number, reason)
             asyncio.get_running_loop().call_soon(self._protocol.connection_lost, None)
 
@@ -105,11 +105,11 @@ class MuxConnection:
         self._mux = Mux()
         self._streams: dict[int, MuxStream] = {}
         self._output = asyncio.Event()
-        self.lost = False
+        self.is_lost = False
 
     def open(self, name: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Open a stream to the agent of a printer. Raises AgentError if the connection is lost."""
-        if self.lost:
+        if self.is_lost:
             raise AgentError("the connection to its host is lost")
         number = self._mux.open(name)
         stream = self._streams[number] = MuxStream(self, number)
@@ -123,14 +123,14 @@ class MuxConnection:
 
     async def run(self) -> None:
         """Carry bytes until the connection ends. Raises OSError or MessageError."""
-        sending = asyncio.create_task(self._send())
+        send_task = asyncio.create_task(self._send())
         try:
             while data := await self._reader.read(_READ_BYTES):
                 self._receive(data)
         finally:
-            self.lost = True
-            sending.cancel()
-            await asyncio.gather(sending, return_exceptions=True)
+            self.is_lost = True
+            send_task.cancel()
+            await asyncio.gather(send_task, return_exceptions=True)
             self._writer.close()
             with suppress(OSError):
                 await self._writer.wait_closed()

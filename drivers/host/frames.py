@@ -40,7 +40,7 @@ class FrameReader:
     """Splits received bytes into frames, wherever they were cut."""
 
     def __init__(self) -> None:
-        self._received = bytearray()
+        self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that are complete with these bytes.
@@ -48,18 +48,18 @@ class FrameReader:
         Raises
         ------
         MessageError
-            The bytes are no frames: the connection is of no use any more.
+            The bytes are not frames: the connection cannot be used any more.
         """
-        received, frames, at = self._received, [], 0
-        received += data
-        while len(received) - at >= _HEAD.size:
-            kind, stream, size = _HEAD.unpack_from(received, at)
+        buffer, frames, offset = self._buffer, [], 0
+        buffer += data
+        while len(buffer) - offset >= _HEAD.size:
+            kind, stream, size = _HEAD.unpack_from(buffer, offset)
             if kind not in FrameKind.__members__.values() or size > MAX_PAYLOAD_BYTES:
                 raise MessageError(f"not a frame: kind {kind}, {size} bytes; is it farm's host service?")
-            end = at + _HEAD.size + size
-            if end > len(received):
+            end = offset + _HEAD.size + size
+            if end > len(buffer):
                 break
-            frames.append(Frame(FrameKind(kind), stream, bytes(received[at + _HEAD.size : end])))
-            at = end
-        del received[:at]
+            frames.append(Frame(FrameKind(kind), stream, bytes(buffer[offset + _HEAD.size : end])))
+            offset = end
+        del buffer[:offset]
         return frames

@@ -126,13 +126,13 @@ class Mux:
 
     def take(self, most: int = 4 * FRAME_BYTES) -> bytes:
         """Return the next bytes for the connection, about `most`; empty if there are none now."""
-        taken = bytearray()
-        while len(taken) < most:
+        data = bytearray()
+        while len(data) < most:
             frame = self._first.popleft() if self._first else self._take_data()
             if frame is None:
                 break
-            taken += frame.encode()
-        return bytes(taken)
+            data += frame.encode()
+        return bytes(data)
 
     def receive(self, data: bytes) -> Iterator[MuxEvent]:
         """Yield the events of received bytes.

@@ -86,7 +86,10 @@ class HostPlaces:
 
     def write_agents(self, agents: Sequence[tuple[StartFile, Installation | None]]) -> None:
         """Store the agents that this host runs. Raises OSError."""
-        rows = [{"start": asdict(start), "kept": asdict(kept) if kept else None} for start, kept in agents]
+        rows = [
+            {"start": asdict(start), "kept": asdict(kept_installation) if kept_installation else None}
+            for start, kept_installation in agents
+        ]
         _replace(self._agents, json.dumps(rows))
 
     def write_version(self) -> None:
@@ -119,10 +122,10 @@ def reach_service(places: HostPlaces) -> socket.socket:
     """
     if is_held(places.lock) and not places.has_this_version():
         end_service(places)
-    deadline_s, started = time.monotonic() + _START_S, None
+    deadline_s, process = time.monotonic() + _START_S, None
     while time.monotonic() < deadline_s:
-        if not is_held(places.lock) and (started is None or started.poll() is not None):
-            started = _start_service(places)
+        if not is_held(places.lock) and (process is None or process.poll() is not None):
+            process = _start_service(places)
         with suppress(OSError), places.socket_path() as path:
             connection = socket.socket(socket.AF_UNIX)
             try:

@@ -49,21 +49,21 @@ def serve_stdio() -> int:
 def _carry(service: socket.socket) -> None:
     """Copy bytes until one end closes. A slow end stops only its own direction."""
     ways = {0: service.fileno(), service.fileno(): 1}
-    waiting = {0: b"", service.fileno(): b""}  # read, and not yet written
+    unwritten = {0: b"", service.fileno(): b""}  # read, and not yet written
     for descriptor in (1, service.fileno()):
         os.set_blocking(descriptor, False)
     while True:
-        readers = [source for source, data in waiting.items() if not data]
-        writers = {ways[source]: source for source, data in waiting.items() if data}
+        readers = [source for source, data in unwritten.items() if not data]
+        writers = {ways[source]: source for source, data in unwritten.items() if data}
         readable, writable, _ = select.select(readers, list(writers), [])
         for source in readable:
             data = os.read(source, _BYTES)
             if not data:
                 return
-            waiting[source] = data
+            unwritten[source] = data
         for target in writable:
             source = writers[target]
-            waiting[source] = waiting[source][os.write(target, waiting[source]) :]
+            unwritten[source] = unwritten[source][os.write(target, unwritten[source]) :]
 
 
 def _stop_printers(request: HostRequest, places: HostPlaces) -> None:

@@ -60,13 +60,13 @@ class HostService:
         self._daemon_writer: asyncio.StreamWriter | None = None
         self._heard_s = time.monotonic()
         self._ports: tuple[PortState, ...] = ()
-        self._changed = asyncio.Event()
+        self._change_event = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
         self._report_s = 1.0
         self._version, self._installation = read_version(), Installation.of_this_process()
         self._update = AgentsUpdate(self._installation, self._on_update)
-        for start, kept in places.read_agents().values():
-            self._add(start, kept)
+        for start, kept_installation in places.read_agents().values():
+            self._add(start, kept_installation)
 
     async def run(self) -> None:
         """Serve until there is nothing left to do."""
@@ -91,7 +91,7 @@ class HostService:
     def _watch(self) -> None:
         for watch in list(self._watches.values()):
             watch.keep_alive()
-            if not watch.wanted and not watch.is_alive:
+            if not watch.is_wanted and not watch.is_alive:
                 del self._watches[watch.printer]
                 self._spawn(watch.close())
         self._update.step(list(self._watches.values()), self._spawn)
@@ -105,7 +105,7 @@ class HostService:
         for start in starts:
             if start.printer in self._watches:
                 watch = self._watches[start.printer]
-                watch.start, watch.wanted = start, True
+                watch.start, watch.is_wanted = start, True
             else:
                 try:
                     self._add(start, None)
@@ -113,19 +113,19 @@ class HostService:
                     log.error("%s has no agent: %s", start.printer, error)
         names = {start.printer for start in starts}
         for watch in self._watches.values():
-            if watch.printer not in names and watch.wanted:
-                watch.wanted = False
+            if watch.printer not in names and watch.is_wanted:
+                watch.is_wanted = False
                 self._spawn(self._retire(watch))
         self._store()
         self._watch()
 
-    def _add(self, start: StartFile, kept: Installation | None) -> None:
+    def _add(self, start: StartFile, kept_installation: Installation | None) -> None:
         folder = self._places.agent(start.printer)
-        self._watches[start.printer] = AgentWatch(start, folder, kept, self._changed.set)
+        self._watches[start.printer] = AgentWatch(start, folder, kept_installation, self._change_event.set)
 
     async def _retire(self, watch: AgentWatch) -> None:
         """End an agent that is no longer in the fleet, as soon as it is idle."""
-        while not watch.wanted and watch.is_alive:
+        while not watch.is_wanted and watch.is_alive:
             with suppress(DriverError):
                 await watch.end()
                 log.info("%s is not in the fleet: its agent has ended", watch.printer)
@@ -133,11 +133,13 @@ class HostService:
 
     def _on_update(self) -> None:
         self._store()  # an agent may be kept on another version now
-        self._changed.set()
+        self._change_event.set()
 
     def _store(self) -> None:
         try:
-            agents = [(watch.start, watch.kept) for watch in self._watches.values() if watch.wanted]
+            agents = [
+                (watch.start, watch.kept_installation) for watch in self._watches.values() if watch.is_wanted
+            ]
             self._places.write_agents(agents)
         except OSError as error:
             log.error("%s: cannot be written (%s); check its disk", self._places.folder, error)
@@ -159,7 +161,7 @@ class HostService:
         self._heard_s, self._report_s = time.monotonic(), request.report_s
         log.info("the daemon has connected; it names %d printers", len(request.starts))
         self._set_agents(request.starts)
-        self._changed.set()
+        self._change_event.set()
         try:
             await connection.run()
         except (OSError, DriverError) as error:
@@ -184,7 +186,7 @@ class HostService:
             self._send_state()  # before the update has a result: until then the daemon takes none
         elif message.do == "halt":
             self._update.halt()
-        self._changed.set()
+        self._change_event.set()
 
     def _on_stream(self, stream: MuxStream, name: str) -> None:
         watch = self._watches.get(name)
@@ -198,8 +200,8 @@ class HostService:
         while True:
             with suppress(TimeoutError):
                 async with asyncio.timeout(STATE_S):
-                    await self._changed.wait()
-            self._changed.clear()
+                    await self._change_event.wait()
+            self._change_event.clear()
             self._send_state()
             await asyncio.sleep(_WATCH_S / 2)  # changes of many agents are one state
 
@@ -230,7 +232,7 @@ class HostService:
                 )
                 if ports != self._ports:
                     self._ports = ports
-                    self._changed.set()
+                    self._change_event.set()
             await asyncio.sleep(_PORTS_S)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:

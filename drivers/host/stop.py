@@ -39,7 +39,7 @@ def stop_host(
         Wall seconds for all results.
     """
     request = HostRequest(do=HostTask.STOP, farm=farm, starts=tuple(starts))
-    missing, reason = {start.printer for start in starts}, "no result"
+    missing_printers, reason = {start.printer for start in starts}, "no result"
     try:
         with subprocess.Popen(
             build_ssh_command(host, command),
@@ -56,8 +56,8 @@ def stop_host(
                     process.stdin.close()
                 for line in process.stdout:
                     result = StopResult.parse(line)
-                    if result.printer in missing:
-                        missing.remove(result.printer)
+                    if result.printer in missing_printers:
+                        missing_printers.remove(result.printer)
                         take(result)
                 errors = process.stderr.read().decode(errors="replace").strip().splitlines()
                 reason = errors[-1] if errors else reason
@@ -66,5 +66,5 @@ def stop_host(
                 process.kill()
     except (OSError, ValueError, TypeError) as error:
         reason = str(error)
-    for printer in sorted(missing):
+    for printer in sorted(missing_printers):
         take(StopResult(printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off"))

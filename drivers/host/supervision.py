@@ -79,7 +79,7 @@ class ReportFilter:
 
 
 def _read_fields(line: bytes) -> dict[str, Any] | None:
-    """Return a snapshot without what changes all the time; None if it is no snapshot."""
+    """Read a snapshot without the fields that change all the time; None if it is not a snapshot."""
     fields: dict[str, Any] = json.loads(line)
     if fields.get("kind") != "snapshot":
         return None

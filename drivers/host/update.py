@@ -71,56 +71,58 @@ class AgentsUpdate:
 
     def __init__(self, installation: Installation, on_change: Callable[[], None]) -> None:
         self._installation, self._on_change = installation, on_change
-        self._running = False
+        self._is_running = False
         self._reason: str | None = None
-        self._replacing: str | None = None
+        self._replaced_printer: str | None = None
 
     def begin(self) -> None:
         """Begin, or begin again after a fault."""
-        self._running, self._reason = True, None
+        self._is_running, self._reason = True, None
 
     def halt(self) -> None:
         """Replace no more agents: one of another host had a fault."""
-        self._running = False
+        self._is_running = False
 
     def step(self, watches: Sequence[AgentWatch], spawn: Callable[[Coroutine[Any, Any, None]], None]) -> None:
         """Replace the next agent that is idle, unless one is being replaced; end when none is outdated."""
-        if not self._running or self._replacing is not None:
+        if not self._is_running or self._replaced_printer is not None:
             return
-        outdated = self._list_outdated(watches)
-        if not outdated:
-            self._running = False
+        outdated_watches = self._list_outdated(watches)
+        if not outdated_watches:
+            self._is_running = False
             self._on_change()
             return
-        idle = [w for w in outdated if w.snapshot is not None and w.snapshot.print is None]
+        idle = [w for w in outdated_watches if w.snapshot is not None and w.snapshot.print is None]
         if idle:
-            self._replacing = idle[0].printer
+            self._replaced_printer = idle[0].printer
             spawn(self._replace(idle[0]))
 
     def describe(self, watches: Sequence[AgentWatch]) -> Update:
         """Describe the update for the daemon."""
         if self._reason is not None:
             return Update(phase=UpdatePhase.FAILED, reason=self._reason)
-        outdated = [watch.printer for watch in self._list_outdated(watches)]
-        if not outdated:
+        outdated_printers = [watch.printer for watch in self._list_outdated(watches)]
+        if not outdated_printers:
             return Update()
-        if self._running:
-            return Update(phase=UpdatePhase.RUNNING, reason=f"to be replaced when idle: {' '.join(outdated)}")
-        return Update(phase=UpdatePhase.OUTDATED, reason=f"of another version: {' '.join(outdated)}")
+        if self._is_running:
+            return Update(
+                phase=UpdatePhase.RUNNING, reason=f"to be replaced when idle: {' '.join(outdated_printers)}"
+            )
+        return Update(phase=UpdatePhase.OUTDATED, reason=f"of another version: {' '.join(outdated_printers)}")
 
     def _list_outdated(self, watches: Sequence[AgentWatch]) -> list[AgentWatch]:
-        return [w for w in watches if w.wanted and w.find_installation() not in (None, self._installation)]
+        return [w for w in watches if w.is_wanted and w.find_installation() not in (None, self._installation)]
 
     async def _replace(self, watch: AgentWatch) -> None:
         """Replace an agent; after a fault, start its old version again and end the update."""
         try:
             before, starts = watch.snapshot, watch.starts
             old = watch.find_installation()
-            kept, watch.kept = watch.kept, None
+            kept_installation, watch.kept_installation = watch.kept_installation, None
             try:
                 await watch.end()
             except DriverError as error:  # it has begun to print, or ends by itself
-                watch.kept = kept
+                watch.kept_installation = kept_installation
                 log.info("%s: not replaced: %s", watch.printer, error)
                 return
             watch.snapshot = None
@@ -128,7 +130,7 @@ class AgentsUpdate:
             if fault is not None:
                 await self._go_back(watch, old, fault)
         finally:
-            self._replacing = None
+            self._replaced_printer = None
             self._on_change()
 
     async def _await_verdict(
@@ -150,9 +152,9 @@ class AgentsUpdate:
 
     async def _go_back(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:
         """Start the old version again, and end the update."""
-        self._running = False
+        self._is_running = False
         back = old is not None and old.exists
-        watch.kept = old if back else None
+        watch.kept_installation = old if back else None
         result = "its old version is started again" if back else "its old version is gone"
         self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
         log.error("%s", self._reason)

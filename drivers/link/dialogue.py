@@ -13,7 +13,7 @@ from drivers.ports import Port
 
 
 def exchange(
-    port: Port, link: Link, patience_s: float, *, opened: bool = True, unconfirmed: bytes = b""
+    port: Port, link: Link, patience_s: float, *, is_new: bool = True, unconfirmed: bytes = b""
 ) -> Iterator[tuple[float, Event]]:
     """Pass bytes between a port and a link, and yield the events.
 
@@ -23,7 +23,7 @@ def exchange(
         The caller may `send` and `poll` on the link between two events.
     patience_s
         Wall seconds after which the exchange ends.
-    opened
+    is_new
         The port was just opened or reset; otherwise the link continues from its current state.
     unconfirmed
         See `Link.on_opened`.
@@ -40,7 +40,7 @@ def exchange(
     """
     now_s = time.monotonic()
     deadline_s = now_s + patience_s
-    if opened:
+    if is_new:
         link.on_opened(now_s, unconfirmed)
     while now_s < deadline_s and link.phase is not Phase.DEAD:
         port.write(link.take())

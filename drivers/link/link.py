@@ -13,7 +13,7 @@ from drivers.link.recovery import MAX_QUERIES, NOISE_LINES, NOISE_REPAIRS, Actio
 from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLine
 
 SILENT = "the board does not answer"
-SILENCE_S = 0.3  # until the first query; doubled with each query
+SILENCE_S = 0.3  # silence before the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
 UNREADABLE_S = 0.05  # after something that could not be read and may have been an ok
 _MAX_ANSWER_BYTES = 512
@@ -52,11 +52,11 @@ class Link:
         self._poll_at_s = math.inf
         self._awaits_ok = False  # for the ok of the line at the cursor
         self._is_undisturbed = True  # no query and no refusal since the line in flight was sent
-        self._refused = False  # oks are ignored until the board reports its last line
+        self._is_refused = False  # oks are ignored until the board reports its last line
         self._answer: int | None = None  # a reported last line, until the rest of its answer has arrived
         self._answer_s = math.inf  # time at which it is complete
         self._recovery = Recovery()
-        self.repeated = 0
+        self.repeat_count = 0
         self._outbox = Outbox(self._firmware)
 
     # --- called by the owner ---
@@ -79,7 +79,7 @@ class Link:
         """Accept that the board restarted by itself, and continue with its banner."""
         self._reset()
         self.phase = Phase.BANNER
-        self._opening.restarted = True
+        self._opening.has_restarted = True
         self._due_s = now_s + self._opening.quiet_s
 
     def on_closed(self) -> None:
@@ -88,7 +88,7 @@ class Link:
 
     def send(self, now_s: float, *commands: bytes) -> None:
         """Append commands to the queue; not while a program is streamed (`halt` it first)."""
-        if self._outbox.streaming:
+        if self._outbox.is_streaming:
             raise ValueError("a program is being streamed: halt it first")
         self._outbox.queue(commands)
         self._send_next(now_s)
@@ -119,7 +119,7 @@ class Link:
     @property
     def is_drained(self) -> bool:
         """True if every line was acknowledged; an M105 may be in flight."""
-        return not (self._awaits_ok or self._outbox.pending)
+        return not (self._awaits_ok or self._outbox.has_unsent)
 
     @property
     def streamed_lines(self) -> int:
@@ -208,10 +208,10 @@ class Link:
 
     def _go_live(self, now_s: float, events: list[Event]) -> None:
         self.phase = Phase.LIVE
-        self._refused = self._opening.refused
+        self._is_refused = self._opening.is_refused
         self._poll_at_s = now_s + self.poll_every_s
         self._outbox.begin()
-        events.append(Connected(self._opening.restarted, self._opening.banner))
+        events.append(Connected(self._opening.has_restarted, self._opening.banner))
         self._send_next(now_s)
 
     def _handle_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
@@ -226,12 +226,12 @@ class Link:
         return self._awaits_ok and self._outbox.is_poll
 
     def _handle_ok(self, now_s: float) -> None:
-        if self._awaits_ok and not self._refused:
+        if self._awaits_ok and not self._is_refused:
             self._accept_line(now_s)
 
     def _accept_line(self, now_s: float) -> None:
         """Note that the line in flight was accepted, and stop waiting for it."""
-        self._awaits_ok = self._refused = False
+        self._awaits_ok = self._is_refused = False
         self._is_undisturbed = True
         self._send_next(now_s)
 
@@ -239,7 +239,7 @@ class Link:
         """Handle a refused line; anything sent after it may be lost."""
         if self._outbox.number < 0:
             return
-        self._awaits_ok = self._refused = True
+        self._awaits_ok = self._is_refused = True
         self._is_undisturbed = False
         if self._recovery.refuse(number):
             self._schedule_query(now_s)
@@ -280,7 +280,7 @@ class Link:
         if action is Action.GIVE_UP_NOISY:
             self._give_up(Fault.NOISY_LINE, "the board reports another last line each time", events)
             return
-        self._refused = False
+        self._is_refused = False
         match action:
             case Action.WAIT if self._firmware.keep_alive is not None:
                 self._due_s = self._recovery.alive_s + self._silence_s
@@ -293,7 +293,7 @@ class Link:
                 outbox.rewind_to(line)
                 self._accept_line(now_s)
             case Action.REPEAT:
-                self.repeated += 1
+                self.repeat_count += 1
                 if self._count_repair(events):
                     self._transmit(outbox.rewind_to(line), now_s)
             case _:
@@ -355,7 +355,9 @@ class Link:
     @property
     def _make_place(self) -> Place:
         """Place of the last sent line; an answer to a query from another place is out of date."""
-        return Place(self._outbox.number, self.repeated, self._outbox.top, self._recovery.confirmations)
+        return Place(
+            self._outbox.number, self.repeat_count, self._outbox.highest_number, self._recovery.confirmations
+        )
 
     # --- sending ---
 
@@ -363,7 +365,7 @@ class Link:
         """Send the next line if none is in flight."""
         if self._awaits_ok or self.phase is not Phase.LIVE:
             return
-        if now_s >= self._poll_at_s and self._outbox.fresh:
+        if now_s >= self._poll_at_s and self._outbox.is_unsent_line:
             self._outbox.insert_poll()
             self._poll_at_s = now_s + self.poll_every_s
         line = self._outbox.take_next()
@@ -391,7 +393,7 @@ class Link:
             return
         self.halt()
         self.phase = Phase.DEAD
-        self._awaits_ok = self._refused = False
+        self._awaits_ok = self._is_refused = False
         self._recovery.resend_number = -1
         self._answer = None
         self._due_s = math.inf

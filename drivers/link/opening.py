@@ -7,8 +7,8 @@ from enum import Enum, StrEnum
 from drivers.firmware import Firmware
 from drivers.link.recovery import TRIES
 
-START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
-UNCONFIRMED_S = 0.3  # until the first query, if the board may not restart
+START_S = 10.0  # maximum time from the opening of the port to ``start``; the bootloader takes one second
+UNCONFIRMED_S = 0.3  # time until the first query, if the board may not restart
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 
 
@@ -47,14 +47,14 @@ class Opening:
     ----------
     restarted, banner
         True if the board sent ``start``; the lines that followed it.
-    refused
+    is_refused
         The unconfirmed commands may be lost.
     """
 
     def __init__(self, firmware: Firmware, floor_s: float, unconfirmed: bytes = b"") -> None:
-        self.restarted = False
+        self.has_restarted = False
         self.banner = b""
-        self.refused = False
+        self.is_refused = False
         self._firmware, self._floor_s, self._unconfirmed = firmware, floor_s, unconfirmed
         self._tries = 0
 
@@ -76,16 +76,16 @@ class Opening:
     def classify(self, line: bytes) -> OpeningLine:
         """Classify a line from the board."""
         if line.endswith(b"start"):  # a reset may put noise in front of it
-            self.restarted, self.banner = True, b""
+            self.has_restarted, self.banner = True, b""
             return OpeningLine.START
-        if self.restarted:
+        if self.has_restarted:
             self.banner += line + b"\n"
             end = self._firmware.banner_end
             if end is None:
                 return OpeningLine.START  # the banner continues
             return OpeningLine.READY if end in line else OpeningLine.NOTHING
         if self._unconfirmed and b"Resend" in line:
-            self.refused = True
+            self.is_refused = True
             return OpeningLine.REFUSAL
         answers = line.startswith(b"ok T:" if self._unconfirmed else b"ok") and self._tries > 0
         return OpeningLine.READY if answers else OpeningLine.NOTHING
@@ -95,6 +95,6 @@ class Opening:
         self._tries += 1
         if self._tries > TRIES:
             return None
-        commands = self._unconfirmed if self.refused or self._tries > 1 else b""
-        self.refused = False
+        commands = self._unconfirmed if self.is_refused or self._tries > 1 else b""
+        self.is_refused = False
         return commands + self._firmware.report_query + b"\n"

@@ -66,12 +66,12 @@ class Outbox:
         return self._base + self._cursor
 
     @property
-    def top(self) -> int:
+    def highest_number(self) -> int:
         """Highest number that was sent."""
         return max(self._top, self.number)
 
     @property
-    def fresh(self) -> bool:
+    def is_unsent_line(self) -> bool:
         """True if the next line was never sent, so that another may be inserted before it."""
         return self.number >= self._top
 
@@ -81,12 +81,12 @@ class Outbox:
         return self._frames[self._cursor].partition(b" ")[2].startswith(_MOVES)
 
     @property
-    def pending(self) -> bool:
+    def has_unsent(self) -> bool:
         """True if there are unsent lines."""
-        return self._cursor + 1 < len(self._frames) or bool(self._queue) or self.streaming
+        return self._cursor + 1 < len(self._frames) or bool(self._queue) or self.is_streaming
 
     @property
-    def streaming(self) -> bool:
+    def is_streaming(self) -> bool:
         """True if lines of a program are still to be encoded."""
         return self._source is not None and self._source_next < self._source_stop
 
@@ -172,7 +172,7 @@ class Outbox:
 
     def rewind_to(self, number: int) -> bytes:
         """Move the cursor back to line `number`, and return that line."""
-        self._top = self.top
+        self._top = self.highest_number
         self._slow_path_end = max(self._slow_path_end, self._top)
         self._cursor = number - self._base
         return self._frames[self._cursor]

@@ -25,17 +25,17 @@ class Place(NamedTuple):
     ----------
     number
         Number of the line in flight.
-    repeated
+    repeat_count
         Number of lines resent so far.
-    top
+    highest_number
         Highest number sent so far.
     confirmations
         Earlier answers by which the line in flight was accepted.
     """
 
     number: int
-    repeated: int
-    top: int
+    repeat_count: int
+    highest_number: int
     confirmations: int
 
 
@@ -80,7 +80,7 @@ class Recovery:
         self.queries = self.confirmations = 0
         self.resend_number = -1
         self.sent_s = self.busy_s = self._queried_s = -math.inf
-        self._unanswered: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # not answered yet
+        self._unanswered_queries: deque[Place] = deque(maxlen=2 * MAX_QUERIES)  # not answered yet
         self._unconfirmed_line = -1  # a last line that was reported once,
         self._contradictions = 0  # and how often that number changed
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
@@ -115,32 +115,32 @@ class Recovery:
         """Note that a query was sent."""
         self._queried_s = now_s
         self.queries += 1
-        self._unanswered.append(place)
+        self._unanswered_queries.append(place)
 
     def refuse(self, number: int) -> bool:
         """Note a refusal (negative: it names no line); return True if no query has to be sent at once."""
-        has_queried = number < 0 or bool(self._unanswered)
+        has_queried = number < 0 or bool(self._unanswered_queries)
         if number >= 0:
             self.resend_number = number
-            self._unanswered.clear()  # a refusal empties the board's receive buffer
+            self._unanswered_queries.clear()  # a refusal empties the board's receive buffer
             self.queries = min(self.queries, 1)
         return has_queried
 
     def match_answer(self, last_line: int, place: Place, awaits_ok: bool) -> Action | None:
         """Match an answer to its query; None if that was sent from the current place: `decide` on it."""
-        unanswered = self._unanswered
-        while unanswered and 0 < unanswered[0].top < last_line:
-            unanswered.popleft()  # its answer was lost
-        if not unanswered:
+        unanswered_queries = self._unanswered_queries
+        while unanswered_queries and 0 < unanswered_queries[0].highest_number < last_line:
+            unanswered_queries.popleft()  # its answer was lost
+        if not unanswered_queries:
             return Action.TREAT_AS_REFUSAL
-        query = unanswered.popleft()
+        query = unanswered_queries.popleft()
         if query == place and awaits_ok:
             return None
         return Action.QUERY_SOON if query.number == place.number else Action.IGNORE
 
     def forget_queries(self) -> None:
         """Drop the unanswered queries: they were lost."""
-        self._unanswered.clear()
+        self._unanswered_queries.clear()
 
     def decide(self, last_line: int, place: Place, confirmations: float, resendable: bool) -> Verdict:
         """Decide on an answer with the number of the last accepted line, sent after all lines had arrived.
@@ -154,7 +154,7 @@ class Recovery:
         resendable
             Line `last_line` + 1 can be sent again.
         """
-        number, top = place.number, place.top
+        number, highest_number = place.number, place.highest_number
         self.queries = 0
         if number > 0 and last_line not in (number - 1, number, self._unconfirmed_line):
             self._unconfirmed_line = last_line
@@ -167,9 +167,9 @@ class Recovery:
             return Verdict(Action.ACCEPT if self.confirmations >= confirmations else Action.WAIT)
         if number == 0:
             return Verdict(Action.REPEAT, 0)  # the M110 that restarts the count was lost
-        if number < last_line <= top:
+        if number < last_line <= highest_number:
             return Verdict(Action.ACCEPT_UP_TO, last_line)
-        if last_line > top or last_line < 0 or not resendable:
+        if last_line > highest_number or last_line < 0 or not resendable:
             return Verdict(Action.GIVE_UP_REBOOT)
         return Verdict(Action.REPEAT, last_line + 1)
 

@@ -47,10 +47,10 @@ class SerialPort:
         The port does not exist, or is in use.
     """
 
-    def __init__(self, path: Path, baud_rate: int, *, shared: bool = False) -> None:
+    def __init__(self, path: Path, baud_rate: int, *, is_shared: bool = False) -> None:
         self.path, self._baud_rate = path, baud_rate
-        self._exclusive = not shared
-        self._pending = b""
+        self._exclusive = not is_shared
+        self._unsent = b""
         self._open()
 
     def _open(self) -> None:
@@ -107,20 +107,20 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        if self._pending:
-            data = self._pending + data
+        if self._unsent:
+            data = self._unsent + data
         try:
             written_bytes = os.write(self._fd, data)
         except BlockingIOError:
             written_bytes = 0
         except OSError as error:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
-        self._pending = data[written_bytes:]
+        self._unsent = data[written_bytes:]
 
     @property
     def write_pending(self) -> bool:
         """True while bytes wait for the next call of `write`."""
-        return bool(self._pending)
+        return bool(self._unsent)
 
     def write_now(self, data: bytes) -> None:
         """Send bytes in place of all unsent ones, and wait until they are transmitted.
@@ -136,19 +136,19 @@ class SerialPort:
         try:
             # On a pseudo-terminal a flush discards bytes that are on their way to the other end too.
             self._replace(data, flush=not self._is_pty)
-            if self._is_pty and self._pending:  # the other end has stopped reading
+            if self._is_pty and self._unsent:  # the other end has stopped reading
                 self._replace(data, flush=True)
-            while self._pending or self._count_queued():
+            while self._unsent or self._count_queued():
                 if time.monotonic() > until_s:
                     return
                 time.sleep(_DRAIN_POLL_S)
-                if self._pending:
+                if self._unsent:
                     self.write(b"")
         except (OSError, termios.error) as error:
             raise PortError(f"{self.path}: was disconnected ({error}); check its cable and power") from error
 
     def _replace(self, data: bytes, *, flush: bool) -> None:
-        self._pending = b""
+        self._unsent = b""
         if flush:
             termios.tcflush(self._fd, termios.TCOFLUSH)
         self.write(data)
@@ -165,7 +165,7 @@ class SerialPort:
         PortError
             The port was disconnected.
         """
-        self._pending = b""
+        self._unsent = b""
         try:
             if os.ttyname(self._fd).startswith(_PTY):  # raises if the printer was disconnected
                 self.close()

@@ -37,12 +37,12 @@ class WireRecord:
         self._now = now
         self._chunks: deque[tuple[float, bool, bytes]] = deque(maxlen=_CHUNKS)
 
-    def add(self, sent: bool, data: bytes) -> None:
+    def record(self, is_sent: bool, data: bytes) -> None:
         """Add bytes that were sent, or received."""
         if data:
             now_s = self._now()
             for offset in range(0, len(data), _CHUNK_BYTES):
-                self._chunks.append((now_s, sent, data[offset : offset + _CHUNK_BYTES]))
+                self._chunks.append((now_s, is_sent, data[offset : offset + _CHUNK_BYTES]))
 
     def list_lines(self) -> list[RecordedLine]:
         """List the last 400 lines, oldest first; the first one may have lost its beginning.
@@ -100,17 +100,17 @@ class RecordedPort:
     def read(self) -> bytes:
         """Read what has arrived. Raises PortError."""
         data = self._port.read()
-        self._record.add(False, data)
+        self._record.record(False, data)
         return data
 
     def write(self, data: bytes) -> None:
         """Write bytes, some of them later. Raises PortError."""
-        self._record.add(True, data)
+        self._record.record(True, data)
         self._port.write(data)
 
     def write_now(self, data: bytes) -> None:
         """Write bytes instead of those that wait. Raises PortError."""
-        self._record.add(True, data)
+        self._record.record(True, data)
         self._port.write_now(data)
 
     @property

@@ -30,7 +30,7 @@ ENDER3 = Profile(
     nozzle=HeaterModel(gain_c=320.0, tau_s=170.0),
     bed=HeaterModel(gain_c=90.0, tau_s=480.0),
     max_nozzle_c=250.0,  # its PTFE tube reaches into the hot end; the firmware stops above 275
-    max_bed_c=100.0,  # and above 125
+    max_bed_c=100.0,  # the firmware stops above 125
     min_extrusion_c=170.0,
     gcode_flavor="RepRap (Marlin/Sprinter)",
     # It heats before it homes: its motors are released after 2 minutes without a move.

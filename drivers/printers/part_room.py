@@ -79,8 +79,8 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
     """Place a part of these extents (x, y, z) near the bed's centre; None if it does not fit."""
     best_key: tuple[float, bool, float, float] | None = None
     for box in room:
-        for rotated in (False, True):
-            dx, dy = (extents_mm[1], extents_mm[0]) if rotated else (extents_mm[0], extents_mm[1])
+        for is_rotated in (False, True):
+            dx, dy = (extents_mm[1], extents_mm[0]) if is_rotated else (extents_mm[0], extents_mm[1])
             slack = FIT_TOLERANCE_MM
             if dx > box.rect.width_mm + slack or dy > box.rect.depth_mm + slack:
                 continue
@@ -88,7 +88,7 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
                 continue
             x = min(max(0.0, box.rect.min_x_mm + dx / 2), box.rect.max_x_mm - dx / 2)
             y = min(max(0.0, box.rect.min_y_mm + dy / 2), box.rect.max_y_mm - dy / 2)
-            key = (math.hypot(x, y), rotated, x, y)
+            key = (math.hypot(x, y), is_rotated, x, y)
             if best_key is None or key < best_key:
                 best_key = key
     return None if best_key is None else Placement(best_key[2], best_key[3], best_key[1])

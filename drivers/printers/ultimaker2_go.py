@@ -1,4 +1,4 @@
-"""The Ultimaker 2 Go, for which parts can be sliced and which is not driven. Pure.
+"""The Ultimaker 2 Go: parts can be sliced for it, but it cannot be driven. Pure.
 
 Its bed has no heater, which a session needs to confirm as off; the answers of its firmware are unknown.
 """

@@ -15,7 +15,7 @@ from drivers.records.journal_state import JournalState
 
 log = logging.getLogger(__name__)
 
-JOURNAL = "journal.jsonl"  # in an agent's folder
+JOURNAL = "journal.jsonl"  # file in an agent's folder
 MAX_BYTES = 2 * 2**20
 """Size above which a journal is shortened; its recent prints take up to 0.8 MB."""
 ESTOPPED = "stopped by `farm estop`"  # reason for attention after an emergency stop

@@ -51,7 +51,7 @@ class Alarm(BaseModel):
     is_over: bool = Field(default=False, alias="over")
 
     @property
-    def pending(self) -> bool:
+    def is_pending(self) -> bool:
         """True while the mains are to be cut and the outcome is unknown."""
         return self.power_off_requested and self.outcome is None
 
@@ -149,7 +149,7 @@ class JournalState:
     @property
     def may_be_hot(self) -> bool:
         """True if the last agent may have left a heater on."""
-        has_alarm = self.alarm is not None and (self.alarm.pending or self.alarm.suspected)
+        has_alarm = self.alarm is not None and (self.alarm.is_pending or self.alarm.suspected)
         return self.board.hot or has_alarm or (self.print is not None and not self.print.phase.ended)
 
     def apply(self, record: dict[str, Any]) -> None:

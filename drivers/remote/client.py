@@ -67,7 +67,7 @@ class AgentClient:
         self._protocol = PROTOCOL  # until the first snapshot has the agent's version
 
     @property
-    def connected(self) -> bool:
+    def is_connected(self) -> bool:
         """True while requests can be sent."""
         return self._reading is not None and not self._reading.done()
 
@@ -154,7 +154,7 @@ class AgentClient:
         AgentTooOld
             The agent is of an older version that does not know this request; nothing was sent.
         """
-        if self._writer is None or not self.connected:
+        if self._writer is None or not self.is_connected:
             raise AgentError(f"{self._folder}: no agent is connected")
         number = next(self._ids)
         line = encode_for_protocol(request.model_copy(update={"id": number}), self._protocol)

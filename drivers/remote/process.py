@@ -16,7 +16,7 @@ from drivers.locks import AGENT_LOCK, find_holder, is_held, kill_holder
 from drivers.records import AGENT_LOG, StartFile
 
 UNIT = "FARM_AGENT_UNIT"
-RETRY_S = 0.25  # between two attempts to connect to an agent that starts
+RETRY_S = 0.25  # time between two attempts to connect to an agent that starts
 
 
 @dataclass(frozen=True, slots=True)

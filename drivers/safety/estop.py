@@ -39,11 +39,11 @@ from drivers.safety.heater_watch import HeaterWatch
 from drivers.safety.mains import cut_mains
 
 EMULATOR = "emulator"
-_SHOW_S = 20.0  # for `start`, the banner and a report
-_ASK_S = 0.5  # between two reports, and between two queries for the position
+_SHOW_S = 20.0  # time for `start`, the banner and a report
+_ASK_S = 0.5  # time between two reports, and between two queries for the position
 _COOL_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
-_FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # by their names in JSON
+_FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # fields by their names in JSON
 
 Notify = Callable[[str], None]
 """Callback for progress messages during a stop."""
@@ -216,7 +216,7 @@ def _open(target: StopTarget) -> Port | None:
     try:
         return SerialPort(path, target.firmware.baud_rate)
     except PortError:
-        return SerialPort(path, target.firmware.baud_rate, shared=True)  # overrides other users
+        return SerialPort(path, target.firmware.baud_rate, is_shared=True)  # overrides other users
 
 
 class _Board:
@@ -238,7 +238,7 @@ class _Board:
         self._connection: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
-        self._moves_waited_for = False  # True once all moves were waited for
+        self._has_waited_for_moves = False  # True once all moves were waited for
 
     @property
     def motion(self) -> str:
@@ -296,17 +296,17 @@ class _Board:
         """Query the position of the head, unless the firmware does not report motion: then wait for moves."""
         if self._firmware.reports_executed_steps:
             self._link.send(now_s, self._firmware.position_query)
-        elif self._moves_waited_for:
+        elif self._has_waited_for_moves:
             self.is_still = True
             self._link.send(now_s, self._firmware.motors_off)
         else:
-            self._moves_waited_for = True
+            self._has_waited_for_moves = True
             self._link.send(now_s, self._firmware.wait_moves)
 
     def _confirm_cooling(self, method: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report
         assert report is not None
-        for now_s, event in exchange(self._port, self._link, _COOL_S, opened=False):
+        for now_s, event in exchange(self._port, self._link, _COOL_S, is_new=False):
             self._on_event(now_s, event)
             if isinstance(event, Report):
                 report = event

@@ -9,7 +9,7 @@ from drivers.link import Phase as LinkPhase
 from drivers.session.context import Answer, PrintEnded, Script, SessionContext, Wait
 
 SEND_S = 180.0
-RESET_S = 30.0  # for a port that disappeared to return
+RESET_S = 30.0  # maximum time for a port that disappeared to return
 GREETING_S = 30.0  # the link itself queries before that
 TRIES = 3
 HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it during a G28 or behind slow moves

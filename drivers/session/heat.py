@@ -18,14 +18,14 @@ from drivers.session.context import Answer, PrintEnded, Script, SessionContext
 
 OFF_S = 120.0  # longer than the heater watch waits for a heater to cool
 OFF_WITHOUT_MAINS_S = 60.0  # after the request to cut the mains: a reset does not help then
-MIN_OFF_S = 10.0  # for a heater to cool after a reset, even after such a request
+MIN_OFF_S = 10.0  # time for a heater to cool after a reset, even after such a request
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: time near the target
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 EXTRUDE_MARGIN_C = 5.0  # above the temperature below which the firmware refuses to extrude
-FEED_S = 300.0  # between commands while heating: M105 does not feed the dead-man
-SUSPECT_S = 25.0  # for a heater that may be stuck on to show that it cools
-RESTART_S = 15.0  # for a board to restart and report temperatures, if the agent died after the finding
+FEED_S = 300.0  # maximum time between commands while heating: M105 does not feed the dead-man
+SUSPECT_S = 25.0  # time for a heater that may be stuck on to show that it cools
+RESTART_S = 15.0  # time for a board to restart and report temperatures, if the agent died after the finding
 UNEXPECTED_REPORTS = 3  # one may be garbled
 
 _SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}

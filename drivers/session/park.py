@@ -84,8 +84,8 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
         raise PrintEnded(Fault.NO_ANSWER, "the board does not report the position of the head")
     moves = MotionState(program, done_lines)
     position = [
-        reported if math.isnan(tracked) else tracked
-        for tracked, reported in zip(moves.position, context.position, strict=True)
+        reported_mm if math.isnan(tracked_mm) else tracked_mm
+        for tracked_mm, reported_mm in zip(moves.position, context.position, strict=True)
     ]
     yield from park(context, moves.retracted_mm, can_extrude=True)
     lift = b"G1 F1200 Z%.3f" % (position[2] + compute_lift_mm(context, position[2], done_lines))

@@ -51,7 +51,7 @@ _SILENCE_S = 30.0  # wall seconds; a healthy agent reports every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _MAX_WAIT_S = 15.0  # wall seconds between two attempts to reach an agent
 _STABLE_S = 30.0  # wall seconds after which a connection counts as stable
-_PIECE_BYTES = 32 * 1024  # of an uploaded file; an agent accepts lines of 64 KiB
+_PIECE_BYTES = 32 * 1024  # size of a piece of an uploaded file; an agent accepts lines of 64 KiB
 _START_S = 120.0  # wall seconds; a slower start request is refused, and the plate scheduled again
 _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
@@ -178,9 +178,8 @@ class AgentConnection:
 
     async def _listen(self) -> None:
         wait_s = 0.0
-        while not self._stopping or self._is_agent_alive(
-            self._process
-        ):  # one that has just started has to be ended
+        # An agent that has just started has to be ended.
+        while not self._stopping or self._is_agent_alive(self._process):
             try:
                 await asyncio.sleep(wait_s)
                 wait_s = min(2 * wait_s + (1.0 if self._remote else RETRY_S), _MAX_WAIT_S)
@@ -341,7 +340,7 @@ class AgentConnection:
         try:
             async with asyncio.timeout(_END_S):
                 while self._is_agent_alive(process, pid):
-                    if not has_answered and self._client.connected:  # it had just been started
+                    if not has_answered and self._client.is_connected:  # it had just been started
                         has_answered = await self._request_end()
                     await asyncio.sleep(0.05)
         except TimeoutError:

@@ -36,7 +36,7 @@ from farm.state import events as ev
 
 log = logging.getLogger(__name__)
 
-_MAX_WAIT_S = 15.0  # between two attempts to connect
+_MAX_WAIT_S = 15.0  # maximum wait between two attempts to connect
 _STEADY_S = 30.0
 _OPEN_S = 60.0
 _REPORTS_PER_S = 200.0
@@ -96,7 +96,7 @@ class HostConnection:
 
     def describe_loss(self) -> str | None:
         """Return why the host cannot be reached; None if it is connected."""
-        if self._connected.is_set() and self._mux is not None and not self._mux.lost:
+        if self._connected.is_set() and self._mux is not None and not self._mux.is_lost:
             return None
         return f"no connection to its host {self.record.host}: {self.record.reason}"
 
@@ -168,25 +168,25 @@ class HostConnection:
             assert reader is not None and writer is not None
             writer.write(self._request.line())
             self._mux = MuxConnection(reader, writer, self._on_message)
-            carrying = asyncio.create_task(self._mux.run())
+            carry_task = asyncio.create_task(self._mux.run())
             try:
-                await self._watch(carrying)
+                await self._watch(carry_task)
             finally:
                 self._connected.clear()
-                carrying.cancel()
-                await asyncio.gather(carrying, return_exceptions=True)
+                carry_task.cancel()
+                await asyncio.gather(carry_task, return_exceptions=True)
         finally:
             with suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
 
-    async def _watch(self, carrying: asyncio.Task[None]) -> None:
+    async def _watch(self, carry_task: asyncio.Task[None]) -> None:
         """Send the heartbeat until the connection ends or the host is silent. Raises AgentError."""
         begun_s = self._heard_s = time.monotonic()
         while True:
-            done, _ = await asyncio.wait([carrying], timeout=STATE_S)
-            if done:
-                carrying.result()
+            done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_S)
+            if done_tasks:
+                carry_task.result()
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
             limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOST_S
@@ -243,10 +243,10 @@ class Hosts:
         """Return the record of each host, in the order of their names."""
         return [self._connections[host].record for host in sorted(self._connections)]
 
-    def start(self, lost: Collection[str] = ()) -> None:
-        """Begin to connect to all hosts; an earlier daemon has reported the loss of those in `lost`."""
+    def start(self, lost_hosts: Collection[str] = ()) -> None:
+        """Begin to connect to all hosts; an earlier daemon has reported the loss of those in `lost_hosts`."""
         for connection in self._connections.values():
-            connection.record.reported = connection.record.host in lost
+            connection.record.reported = connection.record.host in lost_hosts
             connection.start()
 
     def find(self, printer: str) -> HostConnection | None:
@@ -260,17 +260,17 @@ class Hosts:
             change = record.find_change(now_s, self._clock.scale)
             if change is None:
                 continue
-            lost = change is HostChange.LOST
+            is_lost = change is HostChange.LOST
             try:
                 self._listener.handle(
                     ev.HostLost(at_s=now_s, host=record.host, printers=record.printers, reason=record.reason)
-                    if lost
+                    if is_lost
                     else ev.HostConnected(at_s=now_s, host=record.host, printers=record.printers)
                 )
             except FarmError as error:
                 log.error("%s", error)
                 continue
-            record.reported = lost
+            record.reported = is_lost
         if self._rollout is not None:
             self._roll_out(self._rollout)
 
@@ -282,19 +282,19 @@ class Hosts:
         tuple of str
             The hosts with agents of another version.
         """
-        outdated = tuple(
+        outdated_hosts = tuple(
             record.host
             for record in self.records
             if record.state is not None and record.state.update.phase is not UpdatePhase.CURRENT
         )
-        if outdated:
-            log.info("%s updates the agents of %s", by, " ".join(outdated))
+        if outdated_hosts:
+            log.info("%s updates the agents of %s", by, " ".join(outdated_hosts))
             self._rollout = ()
             self._listener.warn("update", None)
-        return outdated
+        return outdated_hosts
 
-    def _roll_out(self, begun: tuple[str, ...]) -> None:
-        step = plan_rollout({record.host: record.update for record in self.records}, begun)
+    def _roll_out(self, updating_hosts: tuple[str, ...]) -> None:
+        step = plan_rollout({record.host: record.update for record in self.records}, updating_hosts)
         for host in step.begin:
             connection = self._connections[host]
             try:
@@ -303,14 +303,14 @@ class Hosts:
                 log.info("%s", error)
                 continue
             connection.record.on_update_begun()
-            begun = begun if host in begun else (*begun, host)
+            updating_hosts = updating_hosts if host in updating_hosts else (*updating_hosts, host)
         for host in step.halt:
             with suppress(AgentError):
                 self._connections[host].send(HostMessage(do="halt"))
         if step.fault is not None:
             log.error("the update of the agents has stopped: %s", step.fault)
             self._listener.warn("update", f"the update of the agents has stopped: {step.fault}")
-        self._rollout = None if step.ended else begun
+        self._rollout = None if step.ended else updating_hosts
 
     def release_agents(self) -> None:
         """Let all hosts end their agents, and start none until the next connection."""

@@ -37,13 +37,13 @@ class AgentManager:
             for name, section in ((section.name, section) for section in fleet.printers if section.enabled)
         }
 
-    def start(self, printing: Iterable[str], lost_hosts: Collection[str] = ()) -> None:
+    def start(self, printing_printers: Iterable[str], lost_hosts: Collection[str] = ()) -> None:
         """Adopt the agents that run, start the others, and listen to all.
 
-        `printing` names the printers with an open print in the books: their agents are monitored even if
-        the printer was removed from `fleet.yaml`. The books have the loss of `lost_hosts`.
+        `printing_printers` names the printers with an open print in the books: their agents are monitored
+        even if the printer was removed from `fleet.yaml`. The books have the loss of `lost_hosts`.
         """
-        for name in printing:
+        for name in printing_printers:
             if name not in self._connections:
                 self._connections[name] = AgentConnection(
                     name, None, self._state, self._clock, self._listener

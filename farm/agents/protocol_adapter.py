@@ -124,7 +124,7 @@ def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
 
 
 def to_trusted_snapshot(
-    report: m.Snapshot, clock: Clock, printer: str, simulated: bool, bed_cleared: bool
+    report: m.Snapshot, clock: Clock, printer: str, is_simulated: bool, bed_cleared: bool
 ) -> AgentSnapshot:
     """Convert an agent's snapshot to the farm's record, without fields that the agent cannot measure.
 
@@ -136,7 +136,7 @@ def to_trusted_snapshot(
         The farm's clock.
     printer
         The printer of this connection; the name in the snapshot is ignored.
-    simulated
+    is_simulated
         True if the printer is an emulator: only these can see their bed.
     bed_cleared
         True if a person has cleared the bed and the agent has not confirmed it yet: its alarm and
@@ -149,7 +149,7 @@ def to_trusted_snapshot(
         **{
             **dict(snapshot),
             "printer": printer,
-            "bed_clear": snapshot.bed_clear if simulated else None,
+            "bed_clear": snapshot.bed_clear if is_simulated else None,
             "filament": FilamentState.UNKNOWN if is_stale else snapshot.filament,
             "bed_unknown_reason": None if bed_cleared else snapshot.bed_unknown_reason,
             "alarm": None if bed_cleared else snapshot.alarm,

@@ -12,7 +12,7 @@ from drivers.records import StartFile
 from drivers.remote import BridgeRequest, BridgeTask, Route, build_ssh_command
 from farm.config import PrinterSection
 
-ROUTE_FILE = "way.json"  # in the folder of an agent on another host
+ROUTE_FILE = "way.json"  # file in the folder of an agent on another host
 
 
 def make_start(section: PrinterSection, clock: Clock) -> StartFile:

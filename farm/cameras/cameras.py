@@ -133,8 +133,8 @@ class Cameras:
 
     async def close(self) -> None:
         """Cancel all running fetches."""
-        running = [camera.running for camera in self._cameras.values() if camera.running is not None]
-        tasks = [*self._store_tasks.values(), *running]
+        running_tasks = [camera.running for camera in self._cameras.values() if camera.running is not None]
+        tasks = [*self._store_tasks.values(), *running_tasks]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -172,11 +172,11 @@ class Cameras:
             elif problem is None and previous_problem is not None:
                 PrinterLog(log, camera.printer).info("its camera sends stills again")
 
-    async def _keep(self, due: DueStill, fetching: asyncio.Task[Image]) -> None:
+    async def _keep(self, due: DueStill, fetch_task: asyncio.Task[Image]) -> None:
         """Store a still, then record it with its print."""
         controller = self._controller
         try:
-            image = await fetching
+            image = await fetch_task
             at_s = controller.clock.now()
             name = await asyncio.to_thread(_store, self._state, image)
             still = Still(moment=due.moment, at_s=at_s, file=name)

@@ -152,8 +152,8 @@ def _load_authorities() -> ssl.SSLContext:
 async def _look_up(url: httpx.URL) -> list[str]:
     """Find the addresses of a host.
 
-    The thread is a daemon: asyncio's own look-up uses threads that are needed elsewhere, and for which the
-    process waits at its end, while a name server that does not answer keeps them for half a minute.
+    The thread is a daemon: asyncio's own look-up would use threads that are needed elsewhere and that the
+    process waits for at its end, and a name server that does not answer blocks them for half a minute.
 
     Raises
     ------

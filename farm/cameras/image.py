@@ -39,10 +39,10 @@ class Image:
     suffix: str
 
 
-def check_beginning(beginning: bytes) -> None:
+def check_beginning(first_bytes: bytes) -> None:
     """Check the first bytes of a body, of which more may follow. Raises NoImage."""
     for magic in (_JPEG, _PNG):
-        if beginning[: len(magic)] == magic[: len(beginning)]:
+        if first_bytes[: len(magic)] == magic[: len(first_bytes)]:
             return
     raise NoImage("it sends no JPEG or PNG: `camera` needs the address of a still, not of a page or a stream")
 

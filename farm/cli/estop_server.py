@@ -24,7 +24,7 @@ REQUEST_S = 2.0  # wall seconds in which the one line of a request must arrive
 MAX_TOTAL, MAX_PER_USER = 64, 8  # simultaneous requests: of all users, and of one
 MAX_REQUEST_BYTES = 1 << 16  # bytes of a request
 _WAIT_S = 0.2
-_PAUSE_S = 1.0  # between attempts to accept, after an error such as no free descriptor
+_PAUSE_S = 1.0  # pause between attempts to accept after an error, such as a lack of descriptors
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 _FULL = {
     "over": True,
@@ -99,7 +99,7 @@ class EstopServer:
             return
         connection.setblocking(False)
         uid = self._read_uid(connection)
-        busy_uids = [pending.uid for pending in self._pending.values()] + [uid for uid, _ in self._running]
+        busy_uids = [request.uid for request in self._pending.values()] + [uid for uid, _ in self._running]
         if len(busy_uids) >= MAX_TOTAL or busy_uids.count(uid) >= MAX_PER_USER:
             with connection, suppress(OSError):
                 connection.send(json.dumps(_FULL).encode() + b"\n")
@@ -108,19 +108,19 @@ class EstopServer:
 
     def _read(self, connection: socket.socket) -> None:
         """Read a part of a request; start its process once it is whole."""
-        pending = self._pending[connection]
+        request = self._pending[connection]
         try:
             data = connection.recv(MAX_REQUEST_BYTES)
         except BlockingIOError:
             return
         except OSError:
             data = b""
-        pending.received += data
-        if b"\n" in pending.received and len(pending.received) <= MAX_REQUEST_BYTES:
+        request.received += data
+        if b"\n" in request.received and len(request.received) <= MAX_REQUEST_BYTES:
             connection.setblocking(True)
             with suppress(OSError):
-                self._running.append((pending.uid, self._begin(connection, pending.received)))
-        elif data and len(pending.received) < MAX_REQUEST_BYTES:
+                self._running.append((request.uid, self._begin(connection, request.received)))
+        elif data and len(request.received) < MAX_REQUEST_BYTES:
             return
         self._end(connection)
 

@@ -18,7 +18,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.paths import Places
 
 _MAX_LINE_BYTES = 1 << 16
-_SILENCE_S = 180.0  # between two lines; a hot printer is watched for 140 s
+_SILENCE_S = 180.0  # maximum time between two lines; a hot printer is watched for 140 s
 
 
 class _Line(BaseModel):

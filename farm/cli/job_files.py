@@ -115,16 +115,16 @@ def _refuse_others(folder: Path, files: list[api.FileView], force: bool) -> None
 
 
 def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, force: bool) -> None:
-    digest, remaining = hashlib.sha256(), file.size
+    digest, remaining_bytes = hashlib.sha256(), file.size
     descriptor, name = tempfile.mkstemp(prefix=".fetch-", dir=folder)
     temporary = Path(name)
     try:
         with os.fdopen(descriptor, "wb") as target:
 
             def write(chunk: bytes) -> None:
-                nonlocal remaining
-                remaining -= len(chunk)
-                if remaining < 0:
+                nonlocal remaining_bytes
+                remaining_bytes -= len(chunk)
+                if remaining_bytes < 0:
                     raise FarmError(f"{file.name} is longer than {file.size} bytes: it is not written")
                 digest.update(chunk)
                 try:
@@ -133,7 +133,7 @@ def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, fo
                     raise FarmError(f"{temporary} cannot be written ({error.strerror})") from error
 
             client.download(number, file.name, write)
-        if remaining or digest.hexdigest() != file.sha256:
+        if remaining_bytes or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
         temporary.chmod(0o666 & ~_read_umask())
         _refuse_others(folder, [file], force)  # it may have been written meanwhile

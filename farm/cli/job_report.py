@@ -15,7 +15,7 @@ from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import parse_report
 
 _MAX_PRINTS = 100_000
-_STILLS_BYTES = 50_000_000  # of all stills on a page
+_STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
 FindFile = Callable[[str], Path | None]
 """Returns a readable file for a path in the daemon's answer; None if there is none."""
 

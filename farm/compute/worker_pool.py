@@ -83,7 +83,7 @@ class Workers:
         self._scratch = scratch
         self._memory = compute_memory_for_each(count, memory_gb)
         self._warm = warm
-        self._closed = False
+        self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
         self._alive: set[Worker] = set()
         self._idle: list[Worker] = []
@@ -138,7 +138,7 @@ class Workers:
                     ErrorCode.LIMIT,
                 ) from None
             except EOFError:
-                if self._closed:
+                if self._is_closed:
                     raise FarmError(_CLOSED) from None
                 ended = worker.wait()
                 log.warning("worker %d ended by itself (%s)", worker.pid, ended)
@@ -162,7 +162,7 @@ class Workers:
 
     def close(self) -> None:
         """Abandon all work, and wait for every worker to end."""
-        self._closed = True
+        self._is_closed = True
         for worker in self._alive:
             worker.end()
         self._alive.clear()
@@ -179,7 +179,7 @@ class Workers:
 
     def _replace(self) -> None:
         """Start a worker; if that fails (the disk may be full), retry until it succeeds."""
-        if self._closed:
+        if self._is_closed:
             return
         try:
             self._start()
@@ -189,7 +189,7 @@ class Workers:
 
     async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
         """Wait for a free worker, at best one whose start has ended. Raises FarmError in a closed pool."""
-        if self._closed:
+        if self._is_closed:
             raise FarmError(_CLOSED)
         free = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
         if free:
@@ -211,7 +211,7 @@ class Workers:
 
     def _start_urgent_worker(self) -> None:
         """Start the worker for urgent tasks, unless it runs; if that fails, they wait for another one."""
-        if self._urgent_worker is not None or self._closed:
+        if self._urgent_worker is not None or self._is_closed:
             return
         try:
             worker = self._urgent_worker = Worker(self._scratch, self._memory, self._warm)
@@ -234,7 +234,7 @@ class Workers:
 
     def _release(self, worker: Worker, fit: bool) -> None:
         """Return a worker to the pool, or replace it if it cannot take more work."""
-        if self._closed:
+        if self._is_closed:
             return
         if fit:
             self._assign_worker(worker)

@@ -24,7 +24,7 @@ Warm = Callable[[Callable[[str], object]], None]
 """Prepares a process for its tasks; called with a function that reports its step in words."""
 
 _PR_SET_PDEATHSIG = 1
-_ENDING_S = 2.0  # from the closing of its pipe to its exit
+_ENDING_S = 2.0  # maximum time from the closing of its pipe to its exit
 _START_NICE, _WORK_NICE = 5, 19
 """Priorities. Somebody may wait for the start, which takes minutes at the lowest priority on a busy host."""
 _STEP = "step"

@@ -133,8 +133,8 @@ class Controller:
         effects: list[Effect] = []
         self._next_change_s = -math.inf
         try:
-            scheduled = self._schedule() if at_once else ()
-            for effect in chain(self._commit(events), self._list_unconfirmed(printer), scheduled):
+            instructions = self._schedule() if at_once else ()
+            for effect in chain(self._commit(events), self._list_unconfirmed(printer), instructions):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
             self._perform(effects)
@@ -227,9 +227,13 @@ class Controller:
 
     def _choose_starts(self, situation: Situation) -> tuple[list[Assignment], Sequence[Assignment]]:
         """Return the assignments to start now, first those that the last run left, and the later ones."""
-        left = self._replanning.without_reserved(self.books, self._later_starts)
-        starts, later = divide_starts(left, situation, MAX_STARTS)
-        return (starts, later) if starts else divide_starts(self._assign(situation), situation, MAX_STARTS)
+        remaining_starts = self._replanning.without_reserved(self.books, self._later_starts)
+        starts, later_starts = divide_starts(remaining_starts, situation, MAX_STARTS)
+        return (
+            (starts, later_starts)
+            if starts
+            else divide_starts(self._assign(situation), situation, MAX_STARTS)
+        )
 
     def _find_held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""

@@ -1,4 +1,4 @@
-"""Dry runs: jobs that are planned and never printed, cancelled when no client asks for the plan any more."""
+"""Dry runs: jobs that are planned but not printed, cancelled when no client requests the plan any more."""
 
 from __future__ import annotations
 

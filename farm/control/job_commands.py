@@ -100,20 +100,20 @@ class JobCommands:
             raise Refused(f"job {number} has already ended: it is {job.state}{hint}")
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
-    def pause(self, number: int, wanted: bool, by: str) -> None:
+    def pause(self, number: int, is_paused: bool, by: str) -> None:
         """Pause a job (its prints are parked, none starts), or resume it."""
         books = self._controller.books
         job = books.job(number)
         if job.state.ended:
             raise Refused(f"job {number} has already ended: it is {job.state}")
-        parts = not wanted and any(plate.paused for plate in books.plates_of(job))
-        if job.paused is wanted and not parts:
-            raise Refused(f"job {number} is {'already paused' if wanted else 'not paused'}")
-        if not wanted:
+        parts = not is_paused and any(plate.paused for plate in books.plates_of(job))
+        if job.paused is is_paused and not parts:
+            raise Refused(f"job {number} is {'already paused' if is_paused else 'not paused'}")
+        if not is_paused:
             printers = (p.printer for p in books.open_prints(number) if p.pause_requested)
             self._printers.refuse_unattended(sorted(printers))
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
+        self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=is_paused, by=by))
 
     def record_assembly(self, number: int, minutes: float, by: str) -> None:
         """Record the time that a person took to glue the parts of a job; a later report replaces it."""

@@ -48,7 +48,7 @@ class JobPlanning:
             self.revisions.end(number)
 
     def find_reservations(
-        self, books: Books, situation: Situation, reserved: dict[str, str]
+        self, books: Books, situation: Situation, reserved_printers: dict[str, str]
     ) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose: a plate, a spare or a job.
 
@@ -56,15 +56,15 @@ class JobPlanning:
         ----------
         situation
             The plates that still wait, and the fleet after the present assignment.
-        reserved
+        reserved_printers
             Printers for which plates are being replanned, with the plate.
         """
         promised_printers = list_promised_printers(self._admission.list_promises(books))
         revised_printers = self.revisions.reserved_printers
-        return {**promised_printers, **revised_printers, **list_reservations(situation, reserved)}
+        return {**promised_printers, **revised_printers, **list_reservations(situation, reserved_printers)}
 
     def admit(
-        self, books: Books, situation: Situation, reserved: dict[str, str], starting: bool
+        self, books: Books, situation: Situation, reserved_printers: dict[str, str], is_starting: bool
     ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
         """Yield the events on the queue, each with the work that follows once it is committed.
 
@@ -72,9 +72,12 @@ class JobPlanning:
         """
         fleet = Availability(
             situation.printers,
-            reservations={**self.revisions.reserved_printers, **list_reservations(situation, reserved)},
-            reserved=frozenset(reserved),
-            starting=starting,
+            reservations={
+                **self.revisions.reserved_printers,
+                **list_reservations(situation, reserved_printers),
+            },
+            reserved=frozenset(reserved_printers),
+            starting=is_starting,
         )
         decisions = list(self._admission.decide(books, situation, fleet))
         self.holds = {entry.job: entry.hold for entry in decisions if isinstance(entry, HoldJob)}

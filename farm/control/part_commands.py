@@ -64,23 +64,23 @@ class PartCommands:
         self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
         return plate.parts[0]
 
-    def pause(self, job: int, part: str, wanted: bool, by: str) -> str:
+    def pause(self, job: int, part: str, is_paused: bool, by: str) -> str:
         """Pause or resume a part, on its printer or in the queue. Returns the printer, if any."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:
-            self._printers.pause(printer, wanted, by)
+            self._printers.pause(printer, is_paused, by)
             return printer
         name, state = plate.parts[0], self._controller.books.plate_state(plate)
         if state is not PlateState.WAITING:
             reason = _PRINTED.get(state, f"failed too often: print it again with `farm reprint {job} {part}`")
             raise Refused(f"part {name} {reason}")
-        if plate.paused is wanted:
-            if not wanted and self._controller.books.job(job).paused:
+        if plate.paused is is_paused:
+            if not is_paused and self._controller.books.job(job).paused:
                 raise Refused(f"job {job} is paused: `farm resume {job}` resumes its parts")
-            raise Refused(f"part {name} is {'already paused' if wanted else 'not paused'}")
+            raise Refused(f"part {name} is {'already paused' if is_paused else 'not paused'}")
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=wanted, by=by))
+        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=is_paused, by=by))
         return ""
 
     def _find_plate(self, job: int, part: str) -> Plate:

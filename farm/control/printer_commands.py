@@ -31,17 +31,17 @@ class PrinterCommands:
             ev.PrintFailRequested(at_s=self._controller.clock.now(), print_id=attempt.id, why=why, by=by)
         )
 
-    def pause(self, printer: str, wanted: bool, by: str) -> None:
+    def pause(self, printer: str, is_paused: bool, by: str) -> None:
         """Pause or resume a print; one that is still heating is paused when it starts to print."""
         attempt = self.open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
-        if not wanted and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
+        if not is_paused and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
-        if not wanted:
+        if not is_paused:
             self.refuse_unattended([printer])
         at_s = self._controller.clock.now()
-        self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
+        self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=is_paused, by=by))
 
     def refuse_unattended(self, printers: Iterable[str]) -> None:
         """Raise Refused if one of the printers may not print now because nobody is present."""

@@ -33,14 +33,14 @@ class BodyLimit:
             await self._app(scope, receive, send)
             return
         is_limited = not self._is_upload(scope["path"])
-        received, complete = 0, False
+        received_bytes, complete = 0, False
 
         async def receive_limited() -> Message:
-            nonlocal received, complete
+            nonlocal received_bytes, complete
             message = await receive()
-            received += len(message.get("body", b""))
+            received_bytes += len(message.get("body", b""))
             complete = not message.get("more_body", False)
-            if is_limited and received > LARGEST_BODY_BYTES:
+            if is_limited and received_bytes > LARGEST_BODY_BYTES:
                 raise HTTPException(TOO_LARGE)
             return message
 

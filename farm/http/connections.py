@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 REQUEST_S = 10.0  # wall seconds for the head of a request, between two chunks of its body, and for reading
 MAX_CONNECTIONS = 64
 _MIN_CONNECTIONS = 4
-_RESERVED_DESCRIPTORS = 32  # for database, socket, timers, log, and starting an agent
+_RESERVED_DESCRIPTORS = 32  # descriptors for database, socket, timers, log, and the start of an agent
 _MAX_HANDSHAKES = 64
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
 _CHECK_INTERVAL_S = 1.0
@@ -118,7 +118,7 @@ class BoundedServer(uvicorn.Server):
     config
         uvicorn's configuration.
     limit
-        Most connections at a time.
+        Maximum number of connections at a time.
     stop_work
         Called before the server waits for its open requests: ends the work that they wait for.
     """

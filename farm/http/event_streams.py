@@ -51,9 +51,9 @@ class EventStreams(StreamLimit):
     log
         The event log.
     limit
-        Most streams at a time; one caller may have four.
+        Maximum number of streams at a time; one caller may have four.
     poll_s
-        Seconds between two looks at the log.
+        Seconds between two reads of the log.
     """
 
     def __init__(self, log: EventLog, limit: int = 16, poll_s: float = 0.5) -> None:
@@ -72,7 +72,7 @@ class EventStreams(StreamLimit):
         is_allowed
             Returns whether the caller may still see them.
         wait
-            True if to go on when there are no more.
+            Whether to wait for further events at the end of the log.
         """
         idle_polls = 0
         while is_allowed() and not self.is_closed:

@@ -22,30 +22,30 @@ class StreamLimit:
     Parameters
     ----------
     limit
-        Most streams at a time.
+        Maximum number of streams at a time.
     limit_per_caller
-        Most streams of one caller.
+        Maximum number of streams of one caller.
     """
 
     def __init__(self, limit: int = 100, limit_per_caller: int = 20) -> None:
         self._limit, self._limit_per_caller = limit, limit_per_caller
         self._callers: Counter[str] = Counter()
-        self._closing = asyncio.Event()
+        self._close_event = asyncio.Event()
 
     def close(self) -> None:
         """End all streams."""
-        self._closing.set()
+        self._close_event.set()
 
     @property
     def is_closed(self) -> bool:
         """True once all streams are to end."""
-        return self._closing.is_set()
+        return self._close_event.is_set()
 
     async def wait(self, seconds: float) -> None:
         """Wait for a time, or until the streams are closed."""
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                await self._closing.wait()
+                await self._close_event.wait()
 
     def check(self, caller: str) -> None:
         """Raise Refused if a caller may not open another stream."""

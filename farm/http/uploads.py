@@ -123,25 +123,25 @@ class Upload:
         FarmError
             `limit` as soon as the first bytes give more triangles than a worker has memory for.
         """
-        head, checked, waiting = b"", False, bytearray()
+        head, is_checked, unwritten = b"", False, bytearray()
 
         async def append(content: bytes) -> None:
-            nonlocal head, checked, waiting
-            if not checked:
+            nonlocal head, is_checked, unwritten
+            if not is_checked:
                 head += content[:HEAD_BYTES]
                 if len(head) >= min(self.size, HEAD_BYTES):
-                    checked = True
+                    is_checked = True
                     self._check_head(name, head)
-            waiting += content
-            if len(waiting) >= _WRITE_BYTES:
-                full, waiting = waiting, bytearray()
+            unwritten += content
+            if len(unwritten) >= _WRITE_BYTES:
+                full, unwritten = unwritten, bytearray()
                 await asyncio.to_thread(file.write, full)
 
         with self.path.open("wb") as file:
             yield append
-            if not checked:
+            if not is_checked:
                 self._check_head(name, head)
-            await asyncio.to_thread(file.write, waiting)
+            await asyncio.to_thread(file.write, unwritten)
 
     def _check_head(self, name: str, head: bytes) -> None:
         try:

@@ -190,7 +190,7 @@ class PlanProgress(Entity):
     remaining_s: float | None = None  # of that search, at most; wall seconds
 
 
-_PRIOR_S = 3600.0  # of assembly as expected, which counts beside what was reported
+_PRIOR_S = 3600.0  # time of assembly taken as expected, which counts besides the reported times
 _SLOWEST, _FASTEST = 4.0, 0.25  # bounds of a report: one wrong one does not mislead for long
 
 

@@ -43,7 +43,7 @@ def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Pa
     )
 
 
-def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files: Path) -> Plate:
+def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factor: float, files: Path) -> Plate:
     """Put a slice's G-code into the store and return the record of its plate.
 
     Parameters
@@ -53,8 +53,8 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
     files
         The store.
     """
-    section, result = sliced.printer, sliced.result
-    warnings = () if sliced.part.print_options.stands else (MAY_FALL,)
+    section, result = sliced_part.printer, sliced_part.result
+    warnings = () if sliced_part.part.print_options.stands else (MAY_FALL,)
     return Plate(
         id=names.plate,
         job=names.job,
@@ -62,7 +62,7 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
         gcode=store_file(files, result.gcode),
         sha256=result.sha256,
         sliced_s=result.sliced_s,
-        expected_s=sliced.expected_s(time_factor),
+        expected_s=sliced_part.expected_s(time_factor),
         grams=result.grams,
         filament_mm=result.filament_mm,
         price=section.price(result.grams),
@@ -79,26 +79,26 @@ def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files:
     )
 
 
-def book_plan(sliced: SlicedJob, files: Path) -> Plan:
+def book_plan(sliced_job: SlicedJob, files: Path) -> Plan:
     """Put a sliced job's files into the store and return its plan."""
-    task, decomposed = sliced.task, sliced.decomposed
+    task, decomposed_job = sliced_job.task, sliced_job.decomposed
     parts, plates = [], []
-    for number, part in enumerate(sliced.parts, 1):
+    for number, part in enumerate(sliced_job.parts, 1):
         names = PlateNames(task.job, f"{task.job}/{part.part.id}", f"{task.job}/{number:02d}")
         parts.append(book_part(names, part.part, files))
         plates.append(book_plate(names, part, task.time_factors.get(part.printer.name, 1.0), files))
     return Plan(
         parts=tuple(parts),
         plates=tuple(plates),
-        repairs=decomposed.repairs,
-        scale=decomposed.scale,
-        serial_s=_estimate_serial_s(sliced),
-        expected_s=sliced.makespan_s(),
+        repairs=decomposed_job.repairs,
+        scale=decomposed_job.scale,
+        serial_s=_estimate_serial_s(sliced_job),
+        expected_s=sliced_job.makespan_s(),
         picture=store_file(files, task.folder / PICTURE),
         assembly=store_file(files, task.folder / ASSEMBLY),
         decomposition=store_file(files, task.folder / REPORT),
         instructions=store_file(files, task.folder / INSTRUCTIONS),
-        assembly_s=decomposed.assembly_s,
+        assembly_s=decomposed_job.assembly_s,
     )
 
 
@@ -124,13 +124,13 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
     return names
 
 
-def _estimate_serial_s(sliced: SlicedJob) -> float:
+def _estimate_serial_s(sliced_job: SlicedJob) -> float:
     """Return the time of the whole model in one piece: its estimate, scaled by the parts' slices.
 
     Slicing the whole model would take minutes, for a printer that does not exist.
     """
-    first = sliced.parts[0]
+    first = sliced_job.parts[0]
     prelude_s = compute_prelude_seconds(first.printer, first.task.settings)
-    price_s = sum(part.part.price_s - prelude_s for part in sliced.parts)
-    sliced_s = sum(float(part.result.sliced_s) for part in sliced.parts)
-    return prelude_s + (sliced.decomposed.serial_price_s - prelude_s) * sliced_s / price_s
+    price_s = sum(part.part.price_s - prelude_s for part in sliced_job.parts)
+    sliced_s = sum(float(part.result.sliced_s) for part in sliced_job.parts)
+    return prelude_s + (sliced_job.decomposed.serial_price_s - prelude_s) * sliced_s / price_s

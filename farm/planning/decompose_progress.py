@@ -20,7 +20,7 @@ class DecomposeProgress(BaseModel):
     share
         Share of the budget that is spent, 0 to 1.
     remaining_s
-        Most wall seconds until the budget is spent, at the rate so far; None while that is unknown.
+        Maximum wall seconds until the budget is spent, at the rate so far; None while it is unknown.
     """
 
     model_config = ConfigDict(frozen=True)

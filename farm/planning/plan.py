@@ -22,9 +22,9 @@ RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
 class TooFewPrinters(FarmError):
     """Error for a model that needs more parts than the printers given to it."""
 
-    def __init__(self, message: str, needed: int) -> None:
+    def __init__(self, message: str, needed_count: int) -> None:
         super().__init__(message, ErrorCode.NO_FIT)
-        self.needed = needed
+        self.needed = needed_count
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TooFewPrinters, (str(self), self.needed)

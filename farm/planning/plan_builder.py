@@ -67,12 +67,12 @@ class PlanBuilder:
     async def plan_model(self) -> Plan:
         """Decompose a model, slice its parts, balance them, and draw them meanwhile by idle workers."""
         try:
-            decomposed = await self._decompose()
-            sliced = await self._relevel(await self._slice(self.task, decomposed))
-            await self._drawings.finish(sliced.task, sliced.decomposed)
+            decomposed_job = await self._decompose()
+            sliced_job = await self._relevel(await self._slice(self.task, decomposed_job))
+            await self._drawings.finish(sliced_job.task, sliced_job.decomposed)
         finally:
             await self._drawings.stop()
-        plan = await asyncio.to_thread(book_plan, sliced, self._state.files)
+        plan = await asyncio.to_thread(book_plan, sliced_job, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         return multiply_plan(plan, self.task)
 
@@ -98,65 +98,69 @@ class PlanBuilder:
                 last_progress = current
                 self._on_progress(current)
 
-    async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
+    async def _slice(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> SlicedJob:
         """Slice all parts, and report the progress; idle workers draw the parts."""
-        sliced = cached = 0
+        sliced_count = cached_count = 0
 
         def report_progress() -> None:
-            step = PlanProgress(step=PlanStep.SLICING, done=sliced, of=len(decomposed.parts), cached=cached)
+            step = PlanProgress(
+                step=PlanStep.SLICING, done=sliced_count, of=len(decomposed_job.parts), cached=cached_count
+            )
             self._on_progress(step)
 
         def count_slice(result: PlateResult) -> None:
-            nonlocal sliced, cached
-            sliced += 1
-            cached += result.cached
+            nonlocal sliced_count, cached_count
+            sliced_count += 1
+            cached_count += result.cached
             report_progress()
-            if sliced < len(decomposed.parts) and self._workers.has_idle:
-                self._drawings.start(task, decomposed)
+            if sliced_count < len(decomposed_job.parts) and self._workers.has_idle:
+                self._drawings.start(task, decomposed_job)
 
         report_progress()
         batch = SliceBatch(
-            decomposed.parts, task.printers, task.options.quality, task.folder, self._state.slices
+            decomposed_job.parts, task.printers, task.options.quality, task.folder, self._state.slices
         )
-        return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
+        return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
-    async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
+    async def _relevel(self, sliced_job: SlicedJob) -> SlicedJob:
         """Move the cuts as long as this shortens the slowest part, by its slice."""
-        job = sliced.task.job
+        job = sliced_job.task.job
         for _ in range(_MAX_RELEVELS):
-            if not sliced.should_relevel():
+            if not sliced_job.should_relevel():
                 break
             self._on_progress(PlanProgress(step=PlanStep.LEVELLING))
-            folder = sliced.task.folder / "levelled"
+            folder = sliced_job.task.folder / "levelled"
             try:
-                decomposed = await self._move_cuts(sliced, folder)
-                if decomposed is None:
+                decomposed_job = await self._move_cuts(sliced_job, folder)
+                if decomposed_job is None:
                     break
-                new_slices = await self._slice(replace(sliced.task, folder=folder), decomposed)
-                if new_slices.makespan_s() >= sliced.makespan_s():
+                new_slices = await self._slice(replace(sliced_job.task, folder=folder), decomposed_job)
+                if new_slices.makespan_s() >= sliced_job.makespan_s():
                     break
-                await self._drawings.finish(new_slices.task, decomposed)
+                await self._drawings.finish(new_slices.task, decomposed_job)
             except FarmError as error:
                 log.warning("job %d: its cuts are not moved: %s", job, error, extra={"job": job})
                 break
             except Exception:  # the plan is valid without moved cuts
                 log.exception("job %d: its cuts are not moved", job, extra={"job": job})
                 break
-            await self._drawings.stop(sliced.task.folder)
-            sliced = new_slices
-        return sliced
+            await self._drawings.stop(sliced_job.task.folder)
+            sliced_job = new_slices
+        return sliced_job
 
-    async def _move_cuts(self, sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
+    async def _move_cuts(self, sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         """Move the cuts; idle workers draw the parts, in case that they stay as they are."""
-        moving = asyncio.ensure_future(self._workers.run(relevel_parts, sliced, folder, limit=DECOMPOSING))
+        move_future = asyncio.ensure_future(
+            self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING)
+        )
         try:
             await asyncio.sleep(0)  # it takes a worker first
             if self._workers.has_idle:
-                self._drawings.start(sliced.task, sliced.decomposed)
-            decomposed = await moving
+                self._drawings.start(sliced_job.task, sliced_job.decomposed)
+            decomposed_job = await move_future
         finally:
-            moving.cancel()
-            await asyncio.gather(moving, return_exceptions=True)  # until its worker has ended
-        if decomposed is not None and not self._workers.has_idle:  # the new parts need the workers
-            await self._drawings.stop(sliced.task.folder)
-        return decomposed
+            move_future.cancel()
+            await asyncio.gather(move_future, return_exceptions=True)  # until its worker has ended
+        if decomposed_job is not None and not self._workers.has_idle:  # the new parts need the workers
+            await self._drawings.stop(sliced_job.task.folder)
+        return decomposed_job

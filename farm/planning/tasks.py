@@ -41,10 +41,10 @@ def list_draw_files(
     return TaskFiles(reads=(drawing_record, *pictures), folders=(task.folder,))
 
 
-def list_relevel_files(sliced: SlicedJob, folder: Path) -> TaskFiles:
+def list_relevel_files(sliced_job: SlicedJob, folder: Path) -> TaskFiles:
     """List the files of `relevel_parts`: the model and the cuts, the folder of the new parts."""
-    record = sliced.decomposed.cut_record
-    reads = (sliced.task.model,) if record is None else (sliced.task.model, record)
+    record = sliced_job.decomposed.cut_record
+    reads = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
     return TaskFiles(reads=reads, folders=(folder,))
 
 

@@ -23,7 +23,7 @@ QUICK_FACES = 200_000
 """Largest number of triangles of a model that is planned in seconds, if one printer can hold it."""
 SPARE_USE = "a failed part (--spares)"
 """Purpose of a printer that is kept as a spare."""
-_BRIM_MM = 10.0  # on each side of a part; only for the estimate whether a model fits
+_BRIM_MM = 10.0  # brim on each side of a part, only to estimate whether a model fits
 _TEMPORARY_CODES = (
     HoldCode.PRINTER_BUSY,
     HoldCode.BED_NOT_CLEAR,
@@ -154,12 +154,14 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     return PlanOrder(tuple(sorted(p.name for p in largest[:number])))
 
 
-def list_coming(matching: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
+def list_coming(matching_printers: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
     """List the matching printers that are free or will be without a repair; all if there is none."""
-    coming_printers = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _TEMPORARY_CODES]
+    coming_printers = [
+        p for p in matching_printers if (hold := p.obstacle()) is None or hold.code in _TEMPORARY_CODES
+    ]
     blocked_names = availability.unattended_blocked
     usable = [p for p in coming_printers if p.name not in blocked_names] or coming_printers
-    return [p for p in usable if p.name not in availability.reserved] or usable or matching
+    return [p for p in usable if p.name not in availability.reserved] or usable or matching_printers
 
 
 def choose_printers_beside(
@@ -170,8 +172,8 @@ def choose_printers_beside(
 ) -> PlanOrder | Hold:
     """Choose the printers of a job while others are being planned.
 
-    Those reserve their printers against jobs of the same and of lower priority, and against others while more
-    are free.
+    The printers of these jobs are reserved against jobs of the same and of lower priority, and against other
+    jobs as long as more printers are free.
 
     Parameters
     ----------
@@ -235,7 +237,7 @@ class JobAdmission:
 
     def __init__(self) -> None:
         self._min_parts: dict[int, int] = {}
-        self._planned: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
+        self._planned_printers: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
     def require_parts(self, number: int, parts: int) -> None:
         """Store the number of parts that a job needs according to an attempt to plan it."""
@@ -243,15 +245,15 @@ class JobAdmission:
 
     def begin(self, order: StartPlanning) -> None:
         """Store the printers for which a job is being planned."""
-        self._planned[order.job] = frozenset(order.printers)
+        self._planned_printers[order.job] = frozenset(order.printers)
 
     def end(self, number: int) -> None:
         """Remove a job whose planning has ended."""
-        self._planned.pop(number, None)
+        self._planned_printers.pop(number, None)
 
     def list_promises(self, books: Books) -> list[Promise]:
         """List the jobs that are being planned, with their printers."""
-        return [Promise(n, books.job(n).priority, names) for n, names in self._planned.items()]
+        return [Promise(n, books.job(n).priority, names) for n, names in self._planned_printers.items()]
 
     def decide(
         self, books: Books, situation: Situation, fleet: Availability

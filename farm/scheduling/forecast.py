@@ -25,7 +25,7 @@ _TEMPORARY_CODES = (
     HoldCode.REEL_UNCERTAIN,
 )
 _HORIZON_S = 15 * 86400.0  # if no plate starts within this time, none ever does
-_END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous ones in this order
+_END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous changes are in this order
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     situation
         Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
     has_bound
-        True if to compute a lower bound better than the present time.
+        Whether to compute a lower bound better than the present time.
     """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
@@ -97,40 +97,39 @@ class _Simulation:
     hours or a job's places change.
     """
 
-    def __init__(self, situation: Situation, coming: Sequence[FleetPrinter]) -> None:
+    def __init__(self, situation: Situation, coming_printers: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
         self.queue = {
             rank: {p.id: p for p in plates} for rank, plates in group_by_job(situation.by_priority).items()
         }
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
-        self._remaining = Counter(
-            plate.job for plate in situation.waiting
-        )  # prints by job, with running ones
-        self._fleet = {printer.name: make_idle(printer) for printer in coming}
+        # Prints by job, with running ones.
+        self._remaining_plates = Counter(plate.job for plate in situation.waiting)
+        self._fleet = {printer.name: make_idle(printer) for printer in coming_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
-        self._planned = Counter(plate.planned for plate in situation.waiting)
+        self._planned_plates = Counter(plate.planned for plate in situation.waiting)
         self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
-        self._heating = 0
+        self._heating_count = 0
         self._idle: set[str] = set()
-        self._blocked: set[str] = set()
+        self._blocked_printers: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
-        for printer in coming:
-            # One that no plate can take starts nothing, but may be kept as a spare.
+        for printer in coming_printers:
+            # A printer that fits no plate starts nothing, but may be kept as a spare.
             is_used = self._spares or any(map(printer.capabilities.meets, situation.demands))
             self._add_printer(printer, bool(is_used))
         starts_s = {p.not_before_s for p in situation.waiting if p.not_before_s is not None}
         for at_s in starts_s:
             self._push(at_s, _HOURS, "")
 
-    def _add_printer(self, printer: FleetPrinter, used: bool) -> None:
+    def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:
         now_s = self._now_s
         if printer.booked:
-            self._remaining.update([printer.job] if printer.job is not None else [])
+            self._remaining_plates.update([printer.job] if printer.job is not None else [])
             self._push(max(now_s, printer.free_s or now_s), _END, printer.job)
         if printer.heating:
-            self._heating += 1
+            self._heating_count += 1
             self._push(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
-        if not used:
+        if not is_used:
             return
         ready_s = _find_ready_s(printer, self._rules, now_s)
         if ready_s <= now_s:
@@ -152,7 +151,7 @@ class _Simulation:
                 if edge_s > give_up_s:
                     return
                 self._now_s = edge_s
-                self._blocked.clear()
+                self._blocked_printers.clear()
                 edge_s = self._find_next_edge_s()
             elif change_s == math.inf:
                 return
@@ -170,36 +169,36 @@ class _Simulation:
         if kind == _READY:
             self._idle.add(str(subject))
         elif kind == _HEATED:
-            self._heating -= 1
+            self._heating_count -= 1
         elif kind == _END and isinstance(subject, int):
             self._end_print(subject)
         elif kind == _HOURS:
-            self._blocked.clear()
+            self._blocked_printers.clear()
 
     def _end_print(self, job: int) -> None:
-        self._remaining[job] -= 1
-        if not self._remaining[job] and self._spares.pop(job, 0):
-            self._blocked.clear()
+        self._remaining_plates[job] -= 1
+        if not self._remaining_plates[job] and self._spares.pop(job, 0):
+            self._blocked_printers.clear()
         if job in self._places:
             self._places[job] += 1
-            self._blocked.clear()
+            self._blocked_printers.clear()
 
     def _match(self) -> bool:
         """Start the plates that can start. Returns whether there was one."""
         if self._spares:
-            self._blocked.clear()  # the spares depend on the waiting plates
-        free = self._idle - self._blocked
+            self._blocked_printers.clear()  # the spares depend on the waiting plates
+        free = self._idle - self._blocked_printers
         max_heating = self._rules.max_heating
-        starts = len(free) if max_heating is None else max(0, max_heating - self._heating)
+        starts = len(free) if max_heating is None else max(0, max_heating - self._heating_count)
         if not free or not starts:
             return False
-        planned = self._planned.keys()
+        planned_printers = self._planned_plates.keys()
         inputs = MatchingInputs(
             fleet=self._fleet,
             free=free,
             order=self._order,
-            planned=planned,
-            spare_printers=self._choose_spare_printers(planned),
+            planned=planned_printers,
+            spare_printers=self._choose_spare_printers(planned_printers),
             places=self._places,
             starts=starts,
             rules=self._rules,
@@ -211,14 +210,14 @@ class _Simulation:
         for name, plate in plates_by_printer.items():
             self._start(plate, name)
         if len(plates_by_printer) < starts:
-            self._blocked |= free - plates_by_printer.keys()
+            self._blocked_printers |= free - plates_by_printer.keys()
         return bool(plates_by_printer)
 
-    def _choose_spare_printers(self, planned: Collection[str]) -> frozenset[str]:
+    def _choose_spare_printers(self, planned_printers: Collection[str]) -> frozenset[str]:
         if not self._spares or self._rules.is_attended(self._now_s):
             return frozenset()
         spare_count = max(self._spares.values())
-        return choose_spares((self._fleet[name] for name in self._idle), planned, spare_count)
+        return choose_spares((self._fleet[name] for name in self._idle), planned_printers, spare_count)
 
     def _start(self, plate: WaitingPlate, name: str) -> None:
         printer = self._fleet[name]
@@ -227,15 +226,15 @@ class _Simulation:
         self._idle.discard(name)
         if printer.grams is not None:
             self._fleet[name] = replace(printer, grams=printer.grams - plate.grams)
-        self._heating += 1
+        self._heating_count += 1
         self._push(self._now_s + plate.heating_s, _HEATED, name)
         self._push(end_s, _END, plate.job)
         self._push(self._rules.bed_clear_s(end_s, CLEARING_S), _READY, name)
         if plate.job in self._places:
             self._places[plate.job] -= 1
-        self._planned[plate.planned] -= 1
-        if not self._planned[plate.planned]:
-            del self._planned[plate.planned]
+        self._planned_plates[plate.planned] -= 1
+        if not self._planned_plates[plate.planned]:
+            del self._planned_plates[plate.planned]
         plates = self.queue[plate.queue_rank]
         del plates[plate.id]
         if not plates:
@@ -290,7 +289,7 @@ def _find_fitting(
 
 def _compute_lower_bound_s(
     plates: Sequence[WaitingPlate],
-    fitting: Mapping[str, Sequence[FleetPrinter]],
+    fitting_printers: Mapping[str, Sequence[FleetPrinter]],
     ready_s: Mapping[str, float],
     rules: StartRules,
     now_s: float,
@@ -303,15 +302,17 @@ def _compute_lower_bound_s(
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}
     for plate in plates:
-        if not fitting[plate.id]:
+        if not fitting_printers[plate.id]:
             continue
-        starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in fitting[plate.id]]
+        starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in fitting_printers[plate.id]]
         ends = [at_s + compute_seconds_on(plate, p) for p, at_s in starts if at_s is not None]
         if not ends:
             continue
         bound_s = max(bound_s, min(ends))
-        names = frozenset(p.name for p in fitting[plate.id])
-        work_s[names] = work_s.get(names, 0.0) + min(compute_seconds_on(plate, p) for p in fitting[plate.id])
+        names = frozenset(p.name for p in fitting_printers[plate.id])
+        work_s[names] = work_s.get(names, 0.0) + min(
+            compute_seconds_on(plate, p) for p in fitting_printers[plate.id]
+        )
     for names in work_s:
         total_s = sum(seconds for subset, seconds in work_s.items() if subset <= names)
         bound_s = max(bound_s, _compute_filled_s(total_s, sorted(ready_s[name] for name in names)))

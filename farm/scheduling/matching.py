@@ -156,25 +156,36 @@ class Requirements:
     def matches(self, kind: Capabilities) -> bool:
         return kind.meets(self.demand) and (self.box is None or kind.holds(self.box))
 
-    def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
-        """List the requirements as text; with `lacking`, only those that one of these does not meet."""
+    def describe(self, missing_capabilities: tuple[Capabilities, ...] = ()) -> str:
+        """List the requirements as text; with `missing_capabilities`, only those that one of them lacks."""
         texts = []
-        if self.material and (not lacking or not all(kind.has_material(self.material) for kind in lacking)):
+        if self.material and (
+            not missing_capabilities
+            or not all(kind.has_material(self.material) for kind in missing_capabilities)
+        ):
             texts.append(self.material)
-        if self.colour and (not lacking or any(kind.colour != self.colour for kind in lacking)):
+        if self.colour and (
+            not missing_capabilities or any(kind.colour != self.colour for kind in missing_capabilities)
+        ):
             texts.append(self.colour)
-        if self.nozzle_mm and (not lacking or any(kind.nozzle_mm != self.nozzle_mm for kind in lacking)):
+        if self.nozzle_mm and (
+            not missing_capabilities or any(kind.nozzle_mm != self.nozzle_mm for kind in missing_capabilities)
+        ):
             texts.append(f"nozzle {self.nozzle_mm} mm")
-        if self.family and (not lacking or any(kind.family != self.family for kind in lacking)):
+        if self.family and (
+            not missing_capabilities or any(kind.family != self.family for kind in missing_capabilities)
+        ):
             texts.append(f"an {self.family}, which it was sliced for")
-        if self.only and (not lacking or any(kind.named not in self.only for kind in lacking)):
+        if self.only and (
+            not missing_capabilities or any(kind.named not in self.only for kind in missing_capabilities)
+        ):
             texts.append(" or ".join(self.only))
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            is_low = any(height > kind.height_mm + SLACK_MM for kind in lacking)
-            is_narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in lacking)
-            if not lacking:
+            is_low = any(height > kind.height_mm + SLACK_MM for kind in missing_capabilities)
+            is_narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in missing_capabilities)
+            if not missing_capabilities:
                 texts.append(f"{width} and {height:.0f} mm of height")
             else:
                 texts += [f"{height:.0f} mm of height"] * is_low + [width] * is_narrow

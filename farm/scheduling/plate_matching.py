@@ -96,8 +96,8 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     unplaced_plates: list[WaitingPlate] = []
     for (*_, job), plates in queue:
         for plate in plates:
-            if len(matching.taken) >= max_starts:
-                return matching.taken
+            if len(matching.plate_by_printer) >= max_starts:
+                return matching.plate_by_printer
             if places.get(job) == 0:
                 break
             if not matching.may_place(plate):
@@ -108,11 +108,11 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
             elif plate.failed_on:
                 unplaced_plates.append(plate)
     for plate in unplaced_plates:
-        if len(matching.taken) >= max_starts:
+        if len(matching.plate_by_printer) >= max_starts:
             break
         if places.get(plate.job) != 0 and matching.place_on_any(plate) and plate.job in places:
             places[plate.job] -= 1
-    return matching.taken
+    return matching.plate_by_printer
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ class _Matching:
     """A bipartite matching of plates and free printers that grows by augmenting paths."""
 
     def __init__(self, inputs: MatchingInputs) -> None:
-        self.taken: dict[str, WaitingPlate] = {}
+        self.plate_by_printer: dict[str, WaitingPlate] = {}
         self._inputs = inputs
         kind = inputs.order.kind
         self._choices_by_plate: dict[str, list[str]] = {}
@@ -164,8 +164,8 @@ class _Matching:
     def place_on_any(self, plate: WaitingPlate) -> bool:
         """Find a printer for a plate among all free ones, including those on which it failed."""
         for name in self._list_capable(plate):
-            if name not in self.taken:
-                self.taken[name] = plate
+            if name not in self.plate_by_printer:
+                self.plate_by_printer[name] = plate
                 return True
         return False
 
@@ -173,24 +173,24 @@ class _Matching:
         if not plate.failed_on:  # all choices need not be listed while one is left: most plates find one
             name = self._find_untaken(plate)
             if name is not None:
-                self.taken[name] = plate
+                self.plate_by_printer[name] = plate
                 return True
         choices = [name for name in self._list_choices(plate) if name not in visited_printers]
         for name in choices:
-            if name not in self.taken:
-                self.taken[name] = plate
+            if name not in self.plate_by_printer:
+                self.plate_by_printer[name] = plate
                 return True
         for name in choices:
             if name not in visited_printers:
                 visited_printers.add(name)
-                if self._augment(self.taken[name], visited_printers):
-                    self.taken[name] = plate
+                if self._augment(self.plate_by_printer[name], visited_printers):
+                    self.plate_by_printer[name] = plate
                     return True
         return False
 
     def _find_untaken(self, plate: WaitingPlate) -> str | None:
         """Return the first of a plate's choices that is not taken; None if there is none."""
-        inputs, taken, grams = self._inputs, self.taken, compute_needed_grams(plate)
+        inputs, taken, grams = self._inputs, self.plate_by_printer, compute_needed_grams(plate)
         best: str | None = None
         for kind in self._list_kinds(plate, grams):
             while kind.untaken and kind.untaken[-1] in taken:
@@ -215,8 +215,10 @@ class _Matching:
         if plate.id not in self._choices_by_plate:
             names = self._list_capable(plate)
             if plate.failed_on:
-                preferred = [name for name in names if name not in plate.failed_on]
-                names = preferred if preferred or not self._has_failed_everywhere(plate) else names
+                preferred_names = [name for name in names if name not in plate.failed_on]
+                names = (
+                    preferred_names if preferred_names or not self._has_failed_everywhere(plate) else names
+                )
             names.sort(key=lambda name: self._rank_choice(plate, name))
             self._choices_by_plate[plate.id] = names
         return self._choices_by_plate[plate.id]

@@ -8,9 +8,11 @@ from farm.model import Link
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
 
 
-def choose_spares(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
-    """Return the `spares` largest free printers for which no waiting plate was `planned`."""
-    free = [p for p in printers if p.name not in planned and p.obstacle() is None]
+def choose_spares(
+    printers: Iterable[FleetPrinter], planned_printers: Collection[str], spares: int
+) -> frozenset[str]:
+    """Return the `spares` largest free printers for which no waiting plate was `planned_printers`."""
+    free = [p for p in printers if p.name not in planned_printers and p.obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])
 

@@ -138,7 +138,7 @@ class StartRules:
         start = self.name_time(at_s, now_s)
         return Hold(code=HoldCode.START_TIME, text=f"its job starts {start.text}", times=(start,))
 
-    def start_window(self, unattended: bool, at_s: float) -> StartWindow:
+    def start_window(self, is_unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         attended_span = self.attended.span(at_s)
@@ -146,7 +146,7 @@ class StartRules:
             at_s=at_s,
             quiet_s=math.inf if quiet is None else quiet[0],
             attended_until_s=-math.inf if attended_span is None else attended_span[1],
-            unattended=unattended,
+            unattended=is_unattended,
             first_layers_attended=self.first_layers_attended,
         )
 

@@ -252,8 +252,8 @@ def _list_changes(old: Mapping[object, E], new: Mapping[object, E]) -> Iterable[
     """Yield the entities of one table that differ; quickly where `put` has made it, which keeps the order."""
     if not all(map(is_, old, new)):
         return (entity for key, entity in new.items() if old.get(key) is not entity)
-    replaced = compress(new.values(), map(is_not, new.values(), old.values()))
-    return chain(replaced, islice(new.values(), len(old), None))
+    replaced_entities = compress(new.values(), map(is_not, new.values(), old.values()))
+    return chain(replaced_entities, islice(new.values(), len(old), None))
 
 
 def list_removed_keys(before: Books, after: Books) -> Iterable[Key]:

@@ -62,10 +62,10 @@ def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
     return cancelled_print, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
 
 
-def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
+def request_pause(attempt: Print, is_requested: bool) -> tuple[Print, ev.SendPause]:
     """Return an open print with its pause requested or revoked, and the instruction to its agent."""
-    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
-    return replace_fields(attempt, pause_requested=wanted), send
+    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=is_requested)
+    return replace_fields(attempt, pause_requested=is_requested), send
 
 
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:

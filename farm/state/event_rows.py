@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class EventRow:
-    """Event without what only the farm may know, such as hashes of keys and names of stored files.
+    """Event without confidential fields, such as hashes of keys and names of stored files.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ from farm.config import Fleet, PrinterSection
 from farm.model import Plate, Printer, PrintState, Reel
 
 
-def compute_used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
+def compute_used_grams(plate: Plate, state: PrintState, has_extruded: bool, share: float | None) -> float:
     """Compute the grams that an ended print used: those of the whole plate if its progress is unknown.
 
     Parameters
@@ -19,8 +19,8 @@ def compute_used_grams(plate: Plate, state: PrintState, extruded: bool, share: f
     if state is PrintState.DONE:
         return plate.grams
     if share is None:
-        return plate.grams if extruded or state is PrintState.FAILED else 0.0
-    return plate.grams * min(1.0, max(0.0, share)) if extruded else 0.0
+        return plate.grams if has_extruded or state is PrintState.FAILED else 0.0
+    return plate.grams * min(1.0, max(0.0, share)) if has_extruded else 0.0
 
 
 def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:

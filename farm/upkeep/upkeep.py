@@ -60,13 +60,13 @@ class Upkeep:
     Parameters
     ----------
     controller
-        Handles the events that say what goes.
+        Handles the events that record the deletions.
     store
         The database, whose old events are deleted.
     state
         The state folder.
     workers
-        Draw the parts of a job before its files go.
+        Draw the parts of a job before its files are deleted.
     """
 
     def __init__(self, controller: Controller, store: Store, state: StateFolder, workers: Pool) -> None:
@@ -145,7 +145,7 @@ class Upkeep:
             return await self._run(backup, by)
 
     async def _preview(self, now_s: float) -> api.PruneResponse:
-        """List what a run would delete now."""
+        """List the files that a run would delete now."""
         books = self._controller.books
         files = await asyncio.to_thread(list_files, self._state.files)
         numbers = self._select(files, books, now_s)
@@ -198,7 +198,7 @@ class Upkeep:
         deleted_count = 0
         while batch := self._store.delete_events(last):
             deleted_count += batch
-            await asyncio.sleep(0)  # agents and people are served in between
+            await asyncio.sleep(0)  # the event loop serves agents and people in between
         self._store.release_space()
         return deleted_count
 

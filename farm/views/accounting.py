@@ -98,6 +98,6 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
         failed=len(failed_plates - printing_plates),
         printing=len(printing_plates),
         waiting=len(waiting_plates),
-        grams=sum(used for wasted, used in grams if not wasted),
-        wasted_grams=sum(used for wasted, used in grams if wasted),
+        grams=sum(used_grams for wasted, used_grams in grams if not wasted),
+        wasted_grams=sum(used_grams for wasted, used_grams in grams if wasted),
     )

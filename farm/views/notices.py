@@ -26,7 +26,7 @@ class Notice:
     urgent: bool = False  # sent at once
 
 
-def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collection[str]) -> list[Notice]:
+def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
     The notice on a lost printer is delayed: with others it may become an outage, which is one notice.
@@ -35,7 +35,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
     ----------
     since_s
         Only events from this time on.
-    sent
+    sent_keys
         Keys of the notices already sent.
     """
     notices = [
@@ -49,7 +49,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
     ]
     wait_s = books.outage_window_s  # in both directions: the clock may have been set back
     due = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
-    new = (n for n in due if since_s <= n.at_s and n.key not in sent)
+    new = (n for n in due if since_s <= n.at_s and n.key not in sent_keys)
     return sorted(new, key=lambda notice: (notice.at_s, notice.key))
 
 

@@ -93,9 +93,9 @@ def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgres
 
 
 def _derive_printer_state(
-    entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool
+    entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, is_enabled: bool
 ) -> str:
-    if not enabled:
+    if not is_enabled:
         return "disabled"
     if snapshot.alarm is not None:
         return "look"

@@ -102,12 +102,12 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
     return api.Todo(code="outage", printers=list(outage.printers), text=text, good=good)
 
 
-def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: bool) -> Iterator[api.Todo]:
+def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: bool) -> Iterator[api.Todo]:
     """List the tasks at one printer, except clearing its bed, which is listed with the others.
 
     Parameters
     ----------
-    lost
+    is_lost
         True if it is part of an outage, which is one task for all of its printers, as is a lost host.
     """
     name = section.name
@@ -118,7 +118,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         text = f"go to {name} now: {snapshot.alarm} ({state}{_format_heat(snapshot)})"
         yield api.Todo(code="alarm", printers=[name], text=text)
         return
-    if lost or snapshot.host_lost or (entry.maintenance is not None and attempt is None):
+    if is_lost or snapshot.host_lost or (entry.maintenance is not None and attempt is None):
         return
     attention = entry.attention_reason
     reason = attention or (snapshot.reason if snapshot.link is Link.FAULT else None)
@@ -215,7 +215,7 @@ def _format_heat(snapshot: AgentSnapshot) -> str:
 
 
 def list_deadlines(
-    attempt: Print, reported: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
+    attempt: Print, reported_print: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
     """List the actions that keep a print from being ended: resume it, or extend the attended hours.
 
@@ -228,13 +228,13 @@ def list_deadlines(
     zone
         Time zone of the times in the texts.
     """
-    if reported is None or attempt.state is PrintState.ENDING:
+    if reported_print is None or attempt.state is PrintState.ENDING:
         return []
     name, deadlines = attempt.printer, []
-    hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
+    hours_s = math.inf if reported_print.ends_by_s is None else reported_print.ends_by_s
     waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # not parking, not resumed
-    if waits and reported.pause_ends_s is not None:
-        deadline = name_time(min(reported.pause_ends_s, hours_s), now_s, zone)
+    if waits and reported_print.pause_ends_s is not None:
+        deadline = name_time(min(reported_print.pause_ends_s, hours_s), now_s, zone)
         text = f"resume {name} by {deadline.text}, or its print will be ended: `farm resume {name}`"
         deadlines.append(api.Todo(code="resume", printers=[name], text=text, times=[deadline]))
     end_s = now_s + remaining_s

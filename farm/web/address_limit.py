@@ -12,9 +12,9 @@ import uvicorn
 from farm.errors import Refused
 from farm.http import BoundedServer, WaitingConnection, find_longest_waiting
 
-_SHARE = 4  # of all connections one address may take a quarter
+_SHARE = 4  # one address may take a quarter of all connections
 _MIN_CONNECTIONS = 4
-_SITE_BITS = 64  # of an IPv6 address: one client may have all addresses that begin alike
+_SITE_BITS = 64  # prefix of an IPv6 address: one client may have all addresses with it
 
 
 def group_address(host: str) -> str | None:

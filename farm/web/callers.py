@@ -129,7 +129,8 @@ class CallerFinder:
     def find_role(self, key: Key) -> Role | None:
         """Return what a valid key or session may do now; None for a session whose user is gone.
 
-        A session may do what its user may now, at most: who has left the operators is none here either.
+        A session may do at most what its user may do now: a user who has left the group of operators loses
+        the role.
         """
         if key.user is None:
             return key.role

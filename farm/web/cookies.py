@@ -45,11 +45,11 @@ class SessionCookie:
         return cookie_parser(header).get(self.name, "")
 
     def set(self, response: Response, text: str) -> None:
-        """Let the browser keep a session's text; the farm decides when the session ends."""
+        """Store a session's text in the browser; the farm decides when the session ends."""
         self._write(response, text, int(MAX_SESSION_S))
 
     def clear(self, response: Response) -> None:
-        """Let the browser forget its session."""
+        """Remove the session's text from the browser."""
         self._write(response, "", 0)
 
     def _write(self, response: Response, text: str, max_age_s: int) -> None:

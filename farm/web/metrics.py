@@ -64,8 +64,12 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
     yield _make_gauge(
         "farm_jobs", "Jobs by state.", ("state",), (((str(s),), states[str(s)]) for s in JobState)
     )
-    waiting = (plate for plate in books.waiting_plates() if books.plate_state(plate) is PlateState.WAITING)
-    holds = Counter("none" if hold is None else str(hold.code) for hold in map(context.plate_hold, waiting))
+    waiting_plates = (
+        plate for plate in books.waiting_plates() if books.plate_state(plate) is PlateState.WAITING
+    )
+    holds = Counter(
+        "none" if hold is None else str(hold.code) for hold in map(context.plate_hold, waiting_plates)
+    )
     yield _make_gauge(
         "farm_plates_waiting",
         "Waiting plates by the reason, `none` for a plate that is about to start.",

@@ -88,14 +88,14 @@ def _complete(operation: dict[str, Any], verb: str, path: str, role: Role | None
 
 def _select_used(paths: dict[str, Any], schemas: dict[str, Any]) -> dict[str, Any]:
     """Select the schemas that the operations refer to, directly or through others."""
-    used: set[str] = set()
-    waiting = list(_find_references(paths))
-    while waiting:
-        name = waiting.pop()
-        if name not in used:
-            used.add(name)
-            waiting += _find_references(schemas[name])
-    return {name: schema for name, schema in schemas.items() if name in used}
+    used_names: set[str] = set()
+    open_names = list(_find_references(paths))
+    while open_names:
+        name = open_names.pop()
+        if name not in used_names:
+            used_names.add(name)
+            open_names += _find_references(schemas[name])
+    return {name: schema for name, schema in schemas.items() if name in used_names}
 
 
 def _find_references(value: Any) -> Iterator[str]:

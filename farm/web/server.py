@@ -21,10 +21,10 @@ from farm.web.guard import MAX_HEAD_BYTES
 
 log = logging.getLogger(__name__)
 
-_KEYS_S = 1.0  # between two checks for a valid key
-_RETRY_S = 10.0  # between two attempts to listen
+_KEYS_S = 1.0  # time between two checks for a valid key
+_RETRY_S = 10.0  # time between two attempts to listen
 _BACKLOG = 128
-_GRACE_S = 3  # for requests that are under way when the daemon ends
+_GRACE_S = 3  # time for open requests when the daemon ends
 
 
 class NetworkServer:

@@ -16,8 +16,8 @@ from slicing.settings import EngineSettings
 
 TOLERANCE_MM = 0.15
 """Tolerance of an outline: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
-_NEAR_MM = 1.0  # largest distance of a line from an area that it fills
-_MAX_GAPS = 8  # in one ring
+_NEAR_MM = 1.0  # maximum distance of a line from an area that it fills
+_MAX_GAPS = 8  # maximum number of gaps in a ring
 _EXACT_OUTLINE_SETTINGS = {
     "adaptive_layer_height_enabled": "False",
     "coasting_enable": "False",
@@ -44,7 +44,7 @@ class WallLayout:
     offset_mm: float
     slack_mm: float
     step_mm: float = 0.0  # from one wall's middle to the next one's, at most
-    inner_walls: int = 0  # number of whole rings within the outer one; 0 if it is not known
+    inner_walls: int = 0  # number of closed rings within the outer one; 0 if it is not known
 
     def compute_reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
         """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
@@ -52,8 +52,8 @@ class WallLayout:
 
     def compute_section_heights_mm(self, count: int) -> Floats:
         """Compute the heights (count,) at which the engine cuts the model: the middle of each layer."""
-        above = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, count) - 0.5)
-        return np.concatenate(([self.layer_height_0_mm / 2], above))[:count]
+        later_mm = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, count) - 0.5)
+        return np.concatenate(([self.layer_height_0_mm / 2], later_mm))[:count]
 
     def compute_top_mm(self, layer: int) -> float:
         """Compute the height of a layer's top."""
@@ -116,9 +116,8 @@ class Walls:
         half_widths_mm[is_printing] = (
             (extruded_mm * filament_mm2)[is_printing] / (length_mm * height_mm)[is_printing] / 2
         )
-        half_widths_mm = np.minimum(
-            half_widths_mm, layout.width_mm
-        )  # a wider line is a blob, which covers no more area
+        # A wider line is a blob, which covers no more area.
+        half_widths_mm = np.minimum(half_widths_mm, layout.width_mm)
         wall_moves = np.flatnonzero(is_printing & toolpath.is_feature("WALL-OUTER"))
         start, end = toolpath.start[wall_moves, :2] - centre_mm, toolpath.end[wall_moves, :2] - centre_mm
         layer = toolpath.layer[wall_moves]

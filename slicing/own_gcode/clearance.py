@@ -13,7 +13,7 @@ from slicing.printer import HeadShape
 _CELL_MM = 1.0
 _GRID_START_MM = -20.0  # where the grid begins, on X and Y
 _CELL_COUNT = 270
-_STEP_MM = 0.5  # between samples of a line
+_STEP_MM = 0.5  # distance between two samples of a line
 _BUFFER_SIZE = 512 * 6
 
 Point = list[float]

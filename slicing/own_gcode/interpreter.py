@@ -31,7 +31,7 @@ ARC_TOLERANCE_MM = 0.2
 MAX_CHORD_MM = 1.0
 """Maximum length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
 CHORD_DEVIATION_MM = 0.01
-_FIRST_MM_S = 25.0  # of the firmware, before the first F
+_FIRST_MM_S = 25.0  # speed of the firmware before the first F
 _FAN_OFF = b"M107"
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
 

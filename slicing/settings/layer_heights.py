@@ -14,13 +14,13 @@ from dataclasses import dataclass
 EXACT_MM = 0.02
 """Maximum error of the printed height, guaranteed for parts of `CERTAIN_LAYERS` layers or more."""
 CERTAIN_LAYERS = 6
-_MAX_CHANGE = 0.04  # of the layer height
+_MAX_CHANGE = 0.04  # maximum change, as a share of the layer height
 FIRST_LAYER_CHANGES = (0.0, _MAX_CHANGE, 0.25)
 """Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
 one. The first layer levels out the bed anyway, and without such changes some heights cannot be reached in
 whole micrometres."""
 _FIRST_LAYER_WEIGHT = 0.1  # weight of the first layer's change: it is one layer of many
-_SLACK_UM = 1  # for rounding
+_SLACK_UM = 1  # tolerance for rounding
 
 
 @dataclass(frozen=True, slots=True)

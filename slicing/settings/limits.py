@@ -11,11 +11,11 @@ from slicing.printer import PrinterModel
 from slicing.settings.definitions import fits_type
 from slicing.settings.resolver import Resolver, Scope
 
-LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
-_LINE_SHARE = 2.0  # of the nozzle, where Cura warns
+LAYER_SHARE = 0.8  # maximum layer height as a share of the nozzle, where Cura warns
+_LINE_SHARE = 2.0  # maximum line width as a share of the nozzle, where Cura warns
 _MAX_HOP_MM = 10.0
 _MAX_FLOW_PERCENT = 150.0  # where Cura warns: a line has no room for more
-_MAX_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
+_MAX_EXTRA_MM3 = 5.0  # maximum extra volume at each retraction, where Cura warns
 
 _PRINTER = "it describes the printer; choose another printer model or nozzle"
 _STREAM = "set by this program, for streaming; leave it out"

@@ -170,7 +170,7 @@ def test_page_says_when_it_may_be_old_and_recovers(tmp_path):
         await browser.wait_for(f"!{STALE_ELEMENT}.hidden")
         assert "No news from the farm since" in await browser.evaluate(f"{STALE_ELEMENT}.innerText")
         make_bed_unknown(farm, "its board was reset")
-        streams._closing.clear()
+        streams._close_event.clear()
         await browser.wait_for(f"{STALE_ELEMENT}.hidden && {TASK}.innerText.includes('its board was reset')")
 
     browse(tmp_path, act)

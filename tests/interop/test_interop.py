@@ -125,7 +125,7 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
     assert len(program) - len(printed_lines) <= len(dropped_lines)  # by its own doing; one may be an M105
-    assert link.repeated >= 8  # an ok that was only lost costs no repeat
+    assert link.repeat_count >= 8  # an ok that was only lost costs no repeat
 
 
 def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path: Path):

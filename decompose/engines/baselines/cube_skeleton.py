@@ -77,7 +77,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
         best = min(
             refined,
             best,
-            key=lambda pieces: (len(pieces) > len(problem.printers), problem.makespan_s(pieces)),
+            key=lambda pieces: (len(pieces) > len(problem.printers), problem.compute_makespan_s(pieces)),
         )
     problem.on_stage("cut")
     refuse_misfits("cube-skeleton", best, problem, sufficient_printers=len(best))

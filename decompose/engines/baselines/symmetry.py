@@ -63,7 +63,7 @@ class _Form(ABC):
         self.mean_mm3 = problem.model.solid.volume_mm3 / len(problem.printers)
 
     @abstractmethod
-    def part(self, piece: Piece) -> _Part:
+    def price_part(self, piece: Piece) -> _Part:
         """Price a piece as a part."""
 
     @abstractmethod
@@ -75,7 +75,7 @@ class _Form(ABC):
         """Cut the parts further, while there are printers."""
 
     def uncut_part(self) -> _Part:
-        return self.part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
+        return self.price_part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
 
 
 def cut_by_symmetry(problem: Problem) -> Partition:
@@ -142,21 +142,23 @@ def _sum_needs(parts: list[_Part]) -> int:
 class _PublishedForm(_Form):
     """The authors' program, with its mistakes."""
 
-    def part(self, piece: Piece) -> _Part:
+    def price_part(self, piece: Piece) -> _Part:
         return _Part(piece, piece.solid.volume_mm3)
 
-    def mirrors(self, part: _Part, limit: int) -> list[Mirror]:
+    def draw_planes(self, part: _Part, limit: int) -> list[Mirror]:
         return draw_mirrors(part.piece.solid.arrays()[0], self.rng, limit)
 
     def list_cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        for mirror in self.mirrors(part, DRAWN_PLANES):
+        for mirror in self.draw_planes(part, DRAWN_PLANES):
             halves = self.cut_in_halves(part, mirror)
             if halves:
                 yield halves
 
     def cut_in_halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """Cut a part into two halves, connected or not; empty if one of them is too small."""
-        halves = [self.part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)]
+        halves = [
+            self.price_part(piece) for piece in _cut_halves(part.piece, mirror.normal, mirror.offset_mm)
+        ]
         is_even = len(halves) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in halves)
         return halves if is_even else []
 
@@ -164,7 +166,7 @@ class _PublishedForm(_Form):
         has_divided = True
         while has_divided and len(parts) < len(self.problem.printers):
             has_divided = False
-            best = [(self.mirrors(part, 1)[0], part) for part in parts]
+            best = [(self.draw_planes(part, 1)[0], part) for part in parts]
             for mirror, part in sorted(best, key=lambda pair: -pair[0].error_mm):
                 if len(parts) == len(self.problem.printers):
                     break
@@ -178,7 +180,7 @@ class _PublishedForm(_Form):
 class _CorrectedForm(_Form):
     """The method that the authors' program means, with parts that fit."""
 
-    def part(self, piece: Piece) -> _Part:
+    def price_part(self, piece: Piece) -> _Part:
         """Price a piece as a part."""
         needs = count_parts(piece.solid, self.problem.rooms)
         seconds = float(price_axis_poses_s(*piece.solid.arrays(), self.problem.cost).min())
@@ -188,25 +190,25 @@ class _CorrectedForm(_Form):
         solid = part.piece.solid
         vertices = solid.arrays()[0]
         for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
-            yield from self.pieces(part.piece, mirror.normal, mirror.offset_mm)
+            yield from self.split_at_plane(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.find_planes_across(solid)
-        part_count, fewest = max(2, part.needs), None
+        part_count, best_children = max(2, part.needs), None
         for at_mm in places_mm:
-            for children in self.pieces(part.piece, normal, at_mm):
-                if fewest is None or _sum_needs(children) < _sum_needs(fewest):
-                    fewest = children
-            if fewest is not None and _sum_needs(fewest) <= part_count:
+            for children in self.split_at_plane(part.piece, normal, at_mm):
+                if best_children is None or _sum_needs(children) < _sum_needs(best_children):
+                    best_children = children
+            if best_children is not None and _sum_needs(best_children) <= part_count:
                 break
-        if fewest is not None:
-            yield fewest
+        if best_children is not None:
+            yield best_children
 
-    def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
+    def split_at_plane(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """Yield the connected pieces on both sides of a plane near a place, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         pieces = [p for half in _cut_halves(piece, normal, at_mm) for p in split_connected(half)]
         min_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(pieces) > 1 and all(fragment.solid.volume_mm3 >= min_mm3 for fragment in pieces):
-            yield [self.part(fragment) for fragment in pieces]
+            yield [self.price_part(fragment) for fragment in pieces]
 
     def find_planes_across(self, solid: Solid) -> tuple[Floats, list[float]]:
         """Find planes across the longest side, or the one that exceeds the room most: normal and places.
@@ -221,13 +223,16 @@ class _CorrectedForm(_Form):
 
     def cut_further(self, parts: list[_Part]) -> list[_Part]:
         while True:
-            worst = max(parts, key=lambda part: (part.needs > 1, part.price))
-            others = [part for part in parts if part is not worst]
-            free = len(self.problem.printers) - _sum_needs(others)
-            for children in self.list_cuts(worst):
-                is_costlier = worst.needs == 1 and max(child.price for child in children) >= worst.price
+            costliest_part = max(parts, key=lambda part: (part.needs > 1, part.price))
+            other_parts = [part for part in parts if part is not costliest_part]
+            free = len(self.problem.printers) - _sum_needs(other_parts)
+            for children in self.list_cuts(costliest_part):
+                is_costlier = (
+                    costliest_part.needs == 1
+                    and max(child.price for child in children) >= costliest_part.price
+                )
                 if _sum_needs(children) <= free and not is_costlier:
-                    parts = others + children
+                    parts = other_parts + children
                     break
             else:
                 return parts

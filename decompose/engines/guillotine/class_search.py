@@ -56,8 +56,8 @@ def cut_by_guillotine(problem: Problem) -> Partition:
         failure = error
     problem.on_stage("search")
     min_s *= problem.fastest_factor
-    by_class = _ClassSearch(problem, grid, boxes, min_s)
-    cuts += by_class.run(min((_compute_end_s(problem, cut) for cut in cuts), default=math.inf))
+    class_search = _ClassSearch(problem, grid, boxes, min_s)
+    cuts += class_search.run(min((_compute_end_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
         raise _make_too_few_error(problem, grid, boxes) or failure
@@ -66,10 +66,10 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     pieces = tuple(shift_planes(problem, grid, best))
     for cut in cuts:
         if cut is not best and not problem.effort.is_spent():
-            other = tuple(shift_planes(problem, grid, cut))
-            pieces = min(pieces, other, key=problem.makespan_s)
+            other_pieces = tuple(shift_planes(problem, grid, cut))
+            pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
     problem.on_stage("planes")
-    figures = by_class.grid_figures(grid, best, min_s, pieces)
+    figures = class_search.compute_grid_figures(grid, best, min_s, pieces)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -94,7 +94,7 @@ def _list_pieces(cut: Cut) -> list[Piece]:
 
 
 def _compute_end_s(problem: Problem, cut: Cut) -> float:
-    return problem.makespan_s(_list_pieces(cut))
+    return problem.compute_makespan_s(_list_pieces(cut))
 
 
 class _ClassSearch(ExactSearch):
@@ -188,7 +188,9 @@ class _ClassSearch(ExactSearch):
                             float(table.seconds[index]), seconds * other_class.time_factor
                         )
 
-    def grid_figures(self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]) -> GridFigures:
+    def compute_grid_figures(
+        self, grid: Grid, cut: Cut, min_s: float, pieces: Sequence[Piece]
+    ) -> GridFigures:
         """Compute the makespan of boxes by the tables, and a bound that no partition undercuts.
 
         The bound is proven as if all printers had the speed of the fastest and, for each box, the best room.

@@ -51,10 +51,10 @@ class _Narrowing:
         """Solve for a limit; return it, the fleets that reach it, and the time when the last part ends."""
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
-        states, fewest = solver.list_class_shares()
+        states, fewest_printers = solver.list_class_shares()
         fewest_by_state = {
             tuple(state): int(fewest_parts)
-            for state, fewest_parts in zip(states.tolist(), fewest, strict=True)
+            for state, fewest_parts in zip(states.tolist(), fewest_printers, strict=True)
         }
         feasible = np.array(
             [first_count >= fewest_by_state[tuple(others)] for first_count, *others in self._fleets.tolist()]

@@ -52,14 +52,16 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     problem.on_stage("search")
     proof = problem.start_proof(grid, boxes, list(partition)) if is_proven else None
     pieces = tuple(shift_planes(problem, grid, partition))
-    is_promising = problem.thorough and problem.makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
+    is_promising = (
+        problem.thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
+    )
     if is_promising and not problem.effort.is_spent():
         for looser in engine.list_looser_partitions(list(partition)):
-            pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.makespan_s)
+            pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.compute_makespan_s)
             if problem.effort.is_spent():
                 break
     problem.on_stage("planes")
-    figures = problem.grid_figures(grid, boxes, list(partition), pieces, proof)
+    figures = problem.compute_grid_figures(grid, boxes, list(partition), pieces, proof)
     problem.on_stage("bound")
     return Partition(pieces, problem.model, np.eye(3), figures)
 
@@ -156,9 +158,9 @@ class ExactSearch:
         for _ in range(MAX_ROUNDS):
             if self.problem.effort.is_spent():
                 break
-            before = self.solver.sums
+            previous_sums = self.solver.sums
             parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
-            self.problem.effort.record(Work.SUM, self.solver.sums - before)
+            self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
             if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             boxes = self.solver.list_chosen_boxes()
@@ -172,10 +174,10 @@ class ExactSearch:
 
     def _solve(self, printers: int, *limits_s: float) -> float | None:
         """Find the least makespan by the tables (`Partitioner.find_min_makespan`), and record the work."""
-        before = self.solver.sums
+        previous_sums = self.solver.sums
         min_s = self.solver.find_min_makespan(printers, self.min_s, *limits_s, is_near=self.is_near)
         self.is_near = min_s is not None
-        self.problem.effort.record(Work.SUM, self.solver.sums - before)
+        self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
         return min_s
 
     def _improve(self, best: list[Box]) -> list[Box]:

@@ -219,12 +219,12 @@ class Window:
     """
 
     def __init__(self, boxes: BoxTables, boxes_inside: Iterable[Box], others: Iterable[Box]) -> None:
-        inside = np.array(sorted(boxes_inside))
-        self._lo, hi = inside[:, :3].min(axis=0), inside[:, 3:].max(axis=0)
+        inside_boxes = np.array(sorted(boxes_inside))
+        self._lo, hi = inside_boxes[:, :3].min(axis=0), inside_boxes[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
-        is_covered = self._mark_cells(inside)
-        x_offset, front, bottom = self._lo.tolist()
+        is_covered = self._mark_cells(inside_boxes)
+        x_offset, y_offset, z_offset = self._lo.tolist()
         for cell in np.argwhere(is_covered):
             x, y, z = (self._lo + cell).tolist()
             is_covered[tuple(cell)] = (
@@ -241,7 +241,7 @@ class Window:
         trimmed = np.full(total, -1, np.int32)
         pieces = np.ones(total, np.int16)
         on_grid = (boxes.seconds, boxes.pieces)
-        place = ((x_offset, front, bottom), boxes.shape)
+        place = ((x_offset, y_offset, z_offset), boxes.shape)
         _fill_tables(is_covered, sums, place, on_grid, (seconds, trimmed, pieces))
         self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
         self._pinwheel: Pinwheel | None = None

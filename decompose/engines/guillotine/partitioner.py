@@ -162,8 +162,8 @@ class Partitioner:
             )
         stack = [(root, len(self._states) - 1)]
         while stack:
-            outer, state = stack.pop()
-            box = self._trim(outer)
+            box_of_cut, state = stack.pop()
+            box = self._trim(box_of_cut)
             if box is None:
                 continue
             if self._find_value(box, state) == self._compute_uncut_value(box, state):

@@ -141,7 +141,7 @@ class _Groups:
         return sum(self._size[root] for root in {self.find(member) for member in members})
 
 
-def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
+def move_groups(boxes_mm: Floats, groups: Ints, shifts_mm: Floats) -> Floats:
     """Move each group of faces of boxes along its axis.
 
     Parameters
@@ -150,10 +150,10 @@ def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
         (n, 2, 3) corners.
     groups
         (n, 2, 3) of `group_faces`.
-    by_mm
+    shifts_mm
         (groups,) shifts.
     """
-    by = np.append(by_mm, 0.0)  # the last entry is for the fixed faces: group -1
+    by = np.append(shifts_mm, 0.0)  # the last entry is for the fixed faces: group -1
     return np.asarray(boxes_mm + by[groups])
 
 

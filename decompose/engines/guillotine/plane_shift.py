@@ -124,10 +124,10 @@ def shift_box_planes(
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
-        before = search.pose_start()
-        parts = search.run(before)
+        start_parts = search.pose_start()
+        parts = search.run(start_parts)
         has_gain = math.isfinite(find_longest_s(parts)) and (
-            find_longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_s(before)
+            find_longest_s(parts) <= (1.0 - MIN_TOTAL_GAIN) * find_longest_s(start_parts)
         )
         if not (has_gain and problem.thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
@@ -235,24 +235,26 @@ class _PlaneShift:
         bool
             Whether any of these faces was free, so that the next step differs.
         """
-        before = self.free.copy()
+        previous_free = self.free.copy()
         for i, (old, part) in enumerate(zip(parts, new, strict=True)):
             if part.seconds < limit_s:
                 continue
-            by_mm = part.box_mm - old.box_mm
-            faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
-            breaking_faces = [] if part.is_like(old) else self._find_breaking_faces(i, old, faces, by_mm)
+            move_mm = part.box_mm - old.box_mm
+            faces = [face for face in np.ndindex(2, 3) if move_mm[face] != 0.0]
+            breaking_faces = [] if part.is_like(old) else self._find_breaking_faces(i, old, faces, move_mm)
             for face in breaking_faces or faces:
-                self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
-        return bool((self.free != before).any())
+                self.free[self.groups[(i, *face)], int(move_mm[face] > 0.0)] = False
+        return bool((self.free != previous_free).any())
 
-    def _find_breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
+    def _find_breaking_faces(
+        self, i: int, part: BoxPart, faces: Sequence[Face], move_mm: Floats
+    ) -> list[Face]:
         """Find the faces that, moved alone, break a part into pieces or make it too thin."""
         self.problem.effort.record(Work.FACE_CUT, len(faces) * self.nearby_solids[i].faces)
         breaking_faces = []
         for face in faces:
             box = part.box_mm.copy()
-            box[face] += by_mm[face]
+            box[face] += move_mm[face]
             if not self._cut(i, box).is_like(part):
                 breaking_faces.append(face)
         return breaking_faces
@@ -277,13 +279,13 @@ class _PlaneShift:
         boxes_mm, expected_s = start_boxes_mm, math.inf
         for _ in range(MAX_SOLUTIONS):
             limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
-            by_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
+            shifts_mm, min_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
             if not math.isfinite(min_s):  # no solution with all of these stopped: the previous one is taken
                 break
             expected_s = min_s
-            boxes_mm = self._keep_clear(start_boxes_mm, move_groups(start_boxes_mm, self.groups, by_mm))
+            boxes_mm = self._keep_clear(start_boxes_mm, move_groups(start_boxes_mm, self.groups, shifts_mm))
             moved_mm = self._measure_places(boxes_mm) - places
-            moved_planes = np.abs(moved_mm - by_mm) > MIN_MOVE_MM
+            moved_planes = np.abs(moved_mm - shifts_mm) > MIN_MOVE_MM
             if not moved_planes.any():
                 break
             low_mm[moved_planes] = high_mm[moved_planes] = moved_mm[moved_planes]
@@ -319,9 +321,11 @@ class _PlaneShift:
             ]
         return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
-    def _pose(self, parts: list[BoxPart], before: Sequence[BoxPart] = ()) -> list[BoxPart]:
-        """Find the best poses of parts; parts that have not moved since `before` keep their poses."""
-        unmoved_parts = {i: part for i, part in enumerate(before) if (part.box_mm == parts[i].box_mm).all()}
+    def _pose(self, parts: list[BoxPart], previous_parts: Sequence[BoxPart] = ()) -> list[BoxPart]:
+        """Find the best poses of parts; parts that have not moved since `previous_parts` keep their poses."""
+        unmoved_parts = {
+            i: part for i, part in enumerate(previous_parts) if (part.box_mm == parts[i].box_mm).all()
+        }
         moved_numbers = [i for i in range(len(parts)) if i not in unmoved_parts]
         poses = iter(self.problem.find_poses([piece for i in moved_numbers for piece in parts[i].pieces]))
         for i in moved_numbers:

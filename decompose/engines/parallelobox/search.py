@@ -32,8 +32,8 @@ from decompose.options import Options, ParalleloboxOptions, Score
 from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
-MAX_CUT = 12  # number of partitions whose pieces are counted, the best first
-MAX_HALF_ATTEMPTS = 100  # number of attempts on a half that are combined with those on the other
+MAX_CUT = 12  # maximum number of partitions whose pieces are counted, the best first
+MAX_HALF_ATTEMPTS = 100  # maximum number of attempts on a half that are combined with those on the other half
 
 
 def apply_paper_settings(options: Options) -> Options:
@@ -57,7 +57,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     candidates: list[_Candidate] = []
     for space in spaces:
         if not candidates or not problem.effort.is_spent():
-            candidates += _search_in(space, problem)
+            candidates += _search_on_space(space, problem)
     problem.on_stage("search")
     if not candidates:
         raise NoFit(
@@ -70,10 +70,10 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
             f"every attempt of parallelobox that was examined has a part that is bad to glue; in the best it "
             f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
         )
-    figures = problem.grid_figures(best.space.grid, best.space.boxes, list(best.cut), best.pieces)
+    figures = problem.compute_grid_figures(best.space.grid, best.space.boxes, list(best.cut), best.pieces)
     problem.on_stage("bound")
-    aligned = best.space.aligned
-    return Partition(best.pieces, aligned.model, aligned.rotation, figures)
+    aligned_model = best.space.aligned_model
+    return Partition(best.pieces, aligned_model.model, aligned_model.rotation, figures)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ class _SearchSpace:
     `cut` holds the pieces of each box that was cut already.
     """
 
-    aligned: AlignedModel
+    aligned_model: AlignedModel
     grid: Grid
     boxes: BoxTables
     terrains: tuple[Terrain, ...]
@@ -91,7 +91,7 @@ class _SearchSpace:
 
     def pieces(self, box: Box) -> list[Piece]:
         if box not in self.cut:
-            self.cut[box] = cut_cells(self.aligned.model.solid, self.grid, box)
+            self.cut[box] = cut_cells(self.aligned_model.model.solid, self.grid, box)
         return self.cut[box]
 
 
@@ -116,62 +116,65 @@ class _Candidate:
 def _build_search_spaces(problem: Problem) -> list[_SearchSpace]:
     """Build the paper's grid and, unless faithful, the problem's own; only that for a given granularity."""
     options = problem.options
-    steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
+    overhang_cos = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
     spaces = []
     if options.faithful or options.granularity == "auto":
-        like_paper = replace(problem, options=apply_paper_settings(options))
-        aligned = align_model(problem.model, options.seed, steep)
-        grid = like_paper.build_grid(aligned.model, aligned.mirror)
+        paper_problem = replace(problem, options=apply_paper_settings(options))
+        aligned_model = align_model(problem.model, options.seed, overhang_cos)
+        grid = paper_problem.build_grid(aligned_model.model, aligned_model.mirror)
         boxes = problem.price_boxes(grid)
-        paper = make_paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
-        terrains = (paper,) if options.faithful else (paper, make_time_terrain(grid, boxes))
-        spaces.append(_SearchSpace(aligned, grid, boxes, terrains))
+        paper_terrain = make_paper_terrain(
+            paper_problem.build_grid(aligned_model.model, aligned_model.mirror, overhang_cos), boxes
+        )
+        terrains = (paper_terrain,) if options.faithful else (paper_terrain, make_time_terrain(grid, boxes))
+        spaces.append(_SearchSpace(aligned_model, grid, boxes, terrains))
     if not options.faithful:
-        aligned = align_model(problem.model, options.seed, problem.cost.overhang_cos)
-        grid = problem.build_grid(aligned.model, aligned.mirror)
-        if not any(_is_same_space(aligned, grid, space) for space in spaces):
+        aligned_model = align_model(problem.model, options.seed, problem.cost.overhang_cos)
+        grid = problem.build_grid(aligned_model.model, aligned_model.mirror)
+        if not any(_is_same_space(aligned_model, grid, space) for space in spaces):
             boxes = problem.price_boxes(grid)
             terrains = (make_paper_terrain(grid, boxes), make_time_terrain(grid, boxes))
-            spaces.append(_SearchSpace(aligned, grid, boxes, terrains))
+            spaces.append(_SearchSpace(aligned_model, grid, boxes, terrains))
     problem.on_stage("boxes")
     return spaces
 
 
-def _is_same_space(aligned: AlignedModel, grid: Grid, space: _SearchSpace) -> bool:
-    return (aligned.rotation == space.aligned.rotation).all() and grid.shape == space.grid.shape
+def _is_same_space(aligned_model: AlignedModel, grid: Grid, space: _SearchSpace) -> bool:
+    return (aligned_model.rotation == space.aligned_model.rotation).all() and grid.shape == space.grid.shape
 
 
-def _search_in(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+def _search_on_space(space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the best partitions on one space: the paper's choice and, unless faithful, the fastest."""
-    points = np.unique(space.aligned.model.solid.arrays()[0], axis=0)
+    points = np.unique(space.aligned_model.model.solid.arrays()[0], axis=0)
     candidates: list[_Candidate] = []
     for halves in _list_halves(space, points, len(problem.printers)):
-        grown = [_grow_half(half, space, problem) for half in halves]
+        attempts_by_half = [_grow_half(half, space, problem) for half in halves]
         reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
-        papers = [by_space.get((0, reading), []) for by_space in grown]
-        candidates += _find_first_fit(_rank_partitions(papers, lambda a: a.longest), space, problem)
+        paper_attempts = [by_space.get((0, reading), []) for by_space in attempts_by_half]
+        candidates += _find_first_fit(_rank_partitions(paper_attempts, lambda a: a.longest), space, problem)
         if problem.options.faithful:
             if candidates:
                 break
             continue
-        attempts = [[attempt for group in by_space.values() for attempt in group] for by_space in grown]
+        attempts = [
+            [attempt for group in by_space.values() for attempt in group] for by_space in attempts_by_half
+        ]
         candidates += _find_soonest(
             _rank_partitions(attempts, lambda a: space.boxes.longest_s(a.blocks)), space, problem
         )
     return candidates
 
 
-Half = tuple[tuple[Terrain, ...], Floats, int]  # where blocks grow, the points for seeds, the printers
-GrownHalf = dict[
-    tuple[int, Score], list[BlockPartition]
-]  # by the number of the terrain and the reading of the score
-Ranked = list[tuple[float, list[Box]]]  # expected times of partitions, the least first, and their boxes
+Half = tuple[tuple[Terrain, ...], Floats, int]  # terrain, points for seeds, and printers of a half
+# Attempts by the number of the terrain and the reading of the score.
+GrownHalf = dict[tuple[int, Score], list[BlockPartition]]
+Ranked = list[tuple[float, list[Box]]]  # expected times of partitions in ascending order, and their boxes
 
 
 def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator[list[Half]]:
     """Yield the halves of a symmetric model, the larger with the odd printer; then the model uncut."""
-    if space.aligned.mirror is not None and printers > 1:
-        axis, at_mm = space.aligned.mirror
+    if space.aligned_model.mirror is not None and printers > 1:
+        axis, at_mm = space.aligned_model.mirror
         for plane in np.flatnonzero(space.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
             sides = [
                 tuple(t.half(axis, int(plane), upper) for t in space.terrains) for upper in (False, True)
@@ -184,8 +187,8 @@ def _list_halves(space: _SearchSpace, points: Floats, printers: int) -> Iterator
             ]
             is_on_side = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
             yield [
-                (side, points[selected], n)
-                for side, selected, n in zip(sides, is_on_side, shares, strict=True)
+                (side, points[cells_on_side], n)
+                for side, cells_on_side, n in zip(sides, is_on_side, shares, strict=True)
             ]
     yield [(space.terrains, points, printers)]
 
@@ -194,13 +197,13 @@ def _grow_half(half: Half, space: _SearchSpace, problem: Problem) -> GrownHalf:
     """Make the attempts on one half, from the same seeds; none if the budget is too small for them."""
     terrains, points, printers = half
     options = problem.options
-    clustered = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
-    if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered):
+    clustered_count = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
+    if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered_count):
         return {}
     run = map if problem.executor is None else problem.executor.map
     source = SeedSource(points, space.grid, terrains[0].barred)
     seed_sets = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
-    problem.effort.record(Work.POINT_CLUSTERED, clustered)
+    problem.effort.record(Work.POINT_CLUSTERED, clustered_count)
     grown = len(seed_sets) * len(terrains) * len(options.parallelobox.score.readings)
     problem.effort.record(Work.CELL_GROWN, grown * space.grid.needed.size)
     return {
@@ -215,25 +218,28 @@ def _rank_partitions(
 ) -> Ranked:
     """Combine the attempts on the halves to partitions, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_HALF_ATTEMPTS] for half in groups]
-    combined = [
+    combined_partitions = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)
     ]
-    combined.sort(key=lambda ranked: ranked[:2])
-    return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in combined]
+    combined_partitions.sort(key=lambda ranked: ranked[:2])
+    return [
+        (longest, [box for *_, blocks in picks for box in blocks])
+        for longest, _, picks in combined_partitions
+    ]
 
 
-def _find_first_fit(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+def _find_first_fit(ranked_partitions: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the first partition that has no more pieces than there are printers, if any."""
-    candidates = (_cut_candidate(boxes, space, problem) for _, boxes in ranked[:MAX_CUT])
+    candidates = (_cut_candidate(boxes, space, problem) for _, boxes in ranked_partitions[:MAX_CUT])
     return list(islice((candidate for candidate in candidates if candidate is not None), 1))
 
 
-def _find_soonest(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
+def _find_soonest(ranked_partitions: Ranked, space: _SearchSpace, problem: Problem) -> list[_Candidate]:
     """Find the partition that ends soonest; the search stops when no other promises more."""
     best: list[_Candidate] = []
-    for promised_s, boxes in ranked[:MAX_CUT]:
-        is_settled = best and not best[0].fault and promised_s >= best[0].ends_s
+    for expected_s, boxes in ranked_partitions[:MAX_CUT]:
+        is_settled = best and not best[0].fault and expected_s >= best[0].ends_s
         if is_settled or (best and problem.effort.is_spent()):
             break
         candidate = _cut_candidate(boxes, space, problem)
@@ -245,7 +251,7 @@ def _find_soonest(ranked: Ranked, space: _SearchSpace, problem: Problem) -> list
 def _cut_candidate(boxes: list[Box], space: _SearchSpace, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None if it has more pieces than there are printers."""
     new = sum(box not in space.cut for box in boxes)
-    problem.effort.record(Work.FACE_CUT, new * space.aligned.model.solid.faces)
+    problem.effort.record(Work.FACE_CUT, new * space.aligned_model.model.solid.faces)
     cut = {box: space.pieces(box) for box in boxes}
     pieces = [piece for box_pieces in cut.values() for piece in box_pieces]
     if len(pieces) > len(problem.printers):

@@ -11,7 +11,7 @@ from decompose.arrays import Bools, Floats
 from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, compute_index
 from decompose.jit import jit
 
-SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
+SPEED_MM_S = 20.0  # speed of shell and infill in the paper's settings
 OVERHANG_TOLERANCE_DEG = 1.0  # in the paper's settings
 
 

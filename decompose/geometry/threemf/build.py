@@ -158,14 +158,14 @@ class _Build:
             )
         return (target, reference.object_id), record
 
-    def place(self, path: str, references: list[Reference], outer: Floats) -> Iterator[Floats]:
+    def place(self, path: str, references: list[Reference], parent_transform: Floats) -> Iterator[Floats]:
         """Yield the triangles (m, 3, 3) of each mesh that references place, in the unit of the file.
 
         Parameters
         ----------
         path
             Part of the references.
-        outer
+        parent_transform
             (4, 3), the transform of the object that they belong to.
         """
         for reference in references:
@@ -173,7 +173,9 @@ class _Build:
             if not (self._sizes[key] or _Size()).triangles:
                 continue
             inner = reference.transform
-            transform = np.vstack((inner[:3] @ outer[:3], inner[3] @ outer[:3] + outer[3]))
+            transform = np.vstack(
+                (inner[:3] @ parent_transform[:3], inner[3] @ parent_transform[:3] + parent_transform[3])
+            )
             if record.face_count:
                 yield self._transform_mesh(record, transform)
             yield from self.place(key[0], record.components, transform)

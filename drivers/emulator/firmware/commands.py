@@ -102,7 +102,7 @@ def home(machine: Machine, line: bytes, now_s: float) -> Work:
             position[i] = machine.position[i] = home[i]
             machine.shift[i] = 0.0
             machine.homed_axes[i] = True
-    machine.homed = all(machine.homed_axes)
+    machine.is_homed = all(machine.homed_axes)
     machine.planner.place((position[0], position[1], position[2], e), begin_s + duration_s)
     machine.board.changes += 1
 
@@ -182,12 +182,12 @@ def hang(machine: Machine, line: bytes, now_s: float) -> Work:
 def switch_motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"S" not in line:
         yield from wait_for_moves(machine)
-        machine.streaming = False
+        machine.is_streaming = False
 
 
 def finish(machine: Machine, line: bytes, now_s: float) -> Work:
     yield from wait_for_moves(machine)
-    machine.streaming = False
+    machine.is_streaming = False
 
 
 def stop_moves(machine: Machine, line: bytes, now_s: float) -> None:

@@ -26,9 +26,9 @@ from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
 
 BOOTLOADER_S = 1.0  # [assumed] bytes sent meanwhile are lost
-BANNER_S = 0.036  # from start to the end of the banner
-FIRST_COMMAND_S = 0.26  # from the end of the banner
-SD_FAIL_S = 2.3  # from start
+BANNER_S = 0.036  # time from ``start`` to the end of the banner
+FIRST_COMMAND_S = 0.26  # time from the end of the banner
+SD_FAIL_S = 2.3  # time from ``start``
 WATCHDOG_S = 4.07
 
 
@@ -96,7 +96,7 @@ class EmulatedFirmware(Listener):
         if self.noise is not None and data:
             data = self.noise.carry_to_board(data)
         machine = self.machine
-        if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting:
+        if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting_moves:
             # Their arrival time within the last wait is unknown: assume the earliest.
             machine.last_command_s = max(machine.last_command_s, now_s - machine.dead_man_s + 1e-3)
         self._advance(now_s)
@@ -122,7 +122,7 @@ class EmulatedFirmware(Listener):
         if self.phase is Phase.RUNNING:
             if self._asleep_until_s > self._time_s:
                 return min(due_s, self._asleep_until_s)
-            if self.machine.waiting:
+            if self.machine.waiting_moves:
                 planner = self.machine.planner
                 room_s = planner.free_s()
                 if slack_s > 0.0:
@@ -150,7 +150,7 @@ class EmulatedFirmware(Listener):
     # --- time ---
 
     def _is_busy(self) -> bool:
-        return self._running is not None or bool(self.machine.waiting)
+        return self._running is not None or bool(self.machine.waiting_moves)
 
     def _find_alarm_s(self) -> float:
         """Return the time of the next event without input."""
@@ -189,10 +189,10 @@ class EmulatedFirmware(Listener):
             self._time_s = max(self._time_s, self._asleep_until_s)
             if self._receiver.ring and self.dialect.reads_while_busy and self._is_busy():
                 self._get_command()
-            if self._ok_pending and not machine.waiting:
+            if self._ok_pending and not machine.waiting_moves:
                 self._ok_pending = False
                 self._acknowledge()
-            if machine.waiting:
+            if machine.waiting_moves:
                 free_s = planner.free_s()
                 if free_s > now_s:
                     break
@@ -219,7 +219,7 @@ class EmulatedFirmware(Listener):
             self._process(self._buffer.popleft())
             machine = self.machine  # a fault may have reset the board
             planner = machine.planner
-        if not machine.waiting:
+        if not machine.waiting_moves:
             planner.advance(now_s)
 
     def _store(self, data: bytes, now_s: float) -> None:
@@ -240,7 +240,7 @@ class EmulatedFirmware(Listener):
         self._number = self._number if number is None else int(number)
         self._busy_message_s = now_s + machine.keep_alive_s
         code = read_value(line, b"G")
-        if code is not None and 0 <= int(code) <= 3 and not machine.stopped:
+        if code is not None and 0 <= int(code) <= 3 and not machine.is_stopped:
             if int(code) < 2:
                 machine.move(line, now_s)
             else:
@@ -257,7 +257,7 @@ class EmulatedFirmware(Listener):
             self._say(self.dialect.report(machine, now_s))
             return
         if m_code == 999:
-            machine.stopped = False
+            machine.is_stopped = False
             self._last_number = self._stopped_number
             self._request_resend()
         self._running = execute(self.dialect.commands, machine, line, now_s)
@@ -284,8 +284,8 @@ class EmulatedFirmware(Listener):
 
     def _start(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
-        limits, levelled = self.machine.limits, self._faults.levelled
-        self._say(wording.START + self.dialect.banner(self.board.profile, limits, levelled))
+        limits, levelled_mm100 = self.machine.limits, self._faults.levelled
+        self._say(wording.START + self.dialect.banner(self.board.profile, limits, levelled_mm100))
 
     def _run_commands(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
@@ -303,8 +303,8 @@ class EmulatedFirmware(Listener):
         self.board.heaters_off(now_s)
         if message:
             self._report_error(message)
-        if not machine.stopped:
-            machine.stopped = True
+        if not machine.is_stopped:
+            machine.is_stopped = True
             self._stopped_number = self._last_number
             self._report_error(b"Error:" + wording.STOPPED)
 

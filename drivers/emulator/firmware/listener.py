@@ -96,7 +96,7 @@ class Listener(ABC):
         machine = self.machine
         if (
             int(n) != self._last_number + 1
-            or machine.stopped
+            or machine.is_stopped
             or checksum(receiver.ring[: move.start(7) - 1]) != int(check)
         ):
             return False
@@ -125,7 +125,7 @@ class Listener(ABC):
         """Finish a move, and acknowledge it as soon as it is in the planner."""
         self._number = number
         self._busy_message_s = self._time_s + self.machine.keep_alive_s
-        if self.machine.waiting:
+        if self.machine.waiting_moves:
             self._ok_pending = True
         else:
             self._acknowledge()
@@ -176,7 +176,7 @@ class Listener(ABC):
             if self.phase is not Phase.RUNNING:
                 return
         if _is_move(line):
-            if self.machine.stopped:
+            if self.machine.is_stopped:
                 self._say(wording.STOPPED)
             elif self.dialect.acknowledges_read_moves:
                 self._acknowledge()

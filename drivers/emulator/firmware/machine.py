@@ -1,4 +1,4 @@
-"""State of the firmware behind its serial link, new after every reset: modes, position, waiting moves.
+"""State of the firmware between two resets: modes, position, waiting moves.
 
 While a move waits for room in the planner, the firmware reads no further line.
 """
@@ -72,10 +72,10 @@ class Machine:
         self.planner = Planner(
             self.limits, (x, y, z, board.filament_mm), board.feed_filament, board.faults.slowdown
         )
-        self.waiting: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner
+        self.waiting_moves: deque[tuple[Point, float]] = deque()  # moves waiting for room in the planner
         self.position = [0.0, 0.0, 0.0, 0.0]  # target of the last move, in the host's coordinates
-        self.homed = False
-        self.stopped = False
+        self.is_homed = False
+        self.is_stopped = False
         self.starved_s = 0.0
         self.trip_s = math.inf  # time at which a heater makes the firmware stop, and the message
         self.trip_message = b""
@@ -95,7 +95,7 @@ class Machine:
         self.flow_factor = 1.0
         self.extrude_min_c = board.profile.min_extrusion_c
         self.retracted_mm = 0.0
-        self.streaming = False  # a print is running: an empty queue is the host's fault
+        self.is_streaming = False  # a print is running: an empty queue is the host's fault
         self.top_mm = board.profile.travel_mm  # soft limits
 
     # --- moves ---
@@ -146,22 +146,22 @@ class Machine:
             if extruded_mm != de:
                 shift[3] += extruded_mm - de  # counted for the host, but not extruded
         target = (x + shift[0], y + shift[1], z + shift[2], self.position[3] + shift[3])
-        if self.waiting or len(planner) >= CAPACITY:
-            self.waiting.append((target, rate_mm_s))
+        if self.waiting_moves or len(planner) >= CAPACITY:
+            self.waiting_moves.append((target, rate_mm_s))
             return
         if not len(planner):
             self._note_starvation(now_s)
         if de > 0.0:
-            self.streaming = True
+            self.is_streaming = True
         planner.add(target, rate_mm_s, now_s)
 
     def release(self, now_s: float) -> None:
         """Move the first waiting move to the planner, which has room."""
-        target, rate_mm_s = self.waiting.popleft()
+        target, rate_mm_s = self.waiting_moves.popleft()
         self.planner.add(target, rate_mm_s, now_s)
 
     def _note_starvation(self, now_s: float) -> None:
-        if self.streaming:
+        if self.is_streaming:
             since_s = max(self.planner.idle_since_s, self.last_command_s)
             self.starved_s += max(0.0, now_s - since_s - WIRE_S)
 
@@ -178,9 +178,9 @@ class Machine:
 
     def quick_stop(self, now_s: float) -> None:
         """Stop at once, drop all queued moves, and update the position (``M401``)."""
-        self.waiting.clear()
+        self.waiting_moves.clear()
         position = self.planner.stop(now_s)
-        self.streaming = False
+        self.is_streaming = False
         self.position = [true - shift for true, shift in zip(position, self.shift, strict=True)]
 
     def start_sd_print(self, file_bytes: int, now_s: float) -> None:
@@ -209,7 +209,7 @@ class Machine:
         """Set the nozzle's target, and predict whether it will trigger a temperature fault."""
         self.board.set_nozzle(target_c, now_s)
         if target_c <= 0.0:
-            self.streaming = False
+            self.is_streaming = False
         self.predict_trip(now_s)
 
     def predict_trip(self, now_s: float) -> None:

@@ -184,8 +184,8 @@ class Planner:
         if s > up_s + top_s:
             down_s = s - up_s - top_s
             distance_mm += top * down_s - 0.5 * block.a * down_s**2
-        part = min(1.0, max(0.0, distance_mm / block.mm))
-        x, y, z, e = (a + (b - a) * part for a, b in zip(self._head, block.target, strict=True))
+        share = min(1.0, max(0.0, distance_mm / block.mm))
+        x, y, z, e = (a + (b - a) * share for a, b in zip(self._head, block.target, strict=True))
         return (x, y, z, e)
 
     def stop(self, now_s: float) -> Point:

@@ -15,22 +15,22 @@ class Noise:
 
     Attributes
     ----------
-    damaged
+    damaged_bytes
         Number of bytes flipped, lost or doubled, in both directions.
-    altered
+    altered_lines
         Number of lines that the firmware accepted although their words were changed: checksum collisions.
     """
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
-        self.damaged = 0
-        self.altered = 0
+        self.damaged_bytes = 0
+        self.altered_lines = 0
         self._rng = rng
         self._share = faults.noise, faults.lost, faults.doubled
         self._rate = sum(self._share)
         self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
         self._gap = self._draw_gap()  # bytes until the next damaged one
-        self._sent: dict[bytes, bytes] = {}  # the last lines as sent, by number
-        self._unfinished = b""
+        self._sent_lines: dict[bytes, bytes] = {}  # the last lines as sent, by number
+        self._incomplete_line = b""
 
     def _draw_gap(self) -> int:
         return int(math.log(1.0 - self._rng.random()) / self._scale)
@@ -40,25 +40,25 @@ class Noise:
         if len(data) <= self._gap:
             self._gap -= len(data)
             return data
-        received = bytearray()
+        received_bytes = bytearray()
         start = 0
         while start + self._gap < len(data):
-            received += data[start : start + self._gap]
+            received_bytes += data[start : start + self._gap]
             start += self._gap
-            received += self._damage(data[start])
+            received_bytes += self._damage(data[start])
             start += 1
             self._gap = self._draw_gap()
-        received += data[start:]
+        received_bytes += data[start:]
         self._gap -= len(data) - start
-        return bytes(received)
+        return bytes(received_bytes)
 
     def carry_to_board(self, data: bytes) -> bytes:
         """Return bytes from the host as the board receives them."""
-        *lines, self._unfinished = (self._unfinished + data).split(b"\n")
+        *lines, self._incomplete_line = (self._incomplete_line + data).split(b"\n")
         for line in lines:
-            self._sent[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
-        while len(self._sent) > _MAX_LINES:
-            del self._sent[next(iter(self._sent))]
+            self._sent_lines[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
+        while len(self._sent_lines) > _MAX_LINES:
+            del self._sent_lines[next(iter(self._sent_lines))]
         return self.carry(data)
 
     def check_accepted(self, number: int, line: bytes) -> None:
@@ -66,19 +66,19 @@ class Noise:
 
         Two doubled spaces leave the checksum as it was, and the firmware skips them.
         """
-        sent_line = self._sent.get(b"%d" % number)
-        if sent_line is None and self._unfinished.startswith(b"N%d " % number):
-            sent_line = self._unfinished.partition(b"*")[0]
+        sent_line = self._sent_lines.get(b"%d" % number)
+        if sent_line is None and self._incomplete_line.startswith(b"N%d " % number):
+            sent_line = self._incomplete_line.partition(b"*")[0]
         if sent_line is not None and sent_line.split() != line.partition(b"*")[0].split():
-            self.altered += 1
+            self.altered_lines += 1
 
     def forget(self) -> None:
         """Forget the sent lines: the board was reset and counts from 0."""
-        self._sent.clear()
-        self._unfinished = b""
+        self._sent_lines.clear()
+        self._incomplete_line = b""
 
     def _damage(self, byte: int) -> bytes:
-        self.damaged += 1
+        self.damaged_bytes += 1
         flip_share, loss_share, _ = self._share
         sample = self._rng.random() * self._rate
         if sample < flip_share:

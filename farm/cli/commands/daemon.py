@@ -96,8 +96,8 @@ def _start_daemon(places: Places, client: Client) -> None:
         child = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/"
         )
-    give_up = time.monotonic() + _START_TIMEOUT_S
-    while time.monotonic() < give_up:
+    deadline_s = time.monotonic() + _START_TIMEOUT_S
+    while time.monotonic() < deadline_s:
         try:
             client.status()
             return
@@ -108,8 +108,8 @@ def _start_daemon(places: Places, client: Client) -> None:
     with places.state.log.open("rb") as log:
         log.seek(start)
         lines = log.read().decode(errors="replace").strip().splitlines()
-    last = lines[-1].removeprefix("farm: ") if lines else "it wrote no log"
-    raise FarmError(f"the daemon did not start: {last}; its log is {places.state.log}")
+    last_line = lines[-1].removeprefix("farm: ") if lines else "it wrote no log"
+    raise FarmError(f"the daemon did not start: {last_line}; its log is {places.state.log}")
 
 
 @with_places
@@ -135,8 +135,8 @@ def down(
     client = Client(places.socket)
     pid = client.status().daemon.pid
     client.shut_down(now, wait)
-    give_up = time.monotonic() + _STOP_TIMEOUT_S
-    while wait or time.monotonic() < give_up:
+    deadline_s = time.monotonic() + _STOP_TIMEOUT_S
+    while wait or time.monotonic() < deadline_s:
         if not _is_running(pid):
             print("farm is down")
             return

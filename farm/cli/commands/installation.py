@@ -20,7 +20,7 @@ from farm.fleet_file import load_fleet
 from farm.paths import Places
 
 _MODEL = "ultimaker2_plus"
-_SCHEMA = 1  # of --json
+_SCHEMA = 1  # version of --json
 
 
 @with_places

@@ -158,11 +158,13 @@ def cancel(
     print(f"job {target} is cancelled{_describe_ending(printers)}")
 
 
-def _describe_ending(printing: list[str]) -> str:
-    if not printing:
+def _describe_ending(printing_printers: list[str]) -> str:
+    if not printing_printers:
         return ""
-    prints = "prints end" if len(printing) > 1 else "print ends"
-    return f"; {' '.join(printing)}: the {prints} safely; remove the parts, then `farm cleared PRINTER`"
+    prints = "prints end" if len(printing_printers) > 1 else "print ends"
+    return (
+        f"; {' '.join(printing_printers)}: the {prints} safely; remove the parts, then `farm cleared PRINTER`"
+    )
 
 
 @with_farm

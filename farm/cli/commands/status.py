@@ -187,9 +187,11 @@ def hosts(
     """Show the hosts whose printers share one connection; update their agents (--update)."""
     client = connect(places)
     if update:
-        updated = client.update_hosts()
+        updated_hosts = client.update_hosts()
         if not json:
-            print(f"agents are replaced when idle on {' '.join(updated.hosts)}, beginning with the first")
+            print(
+                f"agents are replaced when idle on {' '.join(updated_hosts.hosts)}, beginning with the first"
+            )
     answer = client.hosts()
     if json:
         print_json(answer)

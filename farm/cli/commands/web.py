@@ -24,7 +24,7 @@ def web(
 ) -> None:
     """Print a link that opens the farm's pages in a browser as you, once, within five minutes.
 
-    Who is an operator may do everything there, others what `farm key add --role print` allows.
+    Operators may do everything there, others what `farm key add --role print` allows.
     """
     client = Client(places.socket)
     if end_all:

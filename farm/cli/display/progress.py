@@ -33,14 +33,14 @@ def retry_over_restart(request: Callable[[], T]) -> T:
     DaemonUnreachable
         If it has not answered for `_RESTART_S`.
     """
-    give_up: float | None = None
+    deadline_s: float | None = None
     while True:
         try:
             return request()
         except DaemonUnreachable:
             now = time.monotonic()
-            give_up = give_up or now + _RESTART_S
-            if now > give_up:
+            deadline_s = deadline_s or now + _RESTART_S
+            if now > deadline_s:
                 raise
             time.sleep(_POLL_S)
 

@@ -24,7 +24,7 @@ from farm.wording import (
 )
 
 _INDENT = 9  # columns of DO NOW, NIGHT and JOB
-_TASK_GAP = "     "  # between two tasks on one line
+_TASK_GAP = "     "  # gap between two tasks on one line
 _TASK_LABELS = {
     "look": "inspect",
     "replace": "replace agent",
@@ -33,7 +33,7 @@ _TASK_LABELS = {
     "approve": "approve",
 }
 _NAME_WIDTH = 32  # columns of a model's name
-_OTHER_LINES = 12  # of a short page beside its printers
+_OTHER_LINES = 12  # number of lines of a short page besides those of its printers
 _PIPE_WIDTH = 200  # texts share a line up to here where the width does not matter
 
 
@@ -223,9 +223,9 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
         parts.append(f"paused, `farm resume {job.id}`")
     parts.append(f"expected {format_duration(job.estimated_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
-        ended, now_s = JobState(job.state).ended, format_duration(job.current_s)
-        if ended or now_s != format_duration(job.estimated_s):
-            parts[-1] += f", {'actual' if ended else 'now'} {now_s}"
+        has_ended, now_s = JobState(job.state).ended, format_duration(job.current_s)
+        if has_ended or now_s != format_duration(job.estimated_s):
+            parts[-1] += f", {'actual' if has_ended else 'now'} {now_s}"
     if job.state == JobState.PRINTING and job.eta:
         parts[-1] += f" (ends {format_time(job.eta, now)})"
     if job.speedup and job.utilisation and len(job.plates) > 1:

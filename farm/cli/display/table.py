@@ -13,7 +13,7 @@ from rich.text import Text
 from farm.cli.display.console import HEADING
 
 _GAP = 2  # spaces between two columns
-_INDENT = 2  # of the further lines of a row that needs several
+_INDENT = 2  # indent of the further lines of a row
 _COMMAND = re.compile(r"`[^`]*`")
 _GLUE = "\ue000"  # stands for a space that is no place to break a line
 _CONSOLE = Console(width=80)  # `Text.wrap` asks for one; nothing is printed on it

@@ -11,8 +11,8 @@ from farm.cli.display.table import Column, lay_out_table
 from farm.text import format_count, format_duration
 from farm.wording import format_time, parse_time
 
-_WIDTH = 79  # of the chart
-_MIN_WIDTH = 20  # of its bars
+_WIDTH = 79  # width of the chart
+_MIN_WIDTH = 20  # minimum width of its bars
 _COLUMNS = (
     Column("PARTS"),
     Column("PRINTER"),

@@ -39,7 +39,7 @@ from farm.compute.pool import Pool
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-_ATTEMPTS = 3  # on the cluster; then the task runs here
+_ATTEMPTS = 3  # number of attempts on the cluster; then the task runs here
 
 
 class Link(Protocol):
@@ -48,7 +48,7 @@ class Link(Protocol):
     async def watch(self) -> None:
         """Keep the connection, and report the workers, until cancelled."""
 
-    async def submit(self, task: RemoteTask, sent: dict[str, bytes]) -> RemoteAnswer:
+    async def submit(self, task: RemoteTask, contents: dict[str, bytes]) -> RemoteAnswer:
         """Run a task on one of the workers. Raises AttemptLost."""
 
 
@@ -91,10 +91,10 @@ class ClusterPool:
         self._lost_since_s: float | None = read_clock_s()
         self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
         self._here = 0
-        self._sent: set[str] = set()  # hashes of files that the cluster was sent before
-        self._given_up = asyncio.Event()  # work is not left to the cluster
+        self._sent_hashes: set[str] = set()  # hashes of files that the cluster was sent before
+        self._close_event = asyncio.Event()  # no work is given to the cluster
         self._link = connect(self._on_workers, self._on_message)
-        self._watching: asyncio.Task[None] | None = None
+        self._watch_task: asyncio.Task[None] | None = None
 
     @property
     def memory_bytes(self) -> int:
@@ -128,7 +128,7 @@ class ClusterPool:
 
     def start(self) -> None:
         """Connect to the cluster, and keep connected; call it once, in the event loop."""
-        self._watching = asyncio.get_running_loop().create_task(self._link.watch())
+        self._watch_task = asyncio.get_running_loop().create_task(self._link.watch())
 
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
@@ -170,52 +170,52 @@ class ClusterPool:
 
     def close(self) -> None:
         """Abandon all work, and end every worker on this computer; see `wait_closed`."""
-        if self._watching is not None:
-            self._watching.cancel()
+        if self._watch_task is not None:
+            self._watch_task.cancel()
         self._own.close()
 
     async def wait_closed(self) -> None:
         """Wait until the connection of a closed pool has ended: its tasks are then cancelled."""
-        if self._watching is not None:
+        if self._watch_task is not None:
             with suppress(asyncio.CancelledError):
-                await self._watching
+                await self._watch_task
 
     async def _attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
         """Run a task on the cluster, first without the files that it was sent before. Raises AttemptLost."""
-        new = tuple(file for file in task.reads if file.sha256 not in self._sent)
+        new = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
         for files in (new, task.reads):
-            sent = await asyncio.to_thread(_read_contents, files)
-            answer = await self._submit(task, sent, group)
-            self._sent.update(sent)
+            contents = await asyncio.to_thread(_read_contents, files)
+            answer = await self._submit(task, contents, group)
+            self._sent_hashes.update(contents)
             if answer.unfit is not None:
                 raise AttemptLost(f"worker {answer.host}: {answer.unfit}")
             if not answer.missing:
                 return answer
         raise AttemptLost(f"worker {answer.host} did not keep its files")
 
-    async def _submit(self, task: RemoteTask, sent: dict[str, bytes], group: Hashable) -> RemoteAnswer:
+    async def _submit(self, task: RemoteTask, contents: dict[str, bytes], group: Hashable) -> RemoteAnswer:
         """Submit a task under a new name, and wait for the answer, or until the cluster is given up."""
         kind = re.sub(r"[^a-z]+", "_", task.limit.what.lower())
-        named = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns how long a kind takes
-        self._running[named.id] = (RunningTask(task.limit.what, group), named)
-        answering = asyncio.ensure_future(self._link.submit(named, sent))
-        giving_up = asyncio.ensure_future(self._given_up.wait())
+        named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns how long a kind takes
+        self._running[named_task.id] = (RunningTask(task.limit.what, group), named_task)
+        answer_future = asyncio.ensure_future(self._link.submit(named_task, contents))
+        closure = asyncio.ensure_future(self._close_event.wait())
         try:
-            await asyncio.wait({answering, giving_up}, return_when=asyncio.FIRST_COMPLETED)
-            if not answering.done():
+            await asyncio.wait({answer_future, closure}, return_when=asyncio.FIRST_COMPLETED)
+            if not answer_future.done():
                 raise AttemptLost("the cluster does not answer")
-            return answering.result()
+            return answer_future.result()
         finally:
-            del self._running[named.id]
-            for waiting in (answering, giving_up):
-                waiting.cancel()
-            await asyncio.gather(answering, giving_up, return_exceptions=True)
+            del self._running[named_task.id]
+            for future in (answer_future, closure):
+                future.cancel()
+            await asyncio.gather(answer_future, closure, return_exceptions=True)
 
     def _lost_s(self) -> float:
         return 0.0 if self._lost_since_s is None else max(1e-9, self._read_clock_s() - self._lost_since_s)
 
     def _on_workers(self, workers: tuple[ClusterWorker, ...]) -> None:
-        """Take note of the workers; called every second."""
+        """Store the state of the workers; called every second."""
         for worker in workers:
             if worker.refused and worker not in self._workers:
                 log.warning("worker %s of the cluster is refused: %s", worker.name, worker.refused)
@@ -230,17 +230,17 @@ class ClusterPool:
         if place is not previous_place:
             log.warning("cluster %s: %s", self._scheduler, place)
         if place is Place.HERE:
-            self._given_up.set()
+            self._close_event.set()
         else:
-            self._given_up.clear()
+            self._close_event.clear()
         self._turns.update(slots, place is Place.HERE)
 
     def _on_message(self, message: dict[str, Any]) -> None:
-        """Take note of where a task runs, and write its live files."""
-        running, task = self._running.get(str(message.get("task")), (None, None))
-        if running is None or task is None:
+        """Store where a task runs, and write its live files."""
+        running_task, task = self._running.get(str(message.get("task")), (None, None))
+        if running_task is None or task is None:
             return
-        self._running[task.id] = (replace(running, host=str(message.get("host"))), task)
+        self._running[task.id] = (replace(running_task, host=str(message.get("host"))), task)
         path, content = message.get("path"), message.get("content")
         if isinstance(content, str) and path in task.live:
             with suppress(OSError):  # on a full disk the task itself may still succeed

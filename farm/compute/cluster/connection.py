@@ -23,7 +23,7 @@ from farm.compute.cluster.security import make_security
 
 log = logging.getLogger(__name__)
 
-_POLL_S = 1.0  # wall seconds between two looks at the workers
+_POLL_S = 1.0  # wall seconds between two checks of the workers
 _ANSWER_S = 10.0  # wall seconds in which the scheduler answers
 _CONNECT_S = 10.0
 _STUCK_S = 20.0
@@ -75,7 +75,7 @@ class Connection:
 
     async def watch(self) -> None:
         """Connect, and report the workers, until cancelled."""
-        reporting = asyncio.get_running_loop().create_task(self._report_always())
+        report_task = asyncio.get_running_loop().create_task(self._report_always())
         try:
             while True:
                 try:
@@ -86,15 +86,15 @@ class Connection:
                 await self._disconnect()
                 await asyncio.sleep(_POLL_S)
         finally:
-            reporting.cancel()
+            report_task.cancel()
             await self._disconnect()
 
-    async def submit(self, task: RemoteTask, sent: dict[str, bytes]) -> RemoteAnswer:
+    async def submit(self, task: RemoteTask, contents: dict[str, bytes]) -> RemoteAnswer:
         """Run a task on one of the workers.
 
         Parameters
         ----------
-        sent
+        contents
             Files that go with it, by their hash.
 
         Raises
@@ -110,7 +110,7 @@ class Connection:
         future = client.submit(
             run_task,
             task,
-            sent,
+            contents,
             client.id,
             key=task.id,
             pure=False,
@@ -126,8 +126,8 @@ class Connection:
         finally:
             if not future.done():
                 with contextlib.suppress(Exception):  # without a scheduler there is nothing to cancel
-                    cancelling = asyncio.ensure_future(future.cancel(force=True))
-                    cancelling.add_done_callback(_ignore_result)
+                    cancellation = asyncio.ensure_future(future.cancel(force=True))
+                    cancellation.add_done_callback(_ignore_result)
             future.release()
         if not isinstance(answer, RemoteAnswer):
             raise AttemptLost(f"the cluster answered with {type(answer).__name__}")
@@ -135,18 +135,18 @@ class Connection:
 
     async def _await_answer(self, future: Any, addresses: frozenset[str]) -> object:
         """Wait for an answer, or until all workers that might give it are gone. Raises AttemptLost."""
-        gone: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        answering = asyncio.ensure_future(_wait_for(future))
-        self._attempts[gone] = addresses
+        loss: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        answer_future = asyncio.ensure_future(_wait_for(future))
+        self._attempts[loss] = addresses
         try:
-            waiting: set[asyncio.Future[Any]] = {answering, gone}
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-            if not answering.done():
+            futures: set[asyncio.Future[Any]] = {answer_future, loss}
+            await asyncio.wait(futures, return_when=asyncio.FIRST_COMPLETED)
+            if not answer_future.done():
                 raise AttemptLost("its workers have left the cluster")
-            return answering.result()
+            return answer_future.result()
         finally:
-            del self._attempts[gone]
-            answering.cancel()
+            del self._attempts[loss]
+            answer_future.cancel()
 
     async def _watch_once(self) -> None:
         """Connect, and watch the workers until the connection is lost."""
@@ -174,9 +174,9 @@ class Connection:
     def _report(self, workers: Sequence[ClusterWorker]) -> None:
         self._workers = tuple(workers)
         present = {worker.address for worker in workers}
-        for gone, addresses in self._attempts.items():
-            if present and present.isdisjoint(addresses) and not gone.done():
-                gone.set_result(None)  # Dask would wait for them, also if they came back by other addresses
+        for loss, addresses in self._attempts.items():
+            if present and present.isdisjoint(addresses) and not loss.done():
+                loss.set_result(None)  # Dask would wait for them, also if they came back by other addresses
         self._on_workers(self._workers)
 
     async def _report_always(self) -> None:
@@ -199,9 +199,9 @@ class Connection:
     async def _disconnect(self) -> None:
         client, self._client = self._client, None
         if client is not None:
-            closing = asyncio.ensure_future(client.close(timeout=_POLL_S))
-            closing.add_done_callback(_ignore_result)
-            await asyncio.wait({closing}, timeout=_POLL_S)
+            close_future = asyncio.ensure_future(client.close(timeout=_POLL_S))
+            close_future.add_done_callback(_ignore_result)
+            await asyncio.wait({close_future}, timeout=_POLL_S)
 
 
 async def _wait_for(future: Any) -> object:
@@ -214,9 +214,9 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
     for address, record in sorted(records.items()):
         facts = record.get(RESOURCE)
         if isinstance(facts, dict):
-            refused = Installation.from_record(facts).describe_difference(installation)
+            refusal = Installation.from_record(facts).describe_difference(installation)
             slots = int(record["nthreads"])
-            workers.append(ClusterWorker(str(record["name"]), address, slots, refused))
+            workers.append(ClusterWorker(str(record["name"]), address, slots, refusal))
     return tuple(workers)
 
 
@@ -252,6 +252,6 @@ def _use_own_log() -> None:
         logger.setLevel(logging.WARNING)
 
 
-def _ignore_result(cancelling: asyncio.Future[Any]) -> None:
-    if not cancelling.cancelled():
-        cancelling.exception()
+def _ignore_result(cancellation: asyncio.Future[Any]) -> None:
+    if not cancellation.cancelled():
+        cancellation.exception()

@@ -61,17 +61,17 @@ class FarmWorker(Worker):  # type: ignore[misc]
         )
 
 
-async def run_task(task: RemoteTask, sent: dict[str, bytes], client: str) -> RemoteAnswer:
-    """Run a task on the worker that Dask chose; end it once nobody wants its result.
+async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) -> RemoteAnswer:
+    """Run a task on the worker that Dask chose; end it when its result is no longer wanted.
 
     A task is no longer wanted when it was cancelled, or its client or the scheduler is gone. Dask lets a
-    coroutine run on then.
+    coroutine continue in these cases.
 
     Parameters
     ----------
     task
         The task, whose id is its key.
-    sent
+    contents
         Files that were sent with it, by their hash.
     client
         Id of the client, for messages.
@@ -82,21 +82,21 @@ async def run_task(task: RemoteTask, sent: dict[str, bytes], client: str) -> Rem
         worker.log_event(TOPIC.format(client), {"task": task.id, "host": str(worker.name), **message})
 
     report()
-    running = asyncio.ensure_future(
+    execution = asyncio.ensure_future(
         worker.farm_executor.execute(
-            task, sent, lambda path, content: report(path=path, content=content.decode(errors="replace"))
+            task, contents, lambda path, content: report(path=path, content=content.decode(errors="replace"))
         )
     )
     try:
-        while not running.done():
-            await asyncio.wait({running}, timeout=_WATCH_S)
+        while not execution.done():
+            await asyncio.wait({execution}, timeout=_WATCH_S)
             state = worker.state.tasks.get(task.id)
             if state is None or state.state == "cancelled":
                 break
-        if not running.done():
+        if not execution.done():
             return RemoteAnswer(str(worker.name))  # nobody reads it
-        answer: RemoteAnswer = await running
+        answer: RemoteAnswer = await execution
         return answer
     finally:
-        running.cancel()
-        await asyncio.wait({running})
+        execution.cancel()
+        await asyncio.wait({execution})

@@ -26,7 +26,7 @@ class FileCache:
 
     def __init__(self, folder: Path, max_bytes: int = CACHE_BYTES) -> None:
         self._folder, self._max_bytes = folder, max_bytes
-        self._used: Counter[str] = Counter()  # files in use, by the number of tasks
+        self._use_counts: Counter[str] = Counter()  # files in use, by the number of tasks
         folder.mkdir(parents=True, exist_ok=True)
         for partial in folder.glob(".*"):  # of a process that was killed while it wrote
             partial.unlink()
@@ -67,15 +67,15 @@ class FileCache:
     @contextmanager
     def use(self, names: Iterable[str]) -> Iterator[None]:
         """Keep files that are stored, or will be, while a task uses them; then trim the cache."""
-        used = set(names)
-        self._used.update(used)
+        used_names = set(names)
+        self._use_counts.update(used_names)
         try:
             yield
         finally:
-            for name in used:
+            for name in used_names:
                 with suppress(OSError):
                     os.utime(self.path(name))
-            self._used -= Counter(used)
+            self._use_counts -= Counter(used_names)
             self._trim()
 
     def _trim(self) -> None:
@@ -91,6 +91,6 @@ class FileCache:
         for _, name, size in sorted(files):
             if excess <= 0:
                 return
-            if name not in self._used:
+            if name not in self._use_counts:
                 self.path(name).unlink(missing_ok=True)
                 excess -= size

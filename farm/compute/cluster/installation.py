@@ -17,7 +17,7 @@ from slicing.settings import find_engine, find_resources
 _LIBRARIES = ("numpy", "scipy", "numba", "manifold3d", "pymeshfix", "scikit-learn", "shapely", "trimesh")
 _PACKAGES = ("farm", "drivers", "decompose", "slicing")
 _PYTHON = f"Python {sys.version_info.major}.{sys.version_info.minor}"
-_DIGITS = 12  # of a hash
+_DIGITS = 12  # number of hexadecimal digits of a hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +51,11 @@ class Installation:
         """Return it as plain values."""
         return asdict(self)
 
-    def describe_difference(self, wanted: Installation) -> str | None:
+    def describe_difference(self, expected: Installation) -> str | None:
         """Describe the first difference to the wanted versions; None if both give the same bytes."""
         titles = {"farm": "farm", "engine": "CuraEngine", "settings": "Cura's settings", "libraries": ""}
         for name, title in titles.items():
-            own_value, wanted_value = getattr(self, name), getattr(wanted, name)
+            own_value, wanted_value = getattr(self, name), getattr(expected, name)
             if own_value != wanted_value:
                 if name == "libraries":
                     own_value, wanted_value = _list_differing(own_value, wanted_value)
@@ -113,7 +113,7 @@ def _find_version(name: str) -> str:
         return "missing"
 
 
-def _list_differing(own: str, wanted: str) -> tuple[str, str]:
+def _list_differing(own: str, expected: str) -> tuple[str, str]:
     """Return the entries of two lists of versions that differ."""
-    pairs = [(a, b) for a, b in zip(own.split(", "), wanted.split(", "), strict=False) if a != b]
-    return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (own, wanted)
+    pairs = [(a, b) for a, b in zip(own.split(", "), expected.split(", "), strict=False) if a != b]
+    return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (own, expected)

@@ -17,14 +17,14 @@ class Relocation:
     pairs: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, pairs: Iterable[tuple[Path | str, Path | str]]) -> Relocation:
+    def from_pairs(cls, pairs: Iterable[tuple[Path | str, Path | str]]) -> Relocation:
         """Build it from pairs in any order."""
         texts = {(str(source), str(target)) for source, target in pairs}
         return cls(tuple(sorted(texts, key=lambda pair: (-len(pair[0]), pair))))
 
     def reverse(self) -> Relocation:
-        """Return the way back."""
-        return Relocation.of((target, source) for source, target in self.pairs)
+        """Return the relocation in the opposite direction."""
+        return Relocation.from_pairs((target, source) for source, target in self.pairs)
 
     def move(self, path: str) -> str:
         """Move a path; one that lies below none of the pairs stays."""

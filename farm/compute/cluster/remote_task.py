@@ -86,12 +86,12 @@ class RemoteAnswer:
 
 def read_files(files: TaskFiles) -> tuple[ReadFile, ...]:
     """Hash the files that a task reads. Raises OSError if one of them cannot be read."""
-    found = []
+    contents = []
     for path in dict.fromkeys(files.reads):
         with path.open("rb") as source:
             sha256 = hashlib.file_digest(source, "sha256").hexdigest()
-        found.append(ReadFile(str(path), sha256, path.stat().st_size))
-    return tuple(found)
+        contents.append(ReadFile(str(path), sha256, path.stat().st_size))
+    return tuple(contents)
 
 
 def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:

@@ -56,25 +56,25 @@ async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
     SlicingError
         As `read_installation`.
     """
-    stopped = asyncio.Event()
+    stop_event = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+        asyncio.get_running_loop().add_signal_handler(number, stop_event.set)
     security = make_security(options.scheduler, options.certificates)
     installation = await asyncio.to_thread(read_installation)
     pool = Workers(options.folder / "processes", options.slots, options.memory_gb, warm)
     executor = TaskExecutor(options.name, options.folder, pool, installation)
     try:
-        while not stopped.is_set():
+        while not stop_event.is_set():
             worker = FarmWorker(options.scheduler, executor, options.slots, options.folder / "dask", security)
-            await _serve_once(worker, stopped)
-            if not stopped.is_set():
+            await _serve_once(worker, stop_event)
+            if not stop_event.is_set():
                 log.warning("the connection to %s ended; connecting again", options.scheduler)
                 await asyncio.sleep(_RETRY_S)
     finally:
         pool.close()
 
 
-async def _serve_once(worker: FarmWorker, stopped: asyncio.Event) -> None:
+async def _serve_once(worker: FarmWorker, stop_event: asyncio.Event) -> None:
     """Serve until the scheduler is lost or the worker is stopped."""
 
     async def serve() -> None:
@@ -82,12 +82,12 @@ async def _serve_once(worker: FarmWorker, stopped: asyncio.Event) -> None:
         log.info("worker %s serves %s", worker.name, worker.scheduler.address)
         await worker.finished()
 
-    serving = asyncio.ensure_future(serve())
-    stopping = asyncio.ensure_future(stopped.wait())
-    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
-    for task in (serving, stopping):
+    serve_future = asyncio.ensure_future(serve())
+    stop_future = asyncio.ensure_future(stop_event.wait())
+    await asyncio.wait({serve_future, stop_future}, return_when=asyncio.FIRST_COMPLETED)
+    for task in (serve_future, stop_future):
         task.cancel()
-    for result in await asyncio.gather(serving, stopping, return_exceptions=True):
+    for result in await asyncio.gather(serve_future, stop_future, return_exceptions=True):
         if isinstance(result, Exception):
             log.warning("worker %s: %s", worker.name, result.__cause__ or result)
-    await worker.close(reason="the worker ends" if stopped.is_set() else "the scheduler is gone")
+    await worker.close(reason="the worker ends" if stop_event.is_set() else "the scheduler is gone")

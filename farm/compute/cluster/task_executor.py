@@ -45,13 +45,13 @@ class TaskExecutor:
         self._tasks.mkdir()
 
     async def execute(
-        self, task: RemoteTask, sent: Mapping[str, bytes], on_live: OnLive = lambda *_: None
+        self, task: RemoteTask, contents: Mapping[str, bytes], on_live: OnLive = lambda *_: None
     ) -> RemoteAnswer:
         """Run a task; a cancelled call ends its process, and the engine that it runs.
 
         Parameters
         ----------
-        sent
+        contents
             Files that were sent with the task, by their hash.
         on_live
             Called with a live file of the task (its path where the task was submitted) when it changes.
@@ -61,13 +61,13 @@ class TaskExecutor:
             return RemoteAnswer(self.host, unfit=difference)
         with self._files.use(task.hashes()):
             try:
-                for sha256, content in sent.items():
+                for sha256, content in contents.items():
                     await asyncio.to_thread(self._files.store, sha256, content)
             except (OSError, ValueError) as error:
                 return RemoteAnswer(self.host, unfit=str(error))
-            missing = self._files.list_missing(task.hashes())
-            if missing:
-                return RemoteAnswer(self.host, missing=missing)
+            missing_files = self._files.list_missing(task.hashes())
+            if missing_files:
+                return RemoteAnswer(self.host, missing=missing_files)
             folder = self._tasks / task.id
             try:
                 folder.mkdir()
@@ -99,14 +99,14 @@ class TaskExecutor:
             cache = self._folder / "slices"
             cache.mkdir(exist_ok=True)
             pairs.append((name, cache))
-        return Relocation.of(pairs)
+        return Relocation.from_pairs(pairs)
 
     async def _run(self, task: RemoteTask, relocation: Relocation, on_live: OnLive) -> RemoteAnswer:
-        watching = asyncio.get_running_loop().create_task(_watch(task.live, relocation, on_live))
+        watch_task = asyncio.get_running_loop().create_task(_watch(task.live, relocation, on_live))
         try:
             result = await self._pool.run(run_relocated, task.call, relocation, limit=task.limit)
         finally:
-            watching.cancel()
+            watch_task.cancel()
         files = await asyncio.to_thread(lambda: dict(_collect_files(task, relocation)))
         if task.caches:
             await asyncio.to_thread(trim_cache, self._folder / "slices")
@@ -128,14 +128,14 @@ def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[s
 
 async def _watch(live: tuple[str, ...], relocation: Relocation, on_live: OnLive) -> None:
     """Report live files whenever they change."""
-    seen: dict[str, bytes] = {}
+    last_contents: dict[str, bytes] = {}
     while live:
         await asyncio.sleep(_POLL_S)
         for name in live:
             try:
                 content = Path(relocation.move(name)).read_bytes()
-            except OSError:  # it is not written yet
+            except OSError:  # the file is not written yet
                 continue
-            if seen.get(name) != content:
-                seen[name] = content
+            if last_contents.get(name) != content:
+                last_contents[name] = content
                 on_live(name, content)

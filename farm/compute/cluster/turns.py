@@ -21,7 +21,7 @@ class Turns:
 
     def __init__(self) -> None:
         self._slots = 0
-        self._open = False  # let everybody go, as there is no cluster
+        self._is_closed = False  # end all waits, as there is no cluster
         self._waiting: list[_Waiting] = []
         self._running: Counter[Hashable] = Counter()
 
@@ -35,9 +35,9 @@ class Turns:
         """Check that a slot is free."""
         return self._running.total() < self._slots
 
-    def update(self, slots: int, give_up: bool) -> None:
-        """Set the number of slots; with `give_up`, nobody waits for one any more."""
-        self._slots, self._open = slots, give_up
+    def update(self, slots: int, is_closed: bool) -> None:
+        """Set the number of slots; with `is_closed`, nobody waits for one any more."""
+        self._slots, self._is_closed = slots, is_closed
         self._serve()
 
     @asynccontextmanager
@@ -68,11 +68,11 @@ class Turns:
 
     def _serve(self) -> None:
         """Give free slots to the tasks that are served first."""
-        while self._waiting and (self._open or self._running.total() < self._slots):
+        while self._waiting and (self._is_closed or self._running.total() < self._slots):
             first = min(self._waiting, key=lambda task: (not task.urgent, self._running[task.group]))
             self._waiting.remove(first)
             if first.turn.done():  # its task was cancelled
                 continue
-            if not self._open:
+            if not self._is_closed:
                 self._running[first.group] += 1
-            first.turn.set_result(not self._open)
+            first.turn.set_result(not self._is_closed)

@@ -27,13 +27,13 @@ class AppKeyRequest:
     Attributes
     ----------
     code
-        Names it to the operator.
+        Short code by which the operator identifies it.
     app
         Name of the program, as it says itself.
     address
         The address that it came from.
     ends_s
-        Time at which it is forgotten.
+        Time at which it expires.
     key
         Text of the granted key, until the program has fetched it.
     """

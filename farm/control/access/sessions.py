@@ -25,8 +25,8 @@ MAX_SESSION_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
 """Open sessions of one user or one key; one more ends the oldest."""
-_EXTEND_S = 3600.0  # between two extensions of a session: each is an event
-_MAX_LINKS = 5  # of one user
+_EXTEND_S = 3600.0  # minimum time between two extensions of a session: each is an event
+_MAX_LINKS = 5  # maximum number of links of one user
 _MAX_LINKS_TOTAL = 100
 _TOKEN_BYTES = 32
 

@@ -49,9 +49,11 @@ def is_gcode(name: str) -> bool:
         If it is compressed or packed G-code.
     """
     lower = name.lower()
-    packing = next((suffix for suffix in _UNPACKING_ADVICE if lower.endswith(suffix)), None)
-    if packing is not None and (packing in (".bgcode", ".ufp") or _is_plain(lower.removesuffix(packing))):
-        raise FarmError(f"{name}: {_UNPACKING_ADVICE[packing]}, and submit that", ErrorCode.GCODE)
+    compressed_suffix = next((suffix for suffix in _UNPACKING_ADVICE if lower.endswith(suffix)), None)
+    if compressed_suffix is not None and (
+        compressed_suffix in (".bgcode", ".ufp") or _is_plain(lower.removesuffix(compressed_suffix))
+    ):
+        raise FarmError(f"{name}: {_UNPACKING_ADVICE[compressed_suffix]}, and submit that", ErrorCode.GCODE)
     return _is_plain(lower)
 
 
@@ -72,12 +74,14 @@ def inspect_gcode(
     """
     _check_options(options)
     matching_printers = list_matching_printers(printers, options)
-    accepted = _rewrite(path, matching_printers[0], _find_common_nozzle_mm(matching_printers), name)
-    section = _find_fitting_printer(matching_printers, accepted, name)
-    requirements = _measure_needs(accepted, section)
+    accepted_gcode = _rewrite(path, matching_printers[0], _find_common_nozzle_mm(matching_printers), name)
+    section = _find_fitting_printer(matching_printers, accepted_gcode, name)
+    requirements = _measure_needs(accepted_gcode, section)
     target = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
     target.hardlink_to(path)  # the upload is kept for another worker if this one dies
-    return InspectedSubmission(store_file(files, target), _list_notices(accepted, section), 1.0, requirements)
+    return InspectedSubmission(
+        store_file(files, target), _list_notices(accepted_gcode, section), 1.0, requirements
+    )
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
@@ -97,24 +101,24 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         ),
     )
     nozzle_mm = _find_common_nozzle_mm(order)
-    accepted = _rewrite(task.model, order[0], nozzle_mm, "the file")
-    section = _find_fitting_printer(order, accepted, "the file")
+    accepted_gcode = _rewrite(task.model, order[0], nozzle_mm, "the file")
+    section = _find_fitting_printer(order, accepted_gcode, "the file")
     if section is not order[0]:  # it may have a different material
-        accepted = _rewrite(task.model, section, nozzle_mm, "the file")
-    part, plate = _book_gcode(task, accepted, section, files)
+        accepted_gcode = _rewrite(task.model, section, nozzle_mm, "the file")
+    part, plate = _book_gcode(task, accepted_gcode, section, files)
     expected_s = plate.expected_s
-    return Plan((part,), (plate,), _list_notices(accepted, section), 1.0, expected_s, expected_s)
+    return Plan((part,), (plate,), _list_notices(accepted_gcode, section), 1.0, expected_s, expected_s)
 
 
 def _book_gcode(
-    task: DecomposeTask, accepted: AcceptedGcode, section: PrinterSection, files: Path
+    task: DecomposeTask, accepted_gcode: AcceptedGcode, section: PrinterSection, files: Path
 ) -> tuple[Part, Plate]:
     """Put the rewritten file into the store, and return its part and its plate."""
-    requirements = _measure_needs(accepted, section)
+    requirements = _measure_needs(accepted_gcode, section)
     out = task.folder / "plate.gcode"
-    out.write_bytes(accepted.gcode)
+    out.write_bytes(accepted_gcode.gcode)
     settings = _resolve_material(section)
-    filament_mm3 = accepted.filament_mm * settings.filament_mm2
+    filament_mm3 = accepted_gcode.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
     profile, time_factor = PROFILES[section.model], task.time_factors.get(section.name, 1.0)
     part = Part(
@@ -135,14 +139,14 @@ def _book_gcode(
         parts=(part.id,),
         sha256=compute_sha256(out),
         gcode=store_file(files, out),
-        sliced_s=accepted.print_time_s,
+        sliced_s=accepted_gcode.print_time_s,
         expected_s=compute_plate_seconds(
-            profile, accepted.print_time_s, accepted.nozzle_c, accepted.bed_c, time_factor
+            profile, accepted_gcode.print_time_s, accepted_gcode.nozzle_c, accepted_gcode.bed_c, time_factor
         ),
         grams=grams,
-        filament_mm=accepted.filament_mm,
+        filament_mm=accepted_gcode.filament_mm,
         price=section.price(grams),
-        layers=accepted.layers,
+        layers=accepted_gcode.layers,
         min_mm=requirements.min_mm,
         max_mm=requirements.max_mm,
         material=section.material,
@@ -163,7 +167,7 @@ def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name:
     """Rewrite the file for a printer, and check that the result can be sent."""
     settings = _resolve_material(section)
     try:
-        accepted = accept_gcode(
+        accepted_gcode = accept_gcode(
             _Lines(path),
             PrintTarget(
                 printer=settings.printer,
@@ -174,10 +178,10 @@ def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name:
             ),
             stopwatch=FirmwareTime(PROFILES[section.model]),
         )
-        read_program(io.BytesIO(accepted.gcode), PROFILES[section.model])
+        read_program(io.BytesIO(accepted_gcode.gcode), PROFILES[section.model])
     except (GcodeRefused, BadGcode) as error:
         raise FarmError(f"{name}: {error}", ErrorCode.GCODE) from error
-    return accepted
+    return accepted_gcode
 
 
 def _resolve_material(section: PrinterSection) -> EngineSettings:
@@ -186,10 +190,10 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
         return resolve_printer_settings(section, JobOptions().quality, find_resources())
 
 
-def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
+def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
     """List the changes, and warn if the file seems to be sliced for another material."""
-    notices = list(accepted.notices)
-    filament_type, kind = accepted.filament_type, find_resources().material_kind(section.material)
+    notices = list(accepted_gcode.notices)
+    filament_type, kind = accepted_gcode.filament_type, find_resources().material_kind(section.material)
     if (
         filament_type is not None
         and kind is not None
@@ -200,9 +204,9 @@ def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str
             f"{section.material} ({kind})."
         )
     usual_c = _resolve_material(section).nozzle_c
-    if abs(accepted.nozzle_c - usual_c) > _DEVIATION_C:
+    if abs(accepted_gcode.nozzle_c - usual_c) > _DEVIATION_C:
         notices.append(
-            f"Warning: it heats the nozzle to {accepted.nozzle_c:g} C, and {section.material} on "
+            f"Warning: it heats the nozzle to {accepted_gcode.nozzle_c:g} C, and {section.material} on "
             f"{section.name} usually has {usual_c:g} C: was it sliced for another material?"
         )
     return tuple(notices)
@@ -214,32 +218,32 @@ def _normalise_material(kind: str) -> str:
     return _SAME_MATERIAL.get(first, first)
 
 
-def _measure_needs(accepted: AcceptedGcode, section: PrinterSection) -> OwnGcode:
+def _measure_needs(accepted_gcode: AcceptedGcode, section: PrinterSection) -> OwnGcode:
     """Return the nozzle size and extent of the file, relative to the bed's centre."""
     width, depth = PROFILES[section.model].bed_mm
-    (x0, y0, z0), (x1, y1, z1) = accepted.min_mm, accepted.max_mm
+    (x0, y0, z0), (x1, y1, z1) = accepted_gcode.min_mm, accepted_gcode.max_mm
     return OwnGcode(
-        nozzle_mm=accepted.nozzle_mm,
+        nozzle_mm=accepted_gcode.nozzle_mm,
         min_mm=(x0 - width / 2, y0 - depth / 2, z0),
         max_mm=(x1 - width / 2, y1 - depth / 2, z1),
     )
 
 
 def _find_fitting_printer(
-    printers: Sequence[PrinterSection], accepted: AcceptedGcode, name: str
+    printers: Sequence[PrinterSection], accepted_gcode: AcceptedGcode, name: str
 ) -> PrinterSection:
     obstacles = []
     for section in printers:
-        obstacle = _describe_obstacle(section, accepted)
+        obstacle = _describe_obstacle(section, accepted_gcode)
         if obstacle is None:
             return section
         obstacles.append(obstacle)
     raise FarmError(f"{name}: {obstacles[0]}", ErrorCode.NO_FIT)
 
 
-def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str | None:
+def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -> str | None:
     """Describe why a printer cannot print the file; None if it can."""
-    requirements = _measure_needs(accepted, section)
+    requirements = _measure_needs(accepted_gcode, section)
     if requirements.nozzle_mm not in (None, section.nozzle_mm):
         return (
             f"sliced for a nozzle of {requirements.nozzle_mm:g} mm, "
@@ -251,7 +255,7 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
         and y1 <= back + _SLACK_MM and z1 <= height + _SLACK_MM
         for left, front, right, back, height in list_bed_boxes(section)
     ):  # fmt: skip
-        (left, front, _), (right, back, _) = accepted.min_mm, accepted.max_mm
+        (left, front, _), (right, back, _) = accepted_gcode.min_mm, accepted_gcode.max_mm
         return (
             f"prints on X {left:.1f}..{right:.1f}, Y {front:.1f}..{back:.1f}, up to Z {z1:.1f} mm: not all "
             f"on the bed of {section.name}, off its clips and within its height; move it in your slicer"
@@ -259,7 +263,7 @@ def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str 
     profile = PROFILES[section.model]
     size_mm = (*profile.bed_mm, profile.height_mm + _REACH_MM)
     for axis, low, high, end in zip(
-        "XYZ", accepted.reach_min_mm, accepted.reach_max_mm, size_mm, strict=True
+        "XYZ", accepted_gcode.reach_min_mm, accepted_gcode.reach_max_mm, size_mm, strict=True
     ):
         if low < -_SLACK_MM or high > end + _SLACK_MM:
             outermost = low if low < 0 else high

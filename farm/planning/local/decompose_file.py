@@ -58,7 +58,7 @@ class DecomposeRequest:
     Attributes
     ----------
     printers
-        None: as many as save time, up to `MAX_PRINTERS`.
+        None for as many as save time, up to `MAX_PRINTERS`.
     volume_mm
         Build volume of a printer: x, y, z.
     interior, engine, score
@@ -141,8 +141,8 @@ def decompose_to_folder(
             with_brim = replace(settings_request, overrides={"brim_width": f"{request.brim_mm:g}"})
             slicer = PartSlicer(with_brim, resources, room, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
-                sliced = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
-                report = write_sliced(sliced, out)
+                sliced_parts = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
+                report = write_sliced(sliced_parts, out)
             if cache is not None:
                 trim_cache(cache)
         else:

@@ -68,9 +68,9 @@ class PartSlicer:
             `engine` or `slice` with CuraEngine's error, `settings` for an unknown quality.
         """
         with translate_errors():
-            stored = write_decomposition(decomposition, folder)
+            stored_decomposition = write_decomposition(decomposition, folder)
             settings, engine = resolve_settings(self.request, self.resources), find_engine()
-        parts = [DecomposedPart.from_part(part, folder) for part in stored.parts]
+        parts = [DecomposedPart.from_part(part, folder) for part in stored_decomposition.parts]
         tasks = [
             SliceTask(
                 part=part.id,
@@ -87,7 +87,7 @@ class PartSlicer:
             for part in parts
         ]
         with ThreadPoolExecutor(os.cpu_count()) as threads:
-            return SlicedParts(stored, tuple(threads.map(slice_part, tasks)))
+            return SlicedParts(stored_decomposition, tuple(threads.map(slice_part, tasks)))
 
 
 def level_by_slices(
@@ -115,35 +115,35 @@ def level_by_slices(
     best = slicer.slice_parts(decomposition, work / "0")
     for number in range(1, MAX_RELEVELS + 1):
         try:
-            moved = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
+            relevelled = relevel_planes(model, best.decomposition, best.times_s, cost, executor)
         except DecomposeError:  # the parts are valid without moved cuts
             break
-        if moved is None or moved.faults:
+        if relevelled is None or relevelled.faults:
             break
-        moved_slices = slicer.slice_parts(moved, work / str(number))
+        moved_slices = slicer.slice_parts(relevelled, work / str(number))
         if max(moved_slices.times_s) >= max(best.times_s):
             break
         best = moved_slices
     return best
 
 
-def write_sliced(sliced: SlicedParts, out: Path) -> dict[str, Any]:
+def write_sliced(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
     """Write parts, G-code, report and picture into a folder; returns the report with the slices.
 
     Parameters
     ----------
-    sliced
+    sliced_parts
         Parts whose G-code lies in another folder.
     out
         The folder.
     """
-    stored = write_decomposition(sliced.decomposition, out)
-    report = stored.as_dict()
-    for part, result in zip(report["parts"], sliced.slices, strict=True):
+    stored_decomposition = write_decomposition(sliced_parts.decomposition, out)
+    report = stored_decomposition.as_dict()
+    for part, result in zip(report["parts"], sliced_parts.slices, strict=True):
         part["gcode"] = f"{part['id']}.gcode"
         part["sliced_s"] = result.sliced_s
         part["grams"], part["filament_mm"] = result.grams, result.filament_mm
         shutil.copyfile(result.gcode, out / part["gcode"])
-    report["sliced_makespan_s"] = max(sliced.times_s)
+    report["sliced_makespan_s"] = max(sliced_parts.times_s)
     (out / REPORT).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     return report

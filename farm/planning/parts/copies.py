@@ -22,7 +22,7 @@ MAX_PLATES = 2000
 def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[tuple[int, int]]:
     """Yield numbers of rounds, ascending, each with the most parts of a copy that fit into them.
 
-    A person clears the beds between two rounds, so few rounds matter more than many parts.
+    A person clears the beds between two rounds, so fewer rounds are preferred to more parts.
 
     Parameters
     ----------

@@ -103,22 +103,26 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
     folder
         Folder of the job's plan.
     """
-    written = write_parts(decomposition, folder)
-    messages = (written.describe_thin_rims(), written.describe_small_feet(), *written.connectors.failures)
+    stored_decomposition = write_parts(decomposition, folder)
+    messages = (
+        stored_decomposition.describe_thin_rims(),
+        stored_decomposition.describe_small_feet(),
+        *stored_decomposition.connectors.failures,
+    )
     warnings = [text for text in messages if text]
-    ranks = {number: rank for rank, number in enumerate(written.assembly.part_order, 1)}
+    ranks = {number: rank for rank, number in enumerate(stored_decomposition.assembly.part_order, 1)}
     return DecomposedJob(
         parts=tuple(
             DecomposedPart.from_part(part, folder, ranks.get(number))
-            for number, part in enumerate(written.parts)
+            for number, part in enumerate(stored_decomposition.parts)
         ),
-        serial_price_s=written.serial_s,
+        serial_price_s=stored_decomposition.serial_s,
         repairs=(*model.repairs, *(f"Warning: {text}." for text in warnings)),
         scale=model.scale,
-        drawing_record=write_drawing_record(written, folder),
-        cut_record=write_cut_record(written, folder),
-        assembly_s=written.assembly.total_s if written.assembly.steps else None,
-        steps=len(written.assembly.steps),
+        drawing_record=write_drawing_record(stored_decomposition, folder),
+        cut_record=write_cut_record(stored_decomposition, folder),
+        assembly_s=stored_decomposition.assembly.total_s if stored_decomposition.assembly.steps else None,
+        steps=len(stored_decomposition.assembly.steps),
     )
 
 

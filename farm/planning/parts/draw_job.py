@@ -16,10 +16,10 @@ from slicing.settings import find_resources
 DRAWING_RECORD = "drawing-record.pickle"
 
 
-def write_drawing_record(stored: Decomposition, folder: Path) -> Path:
+def write_drawing_record(decomposition: Decomposition, folder: Path) -> Path:
     """Write what `draw_job` needs of parts that are stored. Returns the file."""
     path = folder / DRAWING_RECORD
-    path.write_bytes(pickle.dumps(stored, protocol=pickle.HIGHEST_PROTOCOL))
+    path.write_bytes(pickle.dumps(decomposition, protocol=pickle.HIGHEST_PROTOCOL))
     return path
 
 
@@ -63,5 +63,5 @@ def draw_job(
 
 
 def _read_record(path: Path) -> Decomposition:
-    stored: Decomposition = pickle.loads(path.read_bytes())
-    return stored
+    decomposition: Decomposition = pickle.loads(path.read_bytes())
+    return decomposition

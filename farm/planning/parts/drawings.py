@@ -11,8 +11,8 @@ from farm.compute import DRAWING, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
 
-MAX_SHARES = 4  # of the steps: each share finds the views of all steps before it again
-MIN_STEPS = 5  # of a share, on average
+MAX_SHARES = 4  # maximum number of shares: each one finds the views of all steps before it again
+MIN_STEPS = 5  # minimum number of steps of a share, on average
 
 
 class Drawings:
@@ -22,15 +22,15 @@ class Drawings:
         self._workers = workers
         self._running: dict[Path, asyncio.Future[None]] = {}
 
-    def start(self, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+    def start(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
         """Start to draw parts, unless that has been done."""
         if task.folder not in self._running:
-            drawing = draw_side_by_side(self._workers, task, decomposed)
+            drawing = draw_side_by_side(self._workers, task, decomposed_job)
             self._running[task.folder] = asyncio.ensure_future(drawing)
 
-    async def finish(self, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+    async def finish(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
         """Wait until parts are drawn. Raises FarmError if that fails."""
-        self.start(task, decomposed)
+        self.start(task, decomposed_job)
         await self._running[task.folder]
 
     async def stop(self, folder: Path | None = None) -> None:
@@ -42,7 +42,7 @@ class Drawings:
         await asyncio.gather(*drawings, return_exceptions=True)
 
 
-async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed: DecomposedJob) -> None:
+async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
     """Draw a job's parts into the folder of its task, with the pictures of many steps by several workers.
 
     Raises
@@ -50,8 +50,8 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed:
     FarmError
         See `draw_job`.
     """
-    record, folder = decomposed.drawing_record, task.folder
-    ranges = split_steps(decomposed.steps)
+    record, folder = decomposed_job.drawing_record, task.folder
+    ranges = split_steps(decomposed_job.steps)
     if not ranges:
         await workers.run(draw_job, task, record, limit=DRAWING)
         return
@@ -64,8 +64,8 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed:
     try:
         await asyncio.gather(*shares)
     finally:
-        for running in shares:
-            running.cancel()
+        for drawing in shares:
+            drawing.cancel()
         await asyncio.gather(*shares, return_exceptions=True)  # until their workers have ended
     await workers.run(draw_job, task, record, overview, tuple(files), limit=DRAWING)
 

@@ -17,12 +17,12 @@ from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 
-def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
+def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
     """Move the cuts of a job so that the part with the slowest slice finishes sooner.
 
     Parameters
     ----------
-    sliced
+    sliced_job
         A job with a cut record (`SlicedJob.should_relevel`).
     folder
         Folder for the new parts.
@@ -37,7 +37,7 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
     FarmError
         `geometry`, `no_fit` or `settings`, with the reason.
     """
-    task, cut_record = sliced.task, sliced.decomposed.cut_record
+    task, cut_record = sliced_job.task, sliced_job.decomposed.cut_record
     if cut_record is None:
         return None
     decomposition = read_cut_record(cut_record)
@@ -51,7 +51,7 @@ def relevel_parts(sliced: SlicedJob, folder: Path) -> DecomposedJob | None:
     }
     cost = costs[task.printers[0].name]  # parts are priced with it, as in `price_rooms`
     part_times_s = [
-        part.expected_s() / compute_time_ratio(costs[part.printer.name], cost) for part in sliced.parts
+        part.expected_s() / compute_time_ratio(costs[part.printer.name], cost) for part in sliced_job.parts
     ]
     model = read_inspected(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:

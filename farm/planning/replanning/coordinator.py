@@ -48,10 +48,9 @@ class ReplanCoordinator:
 
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
-        self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        self._attempted: set[_AttemptKey] = (
-            set()
-        )  # plates and kinds of printer for which replanning gained nothing
+        self._examined_keys: set[tuple[str, int]] = set()  # failed plates with their number of prints
+        # Plates and kinds of printer for which replanning gained nothing.
+        self._attempted_keys: set[_AttemptKey] = set()
         self._search_due_s = -math.inf
         self.next_search_s = math.inf
         """Time at which another search may succeed; infinity if none is needed."""
@@ -91,9 +90,13 @@ class ReplanCoordinator:
         for view in [view for view in situation.waiting if view.is_repeat]:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
-            if key in self._examined or not _has_failed(books, plate) or not _may_be_replanned(books, plate):
+            if (
+                key in self._examined_keys
+                or not _has_failed(books, plate)
+                or not _may_be_replanned(books, plate)
+            ):
                 continue
-            self._examined.add(key)
+            self._examined_keys.add(key)
             recut = policy.choose_recut(view, situation)
             if recut is not None:
                 yield self._start(plate, recut.printers, cut=True)
@@ -142,7 +145,7 @@ class ReplanCoordinator:
         printer: FleetPrinter,
         situation: Situation,
     ) -> bool:
-        is_untried = _make_attempt_key(plate, printer.capabilities) not in self._attempted
+        is_untried = _make_attempt_key(plate, printer.capabilities) not in self._attempted_keys
         return is_untried and (
             printer.name not in situation.spare_printers or takes_spare(view, situation.fleet)
         )
@@ -168,7 +171,7 @@ class ReplanCoordinator:
             return None  # cancelled or printed meanwhile
         for printer in replan.printers:
             if printer in situation.fleet:
-                self._attempted.add(_make_attempt_key(plate, situation.fleet[printer].capabilities))
+                self._attempted_keys.add(_make_attempt_key(plate, situation.fleet[printer].capabilities))
         if isinstance(result, FarmError):
             log.warning("plate %s is unchanged: %s", name, result, extra={"plate": name})
             return None
@@ -178,8 +181,8 @@ class ReplanCoordinator:
             )
             return None
         # If the event cannot be written (a full disk), the plate is examined again at the next decision.
-        self._examined.discard((plate.id, len(plate.prints)))
-        self._attempted = {key for key in self._attempted if key[0] != plate.id}
+        self._examined_keys.discard((plate.id, len(plate.prints)))
+        self._attempted_keys = {key for key in self._attempted_keys if key[0] != plate.id}
         return ev.PlateReplaced(
             at_s=situation.now_s,
             plate=name,

@@ -50,7 +50,7 @@ def cut_part(task: ReplanTask) -> Pieces:
             raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
         beds = find_beds(task.printers, task.options.quality, resources)
         pieces_of_part = _rename_pieces(decomposition, task.part)
-        stored = write_decomposition(pieces_of_part, task.folder, place_on(beds))
+        stored_decomposition = write_decomposition(pieces_of_part, task.folder, place_on(beds))
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:
@@ -58,8 +58,8 @@ def cut_part(task: ReplanTask) -> Pieces:
     except Exception:
         with translate_errors():
             raise
-    pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in stored.parts)
-    job_parts = [*(_make_drawn(task.files, other) for other in task.others), *stored.parts]
+    pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in stored_decomposition.parts)
+    job_parts = [*(_make_drawn(task.files, other) for other in task.others), *stored_decomposition.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(job_parts, picture)
     write_glb(job_parts, assembly)

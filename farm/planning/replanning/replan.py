@@ -91,7 +91,7 @@ def copy_part(task: ReplanTask) -> DecomposedPart:
     )
 
 
-def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
+def book_resliced(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
     """Record the same part on a new plate.
 
     Raises
@@ -99,18 +99,18 @@ def book_resliced(task: ReplanTask, sliced: SlicedPart) -> ReplannedPlate:
     FarmError
         `slice` if walls are too thin for this printer but were not for the first.
     """
-    thin_walls = sliced.result.unprinted
+    thin_walls = sliced_part.result.unprinted
     if len(thin_walls) > len(task.plate.warnings):
         raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
-    plate = book_plate(names, sliced, task.time_factors.get(sliced.printer.name, 1.0), task.files)
+    plate = book_plate(names, sliced_part, task.time_factors.get(sliced_part.printer.name, 1.0), task.files)
     return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
 
 
-def book_recut(task: ReplanTask, pieces: Pieces, sliced: Sequence[SlicedPart]) -> ReplannedPlate:
+def book_recut(task: ReplanTask, pieces: Pieces, sliced_parts: Sequence[SlicedPart]) -> ReplannedPlate:
     """Record the pieces of a part, each on its own plate."""
     parts, plates = [], []
-    for piece in sliced:
+    for piece in sliced_parts:
         letter = piece.part.id[-1]
         plate_id = f"{task.plate.id.partition('-')[0]}{letter}"
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)

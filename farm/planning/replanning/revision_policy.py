@@ -53,7 +53,7 @@ def choose_revision(
 ) -> tuple[str, ...] | None:
     """Choose the printers for which a job is planned again; None if its plan stays.
 
-    It stays too if another plan would follow the new one at once: estimates assume equal parts, which the
+    The plan also stays if the new one would be revised again at once: estimates assume equal parts, which the
     model may not allow.
 
     Parameters
@@ -84,7 +84,7 @@ def _find_best(
     """Find the set of printers for which another plan ends soonest; None if none saves enough."""
     plate_ids = {plate.id for plate in job.plates}
     rank = job.plates[0].queue_rank
-    # Later jobs take nothing from it; without them the forecast is quick.
+    # Later jobs do not delay this one; without them the forecast is quick.
     earlier_jobs = situation.with_waiting(tuple(p for p in situation.waiting if p.queue_rank <= rank))
     before_s = find_end_s(plate_ids, earlier_jobs)
     if job.done_by_s is not None and before_s <= job.done_by_s:
@@ -111,7 +111,8 @@ def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
         return True
     if len(job.plates) > len(job.planned_for):  # in rounds: it cannot be cut into fewer parts
         return len(names) >= len(job.plates)
-    if len(names) > len(job.plates):  # a plan that left printers out would leave more of them out
+    # A plan that did not use all of its printers would not use these, either.
+    if len(names) > len(job.plates):
         return len(job.plates) >= len(job.planned_for)
     return len(names) < len(job.plates)
 

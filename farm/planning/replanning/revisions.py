@@ -55,7 +55,7 @@ class PlanRevisions:
         self._running: dict[int, StartPlanning] = {}
         self._began_s: dict[int, float] = {}
         self._held_until_s: dict[int, float] = {}
-        self._examined: set[_Key] = set()  # jobs with their plans, free and coming printers
+        self._examined_keys: set[_Key] = set()  # jobs with their plans, free and coming printers
         self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
 
     def is_running(self, number: int) -> bool:
@@ -122,10 +122,10 @@ class PlanRevisions:
             idle, coming_printers = _list_candidates(job, situation, taken_printers)
             key = (number, job.plan, frozenset(idle), frozenset(coming_printers))
             due = number in starting_jobs or not set(job.planned_for) <= set(coming_printers)
-            if not due or key in self._examined or self.is_running(number):
+            if not due or key in self._examined_keys or self.is_running(number):
                 continue
-            self._examined = {
-                attempt_key for attempt_key in self._examined if attempt_key[0] in changeable
+            self._examined_keys = {
+                attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable
             } | {key}
             candidate = _describe(job, plates, situation, ratio)
             names = choose_revision(candidate, situation, (idle, coming_printers))
@@ -165,18 +165,18 @@ class PlanRevisions:
         job = books.job(number)
         changeable = {number} if _may_change(books, job) else set()
         plates = _find_unstarted(books, situation, changeable).get(number)
-        if plates is None:  # cancelled or changed by a person meanwhile
+        if plates is None:  # a person has cancelled or changed the job meanwhile
             return None
         if isinstance(result, FarmError):
             log.warning("job %d keeps its plan: %s", number, result, extra={"job": number})
             return None
-        planned = build_planned_event(
+        planned_event = build_planned_event(
             job, result, situation.printers, books, situation.rules, situation.now_s
         )
-        planned = planned.model_copy(
+        planned_event = planned_event.model_copy(
             update={"printers": order.printers, "planning_s": situation.now_s - self._began_s[number]}
         )
-        event = ev.PlanRevised(**dict(planned))
+        event = ev.PlanRevised(**dict(planned_event))
         if not _ends_sooner(event, books, situation):
             log.info("job %d keeps its plan: the new one does not end sooner", number, extra={"job": number})
             return None
@@ -213,15 +213,15 @@ def _may_change(books: Books, job: Job) -> bool:
 
 
 def _list_candidates(
-    job: Job, situation: Situation, reserved: Collection[str]
+    job: Job, situation: Situation, reserved_printers: Collection[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """List the printers that a job could use now, and all that it could use without a repair."""
     request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
-    matching = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
+    matching_printers = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
     coming_printers = list_coming(
-        matching, limit_availability(Availability(situation.printers), situation, job)
+        matching_printers, limit_availability(Availability(situation.printers), situation, job)
     )
-    idle = [p for p in coming_printers if p.obstacle() is None and p.name not in reserved]
+    idle = [p for p in coming_printers if p.obstacle() is None and p.name not in reserved_printers]
     return _take_largest(idle, request), _take_largest(coming_printers, request)
 
 

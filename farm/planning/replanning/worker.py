@@ -52,8 +52,8 @@ class ReplanWorker:
 
     def stop(self) -> None:
         """Stop all replans; the next daemon examines the plates again."""
-        for running in self._running:
-            running.cancel()
+        for task in self._running:
+            task.cancel()
 
     async def _run(self, task: ReplanTask, cut: bool) -> None:
         result: ReplannedPlate | FarmError
@@ -77,13 +77,13 @@ class ReplanWorker:
 
     async def _reslice(self, task: ReplanTask) -> ReplannedPlate:
         part = await asyncio.to_thread(copy_part, task)
-        (sliced,) = await self._slice(task, (part,))
-        return await asyncio.to_thread(book_resliced, task, sliced)
+        (sliced_part,) = await self._slice(task, (part,))
+        return await asyncio.to_thread(book_resliced, task, sliced_part)
 
     async def _recut(self, task: ReplanTask) -> ReplannedPlate:
         pieces = await PoolShare(self._workers, task.plate.id).run(cut_part, task, limit=CUTTING)
-        sliced = await self._slice(task, pieces.parts)
-        return await asyncio.to_thread(book_recut, task, pieces, sliced)
+        sliced_parts = await self._slice(task, pieces.parts)
+        return await asyncio.to_thread(book_recut, task, pieces, sliced_parts)
 
     async def _slice(self, task: ReplanTask, parts: tuple[DecomposedPart, ...]) -> tuple[SlicedPart, ...]:
         batch = SliceBatch(parts, task.printers, task.options.quality, task.folder, self._state.slices)

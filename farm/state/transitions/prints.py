@@ -124,9 +124,8 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
     elif state is PrintState.CANCELLED and attempt.cancel_reason is None and has_started:
         state = PrintState.FAILED  # not requested by the farm
-    if (
-        state is PrintState.DONE and attempt.fail_reason is not None
-    ):  # it ended before the request reached its agent
+    # The print ended before the request reached its agent.
+    if state is PrintState.DONE and attempt.fail_reason is not None:
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     unknown = _end_is_unknown(event, attempt)
     has_extruded = attempt.extruded or event.extruded

@@ -1,7 +1,7 @@
 """Rules for a job that is moved in the queue, or has another start. Pure.
 
 A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
-job that was never moved is its number, so that jobs submitted later stand behind all of its priority.
+job that was never moved is its number, so that later jobs come after all jobs of their priority.
 """
 
 from __future__ import annotations

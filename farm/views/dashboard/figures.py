@@ -64,7 +64,7 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
     name
         Common property of the prints.
     prints
-        Prints, open ones too, which do not count either.
+        Prints; open ones do not count, either.
     plates
         Their plates, by name.
     """

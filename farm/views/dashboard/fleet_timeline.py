@@ -32,7 +32,7 @@ SIGNS = {
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """Bar of a print; lengths in px. `text` says everything about it."""
+    """Bar of a print; lengths in px. `text` describes it in full."""
 
     x: float
     width: float
@@ -157,7 +157,7 @@ def describe_fleet_timeline(
     Raises
     ------
     NoSuchThing
-        If the change names a job that there is not.
+        If the change names an unknown job.
     InvalidTransition
         If that job cannot be moved.
     """

@@ -76,20 +76,20 @@ class HistoryView:
     hidden: int
 
 
-def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int = 100) -> HistoryView:
+def describe_history(context: ViewContext, history_filter: HistoryFilter, max_rows: int = 100) -> HistoryView:
     """Describe ended prints with their figures.
 
     Parameters
     ----------
     context
         The farm.
-    chosen
+    history_filter
         The prints to describe.
     max_rows
         Number of prints, and of jobs, that are listed; the figures count all.
     """
     books, zone = context.books, context.fleet.zone
-    prints = select_prints(context, chosen)
+    prints = select_prints(context, history_filter)
     jobs = [
         job
         for job in map(books.job, sorted({attempt.job for attempt in prints}, reverse=True))
@@ -98,7 +98,7 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int 
     shown_prints = prints[-max_rows:]
     return HistoryView(
         now=context.format_time(context.now_s) or "",
-        chosen=chosen,
+        chosen=history_filter,
         printers=tuple(
             sorted({*context.fleet.names, *(attempt.printer for attempt in books.prints.values())})
         ),
@@ -116,7 +116,7 @@ def describe_history(context: ViewContext, chosen: HistoryFilter, max_rows: int 
     )
 
 
-def select_prints(context: ViewContext, chosen: HistoryFilter) -> list[Print]:
+def select_prints(context: ViewContext, history_filter: HistoryFilter) -> list[Print]:
     """Select ended prints that were started, in the order in which they ended.
 
     Raises
@@ -124,16 +124,16 @@ def select_prints(context: ViewContext, chosen: HistoryFilter) -> list[Print]:
     NoSuchThing
         If there is no such job.
     """
-    if chosen.job is not None:
-        context.books.job(chosen.job)
-    since_s = 0.0 if chosen.days is None else context.now_s - chosen.days * _DAY_S
+    if history_filter.job is not None:
+        context.books.job(history_filter.job)
+    since_s = 0.0 if history_filter.days is None else context.now_s - history_filter.days * _DAY_S
     prints = [
         attempt
         for attempt in context.books.prints.values()
         if attempt.state.ended
         and attempt.started_s is not None
-        and chosen.printer in (None, attempt.printer)
-        and chosen.job in (None, attempt.job)
+        and history_filter.printer in (None, attempt.printer)
+        and history_filter.job in (None, attempt.job)
         and (attempt.ended_s or 0.0) >= since_s
     ]
     return sorted(prints, key=lambda attempt: (attempt.ended_s or 0.0, attempt.id))

@@ -76,9 +76,9 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
     Parameters
     ----------
     situation
-        As it is.
+        The present situation.
     books
-        As they are.
+        The present books.
     change
         The change that is tried out.
     now_s
@@ -95,12 +95,12 @@ def _renew(plate: WaitingPlate, books: Books) -> WaitingPlate:
     return replace(plate, priority=job.priority, rank=job.moved_rank)
 
 
-def compare_plans(context: ViewContext, plan: FleetPlan, changed: FleetPlan) -> list[JobShift]:
+def compare_plans(context: ViewContext, plan: FleetPlan, changed_plan: FleetPlan) -> list[JobShift]:
     """Compare the ends of all open jobs in two plans, in the order in which they end as it is.
 
     A job that is in neither plan is left out.
     """
-    ends_s, new_ends_s = plan.job_ends_s(), changed.job_ends_s()
+    ends_s, new_ends_s = plan.job_ends_s(), changed_plan.job_ends_s()
     shifts = [
         JobShift(job, ends_s.get(job.id), new_ends_s.get(job.id))
         for job in context.books.jobs.values()

@@ -17,7 +17,7 @@ def describe_timeline(context: ViewContext, number: int, situation: Situation) -
     """Describe times and printers of a job's plates: actual for printed ones, forecast for the others.
 
     The forecast has the plates of all jobs, as that of `farm status`; the lower bound is of this job alone.
-    If the job is held or paused, it is what follows if that ends now.
+    If the job is held or paused, the forecast assumes that this ends now.
 
     Parameters
     ----------

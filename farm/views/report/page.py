@@ -21,7 +21,7 @@ from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outcome
 from farm.views.report.decomposition import Report
 
-_SIGNS = str.maketrans({"^": "", ".": "●"})  # of codes, as they are read on parts
+_SIGNS = str.maketrans({"^": "", ".": "●"})  # signs of codes, as they are read on parts
 _JPEG = b"\xff\xd8"
 
 

@@ -68,9 +68,9 @@ def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
     return router
 
 
-def describe_cleared(printer: str, cleared: api.ClearedResponse) -> str:
+def describe_cleared(printer: str, response: api.ClearedResponse) -> str:
     """Describe in a sentence what followed from a cleared bed."""
-    if cleared.good is not None:
-        others = f"; {' '.join(cleared.printed_on)} already print it again" if cleared.printed_on else ""
-        return f"{printer} is clear, part {cleared.good} is good{others}."
-    return f"{printer} is clear" + (f"; part {cleared.again} is printed again." if cleared.again else ".")
+    if response.good is not None:
+        others = f"; {' '.join(response.printed_on)} already print it again" if response.printed_on else ""
+        return f"{printer} is clear, part {response.good} is good{others}."
+    return f"{printer} is clear" + (f"; part {response.again} is printed again." if response.again else ".")

@@ -115,7 +115,7 @@ class FormReader:
             raise BadForm("the form has no file in its field `file`")
 
     def is_true(self, name: str) -> bool:
-        """Return whether a field says yes, as OctoPrint reads it."""
+        """Check whether a field is true by OctoPrint's rules."""
         return self.fields.get(name, "").strip().lower() in ("true", "yes", "y", "1")
 
     def _begin_part(self) -> None:

@@ -19,7 +19,7 @@ from farm.web.forms.multipart import BadForm, FormReader
 
 _LENGTH_REQUIRED = 411
 _MAX_DISCARDED_BYTES = 2**30
-_ANY_NAME = "the upload"  # until its name is known
+_ANY_NAME = "the upload"  # name in messages until the real one is known
 ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
 """Reads the options of a job from the form, once it has arrived. Raises FarmError."""
 
@@ -89,7 +89,7 @@ class FormUploads:
         return SubmittedForm(number, reader)
 
     async def _inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect an upload. Its errors lack its name: a slicer shows that, and few letters more."""
+        """Inspect an upload. Its errors do not name the file: slicers show it, with little room for more."""
         try:
             return await self.uploads.inspect(upload, name, options)
         except FarmError as error:

@@ -1,6 +1,7 @@
-"""Pages that are kept up to date: each is rendered once for all its viewers of a role, who get what changed.
+"""Pages that are kept up to date: each is rendered once for all its viewers of a role, who receive the
+changes.
 
-Nothing is rendered while nobody looks.
+Pages without viewers are not rendered.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class _Topic:
                 await self._change.wait()
 
     def catch_up(self, version: str) -> bytes:
-        """Return what leads from a version to the present one: the last changes, or everything."""
+        """Return the changes from a version to the present one: the last changes, or the whole page."""
         if version == self.version:
             return b""
         if version == self._previous_version:
@@ -188,7 +189,7 @@ class LivePages:
             self._end_topic(key)
 
     def _end_topic(self, key: tuple[str, Role]) -> None:
-        """Forget a page, and end the streams of its viewers."""
+        """Remove a page, and end the streams of its viewers."""
         topic = self._topics.pop(key)
         topic.is_over = True
         topic.wake()

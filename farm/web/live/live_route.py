@@ -27,7 +27,7 @@ def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         """Send the elements of a page that change, by their ids, as JSON, and heartbeats between changes."""
         holder = find_holder(request)
         streams.check(holder.name)
-        await pages.join(page, holder.role)  # an error is an answer, and no stream
+        await pages.join(page, holder.role)  # an error is sent as an answer, not as a stream
         changes = pages.follow(page, holder.role, version, request.state.is_allowed)
         return StreamResponse(changes, streams.count(holder.name))
 

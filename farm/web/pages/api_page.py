@@ -105,9 +105,9 @@ def _list_objects(document: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple
         if "enum" in schema:
             yield name, [(str(value), (), False) for value in schema["enum"]]
         else:
-            required = schema.get("required", ())
+            required_fields = schema.get("required", ())
             fields = schema.get("properties", {}).items()
-            yield name, [(field, describe_schema(value), field in required) for field, value in fields]
+            yield name, [(field, describe_schema(value), field in required_fields) for field, value in fields]
 
 
 def describe_schema(schema: Mapping[str, Any]) -> Text:

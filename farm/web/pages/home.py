@@ -112,7 +112,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
         Message about the reader's last action.
     """
     jobs = [describe_job_row(job) for job in status.jobs]
-    ended = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
+    ended_rows = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
     return render_page(
         "home.html",
         status.fleet,
@@ -123,8 +123,8 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
         time_scale=status.fleet.time_scale,
         tasks=list_home_tasks(status),
         tiles=list_tiles(status),
-        jobs=[row for row in jobs if row not in ended],
-        ended=ended[-_MAX_ENDED:][::-1],
+        jobs=[row for row in jobs if row not in ended_rows],
+        ended=ended_rows[-_MAX_ENDED:][::-1],
         night=describe_night(status.night),
     )
 
@@ -144,12 +144,12 @@ def list_home_tasks(status: api.Status) -> list[Task]:
 
 def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
     """Yield a key for each task: its code and what it is about, with a number where that is not enough."""
-    seen = Counter[str]()
+    key_counts = Counter[str]()
     for todo in todos:
         subjects = () if todo.code in ("clear", "host") else (*map(str, todo.jobs), *todo.printers)
         key = "-".join((todo.code, *subjects))
-        seen[key] += 1
-        yield key if seen[key] == 1 else f"{key}-{seen[key]}"
+        key_counts[key] += 1
+        yield key if key_counts[key] == 1 else f"{key}-{key_counts[key]}"
 
 
 def is_hot(printer: api.PrinterView) -> bool:
@@ -202,8 +202,10 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
     """Describe what is on the bed of a printer, and what is asked about it."""
     last_print = printer.last
     is_judged = last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
-    seen = last_print.id if last_print is not None else "none"
-    return Bed(printer.name, last_print.plate if last_print is not None else None, is_judged, seen, good)
+    last_print_id = last_print.id if last_print is not None else "none"
+    return Bed(
+        printer.name, last_print.plate if last_print is not None else None, is_judged, last_print_id, good
+    )
 
 
 def list_tiles(status: api.Status) -> list[Tile]:

@@ -1,4 +1,4 @@
-"""Routes of Moonraker's dialect, as far as slicers use it: whether it is there, and uploads.
+"""Routes of Moonraker's dialect, as far as slicers use it: the check for a server, and uploads.
 
 An upload is answered without the `result` that is around all other answers, as Moonraker does.
 """

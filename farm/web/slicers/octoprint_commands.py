@@ -33,9 +33,9 @@ class JobCommand(BaseModel):
     command: str
     action: Literal["pause", "resume", "toggle"] = "toggle"
 
-    def wants_pause(self, paused: bool) -> bool:
+    def wants_pause(self, is_paused: bool) -> bool:
         """Return whether a print, which is paused or not, is to be paused."""
-        return not paused if self.action == "toggle" else self.action == "pause"
+        return not is_paused if self.action == "toggle" else self.action == "pause"
 
 
 class ConnectionCommand(BaseModel):

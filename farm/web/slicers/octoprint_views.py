@@ -163,8 +163,8 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     """
     folder, _, name = path.strip("/").rpartition("/")
     if folder:
-        numbered = jobs.get(int(folder)) if _NUMBER.fullmatch(folder) else None
-        jobs_found = [numbered] if numbered is not None and numbered.name == name else []
+        numbered_job = jobs.get(int(folder)) if _NUMBER.fullmatch(folder) else None
+        jobs_found = [numbered_job] if numbered_job is not None and numbered_job.name == name else []
     else:
         candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
         jobs_found = [job for job in candidates if job.submitted_by == by] or candidates

@@ -125,19 +125,21 @@ class LayerGaps:
 
     def _close_layer(self) -> None:
         """Compare the layer's first line after a gap, and the thickest line of the layer before it."""
-        layer, last = self._layer, self._previous_layer
+        layer, previous = self._layer, self._previous_layer
         if layer is None:
             return
-        last_flow = 0.0 if last is None else last.flow
+        previous_flow = 0.0 if previous is None else previous.flow
         if layer.after_gap is not None:
             feed, gap = layer.after_gap
-            flow = max(layer.flow, last_flow) or self.max_flow
+            flow = max(layer.flow, previous_flow) or self.max_flow
             self._check_feed(feed, feed.compute_excess_mm(flow), _MIN_EXCESS_MM, gap)
-        if last is not None and last.thickest is not None:
-            flow = max(last.second_flow, self._earlier_flow, layer.flow) or self.max_flow
-            min_mm = _MIN_EXCESS_BEFORE_GAP_MM if layer.number > last.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
-            self._check_feed(last.thickest, last.thickest.compute_excess_mm(flow), min_mm, "")
-        self._earlier_flow, self._previous_layer = last_flow, layer
+        if previous is not None and previous.thickest is not None:
+            flow = max(previous.second_flow, self._earlier_flow, layer.flow) or self.max_flow
+            min_mm = (
+                _MIN_EXCESS_BEFORE_GAP_MM if layer.number > previous.number + 1 else _MIN_EXCESS_ELSEWHERE_MM
+            )
+            self._check_feed(previous.thickest, previous.thickest.compute_excess_mm(flow), min_mm, "")
+        self._earlier_flow, self._previous_layer = previous_flow, layer
 
     def _check_feed(self, feed: _Feed, excess_mm: float, min_mm: float, gap: str) -> None:
         if excess_mm > min_mm and self._loss is None:

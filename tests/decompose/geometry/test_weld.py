@@ -47,9 +47,9 @@ def test_edge_uses_are_those_of_an_edge_by_edge_count(faces: list[tuple[int, int
     undirected_edges = [tuple(sorted(edge)) for edge in directed_edges]
     counts = [undirected_edges.count(edge) for edge in set(undirected_edges)]
     uses = count_edge_uses(distinct_faces)
-    assert uses.single == counts.count(1)
-    assert uses.shared == sum(count > 2 for count in counts)
-    assert uses.repeated == len(directed_edges) - len(set(directed_edges))
+    assert uses.single_count == counts.count(1)
+    assert uses.shared_count == sum(count > 2 for count in counts)
+    assert uses.repeated_count == len(directed_edges) - len(set(directed_edges))
 
 
 @given(FACES)
@@ -65,10 +65,10 @@ def test_a_turned_face_is_a_repeated_edge_of_a_closed_surface() -> None:
     box = trimesh.creation.box()
     faces = np.array(box.faces)
     assert count_edge_uses(faces).is_closed
-    assert not count_edge_uses(faces).repeated
+    assert not count_edge_uses(faces).repeated_count
     faces[0] = faces[0][::-1]
     assert count_edge_uses(faces).is_closed
-    assert count_edge_uses(faces).repeated == 3
+    assert count_edge_uses(faces).repeated_count == 3
     assert not count_edge_uses(faces[1:]).is_closed
 
 

@@ -248,11 +248,11 @@ def test_inner_walls_of_each_body_are_shorter() -> None:
     """Use four posts: their inner walls are shorter by four times one post's, within a share of all walls."""
     cost = CostModel.from_recipe(Recipe(min_layer_s=0.0))
     lateral_mm2, height_mm = 4.0 * 4.0 * 30.0 * 50.0, 50.0
-    assert cost.inset_price_s(lateral_mm2, height_mm, 0.0) == 0.0
-    assert cost.inset_price_s(lateral_mm2, height_mm, 3.0 * height_mm) == pytest.approx(
+    assert cost.price_insets_s(lateral_mm2, height_mm, 0.0) == 0.0
+    assert cost.price_insets_s(lateral_mm2, height_mm, 3.0 * height_mm) == pytest.approx(
         3.0 * cost.inset_s_mm * height_mm
     )
     most_s = 0.1 * cost.lateral_s_mm2 * lateral_mm2
-    assert cost.inset_price_s(lateral_mm2, height_mm, 1e6) == pytest.approx(
+    assert cost.price_insets_s(lateral_mm2, height_mm, 1e6) == pytest.approx(
         most_s - cost.inset_s_mm * height_mm
     )

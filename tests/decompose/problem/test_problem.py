@@ -51,15 +51,15 @@ def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     short_s, long_s = seconds(cost, 30.0), seconds(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
     slow, quick = problem.printers
-    assert problem.makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
-    assert problem.makespan_s([block(30.0, quick), block(60.0, slow)]) == pytest.approx(expected_s)
-    assert task(cost, fleet(1.5)).makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
+    assert problem.compute_makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
+    assert problem.compute_makespan_s([block(30.0, quick), block(60.0, slow)]) == pytest.approx(expected_s)
+    assert task(cost, fleet(1.5)).compute_makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
 
 
 def test_time_of_a_part_that_does_not_fit_is_infinite(cost: CostModel) -> None:
     problem = task(cost, fleet(1.0), prove=True)
     for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
-        assert problem.makespan_s(pieces) == math.inf
+        assert problem.compute_makespan_s(pieces) == math.inf
         assert not problem.needs_proof(pieces)
 
 

@@ -187,7 +187,7 @@ def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
     agent.report(90.0)
     agent.wait_until(lambda: runs(mark) == 1)
     agent.report(99.0, 100)
-    assert agent.alarm is not None and agent.alarm.pending
+    assert agent.alarm is not None and agent.alarm.is_pending
     (tmp_path / "gate").write_text("go\n")
     assert agent.wait_for_outcome().outcome == CUT and runs(mark) == 1
 

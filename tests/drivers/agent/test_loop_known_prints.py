@@ -62,5 +62,5 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
         assert printer._board.session is None
     assert printer._answer(start(tmp_path, "p-3")).error is None  # as any other is
     assert printer._board.session is not None
-    printer._requests.ended = True
+    printer._requests.has_ended = True
     printer.run()

@@ -21,7 +21,7 @@ def wait_for_file(path: Path, exists: bool) -> bool:
 
 def test_lock_is_held_while_a_print_is_open(tmp_path: Path):
     lock = tmp_path / "lock"
-    inhibitor = Inhibitor("um2-01", simulated=False, command=["sh", "-c", HOLD_COMMAND, str(lock)])
+    inhibitor = Inhibitor("um2-01", is_simulated=False, command=["sh", "-c", HOLD_COMMAND, str(lock)])
     for _ in range(2):
         inhibitor.hold(True)
         inhibitor.hold(True)
@@ -34,7 +34,8 @@ def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
     lock = tmp_path / "lock"
     text = (
         "import sys, time; from drivers.agent.sleep_inhibitor import Inhibitor\n"
-        f"Inhibitor('a', simulated=False, command=['sh', '-c', {HOLD_COMMAND!r}, {str(lock)!r}]).hold(True)\n"
+        f"Inhibitor('a', is_simulated=False, command=['sh', '-c', {HOLD_COMMAND!r}, {str(lock)!r}])"
+        ".hold(True)\n"
         "time.sleep(60)"
     )
     agent = subprocess.Popen([sys.executable, "-c", text], cwd=Path(__file__).parents[3])
@@ -48,8 +49,8 @@ def test_lock_is_released_when_the_agent_is_killed(tmp_path: Path):
 
 def test_no_lock_on_a_host_without_inhibitors_or_for_a_simulated_printer(tmp_path: Path):
     for inhibitor in (
-        Inhibitor("a", simulated=False, command=[str(tmp_path / "no-such-program")]),
-        Inhibitor("a", simulated=True),
+        Inhibitor("a", is_simulated=False, command=[str(tmp_path / "no-such-program")]),
+        Inhibitor("a", is_simulated=True),
     ):
         inhibitor.hold(True)
         inhibitor.hold(False)

@@ -18,7 +18,7 @@ class FakeWatch:
     """Simulated agent that restarts with the installation that it shall have."""
 
     def __init__(self, printer: str, is_printing: bool = False, new_link: m.LinkState | None = None) -> None:
-        self.printer, self.wanted, self.kept = printer, True, None
+        self.printer, self.is_wanted, self.kept_installation = printer, True, None
         self.new_link = new_link or m.LinkState.READY
         self.snapshot = self.report(m.LinkState.BUSY if is_printing else m.LinkState.READY, is_printing)
         self.runs = OLD
@@ -40,14 +40,14 @@ class FakeWatch:
             raise AgentError("it is printing")
         if self.deaf and self.runs == NEW:
             raise AgentError("it does not answer")
-        self.runs = self.kept or NEW
+        self.runs = self.kept_installation or NEW
         asyncio.get_running_loop().call_later(0.0, self.start)
 
     def start(self) -> None:
         self.snapshot = self.report(self.new_link if self.runs == NEW else m.LinkState.READY)
 
     def kill(self) -> None:
-        self.runs = self.kept or NEW
+        self.runs = self.kept_installation or NEW
 
     def restart(self) -> None:
         """Start the agent immediately: it has already ended."""
@@ -93,7 +93,7 @@ def test_first_fault_brings_the_old_version_back_and_ends_the_update(tmp_path, m
     monkeypatch.setattr(Installation, "exists", True)
     watches = [FakeWatch("a", new_link=m.LinkState.FAULT), FakeWatch("b")]
     agents = run_update(watches, lambda agents: agents.describe(watches).phase is UpdatePhase.FAILED)
-    assert [watch.runs for watch in watches] == [OLD, OLD] and watches[0].kept == OLD
+    assert [watch.runs for watch in watches] == [OLD, OLD] and watches[0].kept_installation == OLD
     reason = str(agents.describe(watches).reason)
     assert "a: its new agent reports: its port is gone; its old version is started again" in reason
 

@@ -32,7 +32,7 @@ def test_clean_wire_executes_every_line_once_without_resends(count: int, piece: 
     bench.run()
     assert bench.firmware.executed == list(enumerate(program, 1))
     assert bench.link.streamed_lines == count
-    assert bench.link.repeated == 0
+    assert bench.link.repeat_count == 0
     assert not bench.list_faults()
 
 
@@ -41,13 +41,13 @@ def test_resent_line_is_counted_once():
         """Wire that loses the third line."""
 
         def carry(self, data: bytes) -> list[bytes]:
-            is_lost = data.startswith(b"N3 ") and not bench.link.repeated
+            is_lost = data.startswith(b"N3 ") and not bench.link.repeat_count
             return [] if is_lost else super().carry(data)
 
     bench = Bench(LossyWire(0.0, 0.0, 10_000, 0)).boot()
     stream_program(bench, make_lines(5))
     bench.run()
-    assert (bench.link.repeated, len(bench.firmware.executed)) == (1, 5)
+    assert (bench.link.repeat_count, len(bench.firmware.executed)) == (1, 5)
 
 
 @given(
@@ -139,7 +139,7 @@ def test_slow_board_is_queried_and_no_line_is_sent_twice():
     bench.link.receive(bench.firmware.feed(late_bytes), bench.now_s)
     bench.run()
     assert [number for number, _ in bench.firmware.executed] == list(range(1, 51))
-    assert bench.link.repeated == 0
+    assert bench.link.repeat_count == 0
 
 
 def test_time_out_is_reset_by_an_ordinary_ok():
@@ -337,7 +337,7 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
         if not change_share:
             assert [body for _, body in bench.firmware.executed] == [b"M82", *program]
             assert line_counts == sorted(line_counts)
-            assert bench.link.repeated == 0
+            assert bench.link.repeat_count == 0
 
 
 def test_unexpected_last_line_is_accepted_when_reported_twice():

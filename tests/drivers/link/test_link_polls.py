@@ -66,7 +66,7 @@ def test_polls_keep_the_order_of_lines_and_are_not_counted(
         assert not board.link.is_drained or start + printed_count == len(PROGRAM)
     assert board.link.is_drained
     assert board.done == [b"M110", *commands, *PROGRAM[start:]]
-    assert board.link.repeated == 0
+    assert board.link.repeat_count == 0
     assert board.reports >= len(PROGRAM) * 0.2 / poll_every_s
     assert len(board.link._outbox._frames) < 400  # a print has a million lines
 

@@ -70,4 +70,4 @@ def test_lost_ok_during_slow_moves_causes_no_resend(moves: list[float], feed_mm_
     now_s += 200.0
     firmware.feed(b"", now_s)
     assert firmware.machine.planner.moves == len(program)
-    assert link.repeated == 0
+    assert link.repeat_count == 0

@@ -109,7 +109,7 @@ def test_noisy_wire_executes_lines_once_unaltered_or_ends_in_a_named_fault(
     numbers = [number for number, _ in firmware.taken]
     assert numbers == list(range(1, len(numbers) + 1))
     altered_count = sum(body != line for (_, body), line in zip(firmware.taken, program, strict=False))
-    assert altered_count == (firmware.noise.altered if firmware.noise is not None else 0)
+    assert altered_count == (firmware.noise.altered_lines if firmware.noise is not None else 0)
     if fault_texts:
         assert set(fault_texts) <= NAMED_FAULTS
     else:
@@ -140,7 +140,7 @@ def test_checksum_collision_is_counted():
         if link.phase is Phase.LIVE and not firmware.taken and link.is_drained:
             link.send(now_s, b"G1 X12", b"G1 X10")
     assert [body for _, body in firmware.taken] == [b"G1 X21", b"G1 X10"]
-    assert firmware.noise.altered == 1
+    assert firmware.noise.altered_lines == 1
 
 
 @pytest.mark.parametrize("seed", range(3))

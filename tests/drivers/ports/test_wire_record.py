@@ -73,7 +73,7 @@ def test_noise_fits_into_a_message(noise):
     """Limit the length: a longer line would end the daemon's connection and delay the serial loop."""
     record = WireRecord(lambda: 0.0)
     for _ in range(1000):
-        record.add(False, (noise * 1000)[:4096])
+        record.record(False, (noise * 1000)[:4096])
     lines = tuple(WireLine(at_s=line.at_s, sent=line.sent, text=line.text) for line in record.list_lines())
     assert 0 < len(lines) <= 400
     assert len(Reply(id=1, lines=lines).model_dump_json()) < 2**19
@@ -81,7 +81,7 @@ def test_noise_fits_into_a_message(noise):
 
 def test_long_reads_keep_all_lines():
     record = WireRecord(lambda: 0.0)
-    record.add(False, b"echo:" + b"x" * 600 + b"\nok\n")
+    record.record(False, b"echo:" + b"x" * 600 + b"\nok\n")
     assert [line.text for line in record.list_lines()][1:] == ["ok"]
 
 

@@ -107,7 +107,7 @@ def test_alarm_is_written_and_read_under_its_first_names(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text('{"at_s": 1.0, "alarm": {"text": "hot", "at_s": 1.0, "asked": true, "said": null}}\n')
     alarm = Journal(path).state.alarm
-    assert alarm == Alarm(text="hot", at_s=1.0, power_off_requested=True) and alarm.pending
+    assert alarm == Alarm(text="hot", at_s=1.0, power_off_requested=True) and alarm.is_pending
     cut_alarm = alarm.model_copy(update={"outcome": "off"})
     Journal(path).write(2.0, alarm=cut_alarm.record())
     last_record = json.loads(path.read_text().splitlines()[-1])

@@ -59,7 +59,11 @@ def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
 
 def has_ended(host: Host) -> bool:
     board, machine = host.board, host.firmware.machine
-    return board.nozzle.target_c == board.bed.target_c == 0.0 and not machine.waiting and not machine.planner
+    return (
+        board.nozzle.target_c == board.bed.target_c == 0.0
+        and not machine.waiting_moves
+        and not machine.planner
+    )
 
 
 def test_heat_and_queued_moves_end_within_one_move():

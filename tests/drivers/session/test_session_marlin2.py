@@ -35,11 +35,11 @@ def test_part_is_printed_with_each_line_once_and_ends_cold(advanced_ok: bool):
     printer = rig(advanced_ok=advanced_ok).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     board = printer.firmware.board
-    assert printer.firmware.errors == 0 and printer.link.repeated == 0
+    assert printer.firmware.errors == 0 and printer.link.repeat_count == 0
     assert board.filament_mm == pytest.approx(200.0 + 12.5, abs=0.01)  # 8 mm forward at the start, 8 mm back
     assert board.filament_end_mm == pytest.approx(-ENDER3.parked_mm, abs=0.01)
     assert printer.session.context.filament is Filament.PARKED
-    assert printer.firmware.machine.homed and not board.bed_clear
+    assert printer.firmware.machine.is_homed and not board.bed_clear
     assert printer.phases[-3:] == [PrintPhase.PRINTING, PrintPhase.ENDING, PrintPhase.DONE]
 
 
@@ -49,8 +49,8 @@ def test_part_is_exact_over_a_noisy_wire(seed: int):
     printer = Rig(faults, gcode(600), "creality_ender3", seed=seed, profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
     noise = printer.firmware.noise
-    assert noise is not None and noise.damaged > 0 and noise.altered == 0
-    assert printer.link.repeated > 0
+    assert noise is not None and noise.damaged_bytes > 0 and noise.altered_lines == 0
+    assert printer.link.repeat_count > 0
     assert printer.firmware.board.filament_mm == pytest.approx(600.0 + 12.5, abs=0.01)
 
 
@@ -77,7 +77,7 @@ def test_slow_move_has_no_time_out_while_the_board_is_busy():
     slow = gcode(60).replace("F3000", "F120")  # 20 s each, and the planner is full
     printer = Rig(Faults(), slow, "creality_ender3", profile=ENDER3).run()
     assert_end_with_heaters_off(printer, PrintPhase.DONE, None)
-    assert printer.link.repeated == 0
+    assert printer.link.repeat_count == 0
     questions = printer.sent.count(ENDER3.firmware.last_line_query)
     assert questions < 150  # at most one for each line, not one every 0.3 s
 

@@ -203,7 +203,7 @@ def test_client_sends_an_older_agent_known_requests_only(tmp_path: Path):
 
 def test_new_request_is_not_sent_to_an_older_agent():
     class ReplacementSteps(m.Hello):
-        since: ClassVar[int] = m.PROTOCOL + 1
+        first_protocol: ClassVar[int] = m.PROTOCOL + 1
 
     assert m.encode_for_protocol(ReplacementSteps(id=1), m.PROTOCOL) is None
     assert m.encode_for_protocol(ReplacementSteps(id=1), m.PROTOCOL + 1) is not None

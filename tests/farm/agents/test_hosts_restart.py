@@ -42,7 +42,7 @@ def test_a_restarted_daemon_reports_the_return_of_a_host_but_not_its_loss_again(
     connections = hosts.Hosts(fleet, StateFolder(tmp_path), clock, listener)  # type: ignore[arg-type]
 
     async def restart() -> None:
-        connections.start(lost={"pc-a"})
+        connections.start(lost_hosts={"pc-a"})
         await connections.close()
 
     asyncio.run(restart())

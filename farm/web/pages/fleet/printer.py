@@ -77,9 +77,9 @@ def render_wire(
         Reason for which there are no lines.
     """
     zone = ZoneInfo(farm.timezone)
-    shown = [
+    shown_lines = [
         ShownLine(f"{datetime.fromtimestamp(line.at_s, zone):%H:%M:%S.%f}"[:-3], line.sent, line.text)
         for line in lines
     ]
     path = f"/printers/{name}/wire"
-    return render_page("wire.html", farm, path, reader, name=name, lines=shown, problem=problem)
+    return render_page("wire.html", farm, path, reader, name=name, lines=shown_lines, problem=problem)

@@ -27,7 +27,7 @@ from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute, read_query
 
-_ROUNDS = 10  # of live pages from one rendering to the next: these read all jobs and prints
+_ROUNDS = 10  # rounds of live pages between two renderings: these pages read all jobs and prints
 
 
 def fleet_routes(pages: PageContext) -> APIRouter:
@@ -99,7 +99,7 @@ def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
         raise Refused(f"nothing of job {job.id} would move: {reason}")
     before, not_before_s = None, None
     if query.to is not None:
-        order = [queued.id for queued in list_queue(context.books)]
+        order = [entry.id for entry in list_queue(context.books)]
         before = find_successor(order, job.id, api.QueueMove(to=query.to))
     if query.at:
         try:

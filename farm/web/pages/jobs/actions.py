@@ -22,7 +22,7 @@ class Action:
     fields
         Hidden fields of its form.
     is_destructive
-        True if it cannot be taken back: a page asks for a second press.
+        True if it cannot be undone: a page asks for a confirmation.
     """
 
     path: str

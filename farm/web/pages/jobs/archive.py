@@ -17,7 +17,7 @@ class _Outbox:
         self._chunks: list[bytes] = []
 
     def write(self, content: bytes) -> int:
-        """Take up content."""
+        """Append content."""
         self._chunks.append(bytes(content))
         return len(content)
 
@@ -25,7 +25,7 @@ class _Outbox:
         """Do nothing: content is taken at once."""
 
     def take(self) -> bytes:
-        """Return what was written, and forget it."""
+        """Return the content that was written, and remove it."""
         content = b"".join(self._chunks)
         self._chunks.clear()
         return content

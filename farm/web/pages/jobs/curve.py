@@ -57,14 +57,16 @@ class Curve:
     right: int = _WIDTH - _RIGHT
 
 
-def draw_curve(points: Sequence[CurvePoint], chosen: int, starts: datetime, now: datetime) -> Curve | None:
+def draw_curve(
+    points: Sequence[CurvePoint], chosen_count: int, starts: datetime, now: datetime
+) -> Curve | None:
     """Lay out a curve; None if there is nothing to choose.
 
     Parameters
     ----------
     points
         Points of the curve.
-    chosen
+    chosen_count
         The number of printers of the plan.
     starts
         Time at which printing would start.
@@ -87,7 +89,7 @@ def draw_curve(points: Sequence[CurvePoint], chosen: int, starts: datetime, now:
             x=_LEFT + (_WIDTH - _LEFT - _RIGHT) * (number - first) / (last - first),
             y=_TOP + (_HEIGHT - _TOP - _BOTTOM) * (1 - time_s / longest_s),
             label=str(number) if (number - first) % every == 0 else "",
-            is_chosen=number == chosen,
+            is_chosen=number == chosen_count,
             end=end,
         )
 

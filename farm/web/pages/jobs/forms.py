@@ -34,9 +34,9 @@ def plan_forms(services: Services, jobs: JobCommands) -> APIRouter:
 
     @router.post("/jobs/{number}/release")
     async def release(number: int, request: Request, by: CallerName) -> Response:
-        seen = (await read_form(request, ReleaseForm)).plan
+        seen_plan = (await read_form(request, ReleaseForm)).plan
         plan = services.controller.books.job(number).plan
-        if seen is not None and seen != plan:
+        if seen_plan is not None and seen_plan != plan:
             raise Refused(f"the plan of job {number} has changed: look at it again")
         await jobs.release(number, services.state, by, is_operator(request))
         return answer_form(request, Note(f"Job {number} prints as soon as it can."))

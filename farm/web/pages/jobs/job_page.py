@@ -178,9 +178,9 @@ def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list
         reasons.append(Sentence(f"no printer can print {shorten_names(timeline.left)}"))
     if job.hold is not None and job.state != JobState.QUEUED and job.hold.code is not HoldCode.APPROVAL:
         reasons.append(Sentence(job.hold.text, job.hold.times))
-    known = {reason.text for reason in reasons}
+    known_texts = {reason.text for reason in reasons}
     for hold, plates in group_holds([job]):
-        if hold.text not in known:
+        if hold.text not in known_texts:
             reasons.append(Sentence(f"{shorten_names(plates)}: {hold.text}", hold.times))
     return reasons
 

@@ -32,7 +32,7 @@ _DOCUMENT = {
     "frame-ancestors 'none'; base-uri 'none'"
 }
 """Policy of a page that the farm wrote as one file: its own style and pictures, and no script."""
-_MAX_PRINTS = 2000  # of other jobs, in a timeline
+_MAX_PRINTS = 2000  # maximum number of prints of other jobs in a timeline
 
 
 class JobQuery(BaseModel):

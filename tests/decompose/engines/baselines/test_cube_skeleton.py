@@ -175,7 +175,7 @@ def test_cube_whose_parts_end_first_is_used(
     monkeypatch.setattr(cube_skeleton, "_cut_shell", record_cut)
     problem = Problem(make_ball(95.0), tuple(printers(40)), cost, OPTIONS)
     assert cube_skeleton.cut_by_cube_skeleton(problem).pieces is cuts[chosen_index]
-    assert problem.makespan_s(cuts[chosen_index]) < problem.makespan_s(cuts[1 - chosen_index])
+    assert problem.compute_makespan_s(cuts[chosen_index]) < problem.compute_makespan_s(cuts[1 - chosen_index])
 
 
 def test_cubes_are_compared_by_the_times_of_their_pieces(

@@ -30,7 +30,7 @@ def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
     assert host.send("M104 S200") == ["ok"]
     assert host.board.nozzle.target_c == 200.0
     host.send("G28")
-    assert host.firmware.machine.homed
+    assert host.firmware.machine.is_homed
     assert message == []
 
 
@@ -94,7 +94,7 @@ def test_reset_keeps_physical_state_only(host: Host) -> None:
     host.firmware.reset(host.now_s)
     assert 0 < host.board.filament_mm < 40 and host.board.filament_mm >= fed_mm
     assert host.board.nozzle.target_c == 0.0 and host.board.nozzle.temperature_c(host.now_s) > 200.0
-    assert not host.firmware.machine.homed
+    assert not host.firmware.machine.is_homed
     assert host.board.head_mm == pytest.approx((100, 100, 100))
     host.wait(5.0)
     assert host.send("M114")[0].startswith("X:0.00Y:0.00Z:0.00E:0.00")

@@ -28,7 +28,7 @@ def test_repeated_or_skipped_number_requests_the_next_line(host: Host) -> None:
             "Resend: 3",
             "ok",
         ]
-    assert not host.firmware.machine.homed
+    assert not host.firmware.machine.is_homed
 
 
 def test_bad_checksum_requests_the_same_line(host: Host) -> None:

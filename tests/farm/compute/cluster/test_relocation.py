@@ -12,7 +12,7 @@ PATHS = NAMES.map(lambda names: "/" + "/".join(names))
 
 
 def test_the_longest_match_counts_and_other_paths_stay():
-    moves = Relocation.of([("/state/job-1", "/here/0"), ("/state/job-1/levelled", "/here/1")])
+    moves = Relocation.from_pairs([("/state/job-1", "/here/0"), ("/state/job-1/levelled", "/here/1")])
     assert moves.move("/state/job-1/p01.stl") == "/here/0/p01.stl"
     assert moves.move("/state/job-1/levelled/p01.stl") == "/here/1/p01.stl"
     assert moves.move("/state/job-10/p01.stl") == "/state/job-10/p01.stl"
@@ -21,7 +21,7 @@ def test_the_longest_match_counts_and_other_paths_stay():
 
 @given(st.lists(PATHS, max_size=4, unique=True), PATHS)
 def test_the_way_back_leads_to_the_same_path(sources, path):
-    moves = Relocation.of((source, f"/here/{number}") for number, source in enumerate(sources))
+    moves = Relocation.from_pairs((source, f"/here/{number}") for number, source in enumerate(sources))
     assert moves.reverse().move(moves.move(path)) == path
 
 
@@ -30,7 +30,7 @@ def swap(files, name):
 
 
 def test_a_call_has_the_paths_of_the_worker_and_its_result_those_of_the_caller():
-    relocated = Relocation.of([("/state", "/here")])
+    relocated = Relocation.from_pairs([("/state", "/here")])
     call = dump((swap, ((Path("/state/a"), Path("/usr/b")), "/state/text")))
     assert load(call, relocated)[1] == ((Path("/here/a"), Path("/usr/b")), "/state/text")
     result = load(run_relocated(call, relocated))

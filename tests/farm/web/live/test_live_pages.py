@@ -243,7 +243,7 @@ def test_streams_continue_what_the_pages_show_and_other_addresses_are_errors(tmp
         assert html.unescape(response.partition('data-live="')[2].partition('"')[0]) == address
         version, changes = parse(asyncio.run(read_first_event(farm, session, address)))
         assert (f'data-version="{version}"' in response, list(changes)) == (True, ["main"])
-        farm.services.page_streams._closing.clear()
+        farm.services.page_streams._close_event.clear()
     for address, status in {
         "/history?days=x": 400, "/timeline?hours=1": 400, "/jobs/x": 404, "/jobs/9": 404, "/printers/x": 404,
     }.items():  # fmt: skip
