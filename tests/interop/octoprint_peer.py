@@ -42,7 +42,7 @@ class Settings:
             self._values.update(MARLIN2)
             self._values["errors"] = {**errors, **MARLIN2["errors"]}
 
-    def get(self, path, is_merged=False):
+    def get(self, path, merged=False):
         value = self._values
         for key in path:
             value = value.get(key) if isinstance(value, dict) else None

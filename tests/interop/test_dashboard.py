@@ -99,7 +99,7 @@ def print_outcomes(farm):
             controller.handle(cleared.model_copy(update={"verdict": verdict or Verdict.GOOD}))
     alarm = {"alarm": "the nozzle cannot be switched off", "nozzle_c": 231.0, "bed_c": 60.0}
     controller.on_snapshot(AgentSnapshot(printer="a", link=Link.FAULT, reason="inspect it", **alarm))
-    number = submit_model(farm, by="bob")
+    number = submit_model(farm, user="bob")
     controller.handle(ev.JobPaused(at_s=now_s, job=number, wanted=True, by="bob"))
 
 

@@ -55,7 +55,7 @@ def resources(folder, version):
 class Host:
     """A computer with a given version of apt, and its files."""
 
-    def __init__(self, folder, *, apt=None, lists=True, apt_has_packages=None):
+    def __init__(self, folder, *, apt=None, lists=True, packaged_version=None):
         self.folder, self.bin, self.state = folder, folder / "bin", folder / "state"
         self.bin.mkdir()
         self.state.mkdir()
@@ -70,7 +70,7 @@ class Host:
                 epoch = "1:" if package == "cura-engine" else ""
                 (self.state / f"candidate-{package}").write_text(f"{epoch}{apt}.0-6")
             self.engine(apt, self.state / "new-engine")
-            resources(self.state / "packaged", apt_has_packages or apt)
+            resources(self.state / "packaged", packaged_version or apt)
         if lists:
             (self.state / "lists").touch()
 

@@ -34,7 +34,7 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
             assert client.process is not None
             client.process.send_signal(signal.SIGTERM)
             client.process.wait(10.0)
-            old_log = (client.folder / AGENT_LOG).read_text()
+            first_log = (client.folder / AGENT_LOG).read_text()
             with (client.folder / AGENT_LOG).open("a") as log:
                 log.write("x" * 3_000_000 + "\n")
             fill_journal(client.folder / JOURNAL)
@@ -47,7 +47,7 @@ def test_full_log_and_a_long_journal_are_continued_without_losing_a_line(tmp_pat
                 (client.folder / f"{AGENT_LOG}.1").read_text(),
                 (client.folder / AGENT_LOG).read_text(),
             )
-            assert old_log.startswith(old_log + "x" * 100) and len(new_log) < 10_000
+            assert old_log.startswith(first_log + "x" * 100) and len(new_log) < 10_000
             records = (json.loads(line) for line in (client.folder / JOURNAL).read_text().splitlines())
             prints = (record["print"] for record in records if record.get("print"))
             phases = [expected["phase"] for expected in prints if expected["print_id"] == "p-1"]

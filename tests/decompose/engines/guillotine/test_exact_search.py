@@ -70,7 +70,7 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
         return list(pieces)
 
     monkeypatch.setattr(exact_search, "shift_planes", reverse_shift)
-    monkeypatch.setattr(Problem, "makespan_s", lambda _, pieces: ends[id(pieces[0])])
+    monkeypatch.setattr(Problem, "compute_makespan_s", lambda _, pieces: ends[id(pieces[0])])
     result = exact_search.cut_for_uniform_printers(task)
     assert len(results) > 2
     assert result.pieces == results[2]
