@@ -155,7 +155,7 @@ class Store:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._count: int | None = None  # file descriptor of the count
-        self._last_number: int | None = None  # of the last event
+        self._last_number: int | None = None  # of the last event of a transaction; None without one
         is_new = not path.exists() or not path.stat().st_size
         _make_private(path)
         try:
@@ -234,7 +234,7 @@ class Store:
             return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
         return 0
 
-    def _write_count(self, number: int | None) -> None:
+    def _write_count(self, number: int) -> None:
         """Write the number of committed events to a file beside the books.
 
         If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
@@ -244,7 +244,7 @@ class Store:
             if self._count is None:
                 path = self._path.with_name(self._path.name + _COUNT)
                 self._count = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            os.pwrite(self._count, b"%020d" % (number or 0), 0)
+            os.pwrite(self._count, b"%020d" % number, 0)
 
     @property
     def copied_s(self) -> float | None:
@@ -269,6 +269,7 @@ class Store:
                 yield  # the outer block ends it
                 return
             self._db.execute("BEGIN IMMEDIATE")
+            self._last_number = None
             try:
                 yield
             except BaseException:
@@ -278,7 +279,8 @@ class Store:
             self._db.execute("COMMIT")
         except sqlite3.Error as error:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
-        self._write_count(self._last_number)
+        if self._last_number is not None:  # a block may be empty, also after commits that failed
+            self._write_count(self._last_number)
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
         """Write an event and the changed entities in one transaction, synced to the disk."""

@@ -244,3 +244,23 @@ def test_entities_that_are_read_share_the_set_of_their_fields(tmp_path):
         and second_printer.maintenance is None
         and "maintenance" in copy.model_fields_set
     )
+
+
+def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
+    """The count would say that an event was lost, and the next start would restore a backup."""
+    first, second, *_ = make_fleet_events()
+    with Store(tmp_path / "farm.db") as store:
+        with store.transaction():
+            pass
+        assert not (tmp_path / "farm.db-count").exists()
+        books, _ = apply(first, Books())
+        store.commit(first, Books(), books)
+        store._db.execute(f"PRAGMA max_page_count = {store._db.execute('PRAGMA page_count').fetchone()[0]}")
+        with pytest.raises(StoreError, match="full"):  # a full disk
+            for _ in range(1000):
+                store.commit(second, books, books)
+        with store.transaction():
+            pass
+        assert int((tmp_path / "farm.db-count").read_bytes()) == store.find_last_event()
+    with Store(tmp_path / "farm.db") as store:
+        assert store.copied_s is None
