@@ -229,11 +229,9 @@ class Controller:
         """Return the assignments to start now, first those that the last run left, and the later ones."""
         remaining_starts = self._replanning.without_reserved(self.books, self._later_starts)
         starts, later_starts = divide_starts(remaining_starts, situation, MAX_STARTS)
-        return (
-            (starts, later_starts)
-            if starts
-            else divide_starts(self._assign(situation), situation, MAX_STARTS)
-        )
+        if not starts:
+            return divide_starts(self._assign(situation), situation, MAX_STARTS)
+        return starts, later_starts
 
     def _find_held_back(self) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment."""

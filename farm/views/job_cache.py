@@ -1,4 +1,4 @@
-"""Cache of what the views of jobs show until something of the job changes."""
+"""Cache of the contents of jobs in views, kept until something of the job changes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from farm.state import Books
 from farm.views.accounting import JobSummary
 
 MAX_JOBS = 1000
-"""Most jobs that are kept, each with about 1 kB for a part."""
+"""Maximum number of jobs that are kept, each with about 1 kB for a part."""
 
 
 @dataclass(slots=True)
 class JobContents:
-    """What a view shows of a job that depends neither on the time nor on other jobs.
+    """Contents of a job in views that depend neither on the time nor on other jobs.
 
     Attributes
     ----------

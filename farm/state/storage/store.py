@@ -156,6 +156,7 @@ class Store:
         self._path = path
         self._count: int | None = None  # file descriptor of the count
         self._last_number: int | None = None  # of the last event of a transaction; None without one
+        self._is_writing = False  # whether a block of `transaction` is open
         is_new = not path.exists() or not path.stat().st_size
         _make_private(path)
         try:
@@ -264,21 +265,23 @@ class Store:
     @contextmanager
     def transaction(self) -> Iterator[None]:
         """Write all commits of a block in one transaction, synced to the disk once: all of them, or none."""
+        if self._is_writing:  # the outer block ends it
+            yield
+            return
+        self._is_writing, self._last_number = True, None
         try:
-            if self._db.in_transaction:
-                yield  # the outer block ends it
-                return
             self._db.execute("BEGIN IMMEDIATE")
-            self._last_number = None
             try:
                 yield
+                self._db.execute("COMMIT")
             except BaseException:
                 if self._db.in_transaction:  # on a full disk SQLite rolls back by itself
                     self._db.execute("ROLLBACK")
                 raise
-            self._db.execute("COMMIT")
         except sqlite3.Error as error:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
+        finally:
+            self._is_writing = False
         if self._last_number is not None:  # a block may be empty, also after commits that failed
             self._write_count(self._last_number)
 

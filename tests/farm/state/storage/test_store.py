@@ -264,3 +264,18 @@ def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
         assert int((tmp_path / "farm.db-count").read_bytes()) == store.find_last_event()
     with Store(tmp_path / "farm.db") as store:
         assert store.copied_s is None
+
+
+def test_commit_after_a_failed_one_is_on_the_disk(tmp_path):
+    """A failed COMMIT leaves its transaction open: the next one must not become a part of it."""
+    event, *_ = make_fleet_events()
+    books, _ = apply(event, Books())
+    with Store(tmp_path / "farm.db") as store:
+        store._db.execute("PRAGMA foreign_keys = ON")
+        store._db.execute("CREATE TEMP TABLE parent (id PRIMARY KEY)")
+        store._db.execute("CREATE TEMP TABLE child (id REFERENCES parent DEFERRABLE INITIALLY DEFERRED)")
+        with pytest.raises(StoreError, match="FOREIGN KEY"), store.transaction():
+            store.commit(event, Books(), books)
+            store._db.execute("INSERT INTO child VALUES (1)")
+        store.commit(event, Books(), books)
+        assert read_books(tmp_path / "farm.db")[0] == books
