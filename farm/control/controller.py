@@ -384,13 +384,13 @@ class Controller:
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
         """Return the data that views are built from."""
-        now_s, ends = self.clock.now(), self.forecast.find_ends()
+        ends = self.forecast.find_ends()
         return ViewContext(
             self.fleet,
             self.books,
             self.telemetry.snapshots,
             state,
-            now_s,
+            self.clock.now(),
             ends_s=ends.by_plate,
             forecast_s=ends.at_s,
             is_started=not self.is_starting(),

@@ -19,6 +19,7 @@ from farm.state.books import Books, list_changed_entities, list_removed_keys, lo
 from farm.state.event_rows import READ_EVENTS, READ_UPKEEP, EventRow, make_row
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
+from farm.state.storage.event_count import EventCount
 from farm.state.storage.migrations import (
     CHECKSUMS_VERSION,
     CREATE_COPIED,
@@ -42,7 +43,6 @@ class DamagedBooks(StoreError):
     """Error for damaged books on the disk."""
 
 
-_COUNT = "-count"  # after the books' name: file with the number of committed events
 _HISTORY = """
     SELECT at_s, kind, json_extract(body, '$.state') FROM event
     WHERE json_extract(body, ?) = ? OR json_extract(body, ?) = ? ORDER BY seq DESC LIMIT 8
@@ -154,7 +154,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._count: int | None = None  # file descriptor of the count
+        self._count = EventCount(path)
         self._last_number: int | None = None  # of the last event of a transaction; None without one
         self._is_writing = False  # whether a block of `transaction` is open
         is_new = not path.exists() or not path.stat().st_size
@@ -181,8 +181,8 @@ class Store:
             self._create()
             self._check_rows()
             if is_new:  # the old ones were moved away
-                path.with_name(path.name + _COUNT).unlink(missing_ok=True)
-            self._has_lost_events = self._find_last_event() < self._read_count()
+                self._count.remove()
+            self._has_lost_events = self._find_last_event() < self._count.read()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
             environment = getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS
             message = f"the database {path} cannot be opened: {error}"
@@ -229,24 +229,6 @@ class Store:
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         return int(number)
 
-    def _read_count(self) -> int:
-        """Return the number of committed events; 0 if unknown."""
-        with suppress(OSError, ValueError):
-            return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
-        return 0
-
-    def _write_count(self, number: int) -> None:
-        """Write the number of committed events to a file beside the books.
-
-        If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
-        commits are lost. The file is not synced: after a power cut it may show fewer events, never more.
-        """
-        with suppress(OSError):
-            if self._count is None:
-                path = self._path.with_name(self._path.name + _COUNT)
-                self._count = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            os.pwrite(self._count, b"%020d" % number, 0)
-
     @property
     def copied_s(self) -> float | None:
         """Return the time up to which these books are complete; None if they are complete.
@@ -283,7 +265,7 @@ class Store:
         finally:
             self._is_writing = False
         if self._last_number is not None:  # a block may be empty, also after commits that failed
-            self._write_count(self._last_number)
+            self._count.write(self._last_number)
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
         """Write an event and the changed entities in one transaction, synced to the disk."""
@@ -381,9 +363,7 @@ class Store:
 
     def close(self) -> None:
         self._db.close()
-        if self._count is not None:
-            os.close(self._count)
-            self._count = None
+        self._count.close()
 
     def __enter__(self) -> Self:
         return self
