@@ -55,9 +55,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
             connectors = _leave_out(connectors, faults, decomposition)
         else:
             raise DecomposeError("the rules of pins and marks are broken again and again")
-    except (
-        Exception
-    ) as error:  # including errors of shapely and Qhull: the parts are valid without pins and marks
+    except Exception as error:  # also of shapely and Qhull: parts are valid without pins and marks
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))
     cut_parts = {tool.part for tool in connectors.tools}

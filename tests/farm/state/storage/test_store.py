@@ -247,7 +247,7 @@ def test_entities_that_are_read_share_the_set_of_their_fields(tmp_path):
 
 
 def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
-    """The count would say that an event was lost, and the next start would restore a backup."""
+    """Report no loss of events at the next start, which would restore a backup."""
     first, second, *_ = make_fleet_events()
     with Store(tmp_path / "farm.db") as store:
         with store.transaction():
@@ -267,7 +267,7 @@ def test_failed_commit_is_not_counted_by_a_later_empty_transaction(tmp_path):
 
 
 def test_commit_after_a_failed_one_is_on_the_disk(tmp_path):
-    """A failed COMMIT leaves its transaction open: the next one must not become a part of it."""
+    """End the transaction that a failed COMMIT leaves open, so that the next commit is no part of it."""
     event, *_ = make_fleet_events()
     books, _ = apply(event, Books())
     with Store(tmp_path / "farm.db") as store:

@@ -26,7 +26,7 @@ def list_defaults() -> dict[str, Any]:
 
 
 def test_defaults_of_stored_fields_stay():
-    """A new field may be added to the file; another default needs a migration that writes the old one out."""
+    """Add a new field to the file; for another default, write a migration that stores the old one."""
     recorded_defaults, defaults = json.loads(RECORDED.read_text()), list_defaults()
     changed_fields = {name for name, value in recorded_defaults.items() if defaults.get(name, value) != value}
     assert not changed_fields
