@@ -33,18 +33,29 @@ def convert_to_version(db, version):
     db.execute(f"PRAGMA user_version = {version}")
 
 
-def test_store_returns_committed_entities(tmp_path):
+def list_job_events():
+    """List the events of a fleet and of a job with a plan."""
+    return [
+        *make_fleet_events(),
+        ev.JobSubmitted(at_s=0.0, job=make_job()),
+        ev.PlanningStarted(at_s=0.0, job=1),
+        make_plan_event(),
+    ]
+
+
+def commit_all(store, events):
+    """Apply events to empty books and commit each; return the books."""
     books = Books()
+    for event in events:
+        new_books, _ = apply(event, books)
+        store.commit(event, books, new_books)
+        books = new_books
+    return books
+
+
+def test_store_returns_committed_entities(tmp_path):
     with Store(tmp_path / "farm.db") as store:
-        for event in (
-            *make_fleet_events(),
-            ev.JobSubmitted(at_s=0.0, job=make_job()),
-            ev.PlanningStarted(at_s=0.0, job=1),
-            make_plan_event(),
-        ):
-            new_books, _ = apply(event, books)
-            store.commit(event, books, new_books)
-            books = new_books
+        books = commit_all(store, list_job_events())
     with Store(tmp_path / "farm.db") as store:
         assert store.load() == books
         assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
@@ -191,37 +202,22 @@ def test_key_of_a_version_without_sessions_is_no_session():
 
 
 def test_commits_of_a_transaction_are_written_all_or_none(tmp_path):
-    events, books = make_fleet_events(), Books()
+    events = make_fleet_events()
     with Store(tmp_path / "farm.db") as store:
         with pytest.raises(StoreError), store.transaction():
-            for event in events:
-                new_books, _ = apply(event, books)
-                store.commit(event, books, new_books)
-                books = new_books
+            commit_all(store, events)
             store._db.execute("INSERT INTO no_such_table VALUES (1)")
         assert store.load() == Books() and store.find_last_event() == 0
-        books = Books()
         with store.transaction():
-            for event in events:
-                new_books, _ = apply(event, books)
-                store.commit(event, books, new_books)
-                books = new_books
+            books = commit_all(store, events)
         assert store.load() == books and store.find_last_event() == len(events)
         assert int((tmp_path / "farm.db-count").read_bytes()) == len(events)
 
 
 def test_rows_leave_defaults_out_and_complete_rows_are_read_too(tmp_path):
-    path, books = tmp_path / "farm.db", Books()
+    path = tmp_path / "farm.db"
     with Store(path) as store:
-        for event in (
-            *make_fleet_events(),
-            ev.JobSubmitted(at_s=0.0, job=make_job()),
-            ev.PlanningStarted(at_s=0.0, job=1),
-            make_plan_event(),
-        ):
-            new_books, _ = apply(event, books)
-            store.commit(event, books, new_books)
-            books = new_books
+        books = commit_all(store, list_job_events())
         assert store.load() == books
         (body,) = store._db.execute("SELECT body FROM plate WHERE id = '1/01'").fetchone()
         assert "sliced_s" in body and "replaced_by" not in body and "null" not in body
