@@ -57,16 +57,16 @@ def find_plate_holds(
     """
     holds = {}
     printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-    unreported_reason = ""
+    unreported_printers = ""
     if any(job.restored for job in printing_jobs):
         names = (section.name for section in printers if section.enabled)
-        unreported_reason = " ".join(name for name in names if _has_not_reported(books, name))
+        unreported_printers = " ".join(name for name in names if _has_not_reported(books, name))
     all_held = books.outage is not None
     for job in printing_jobs:
-        if not (all_held or (unreported_reason and job.restored) or may_hold(books, job)):
+        if not (all_held or (unreported_printers and job.restored) or may_hold(books, job)):
             continue
         for plate in books.plates_of(job):
-            hold = _find_hold(books, job, plate, unreported_reason if job.restored else "", now_s)
+            hold = _find_hold(books, job, plate, unreported_printers if job.restored else "", now_s)
             if hold is not None:
                 holds[plate.id] = hold
     return holds
@@ -113,8 +113,8 @@ def _has_not_reported(books: Books, printer: str) -> bool:
     return entry.unreported_since_s is not None and entry.maintenance is None
 
 
-def _find_hold(books: Books, job: Job, plate: Plate, unreported_reason: str, now_s: float) -> Hold | None:
-    """Find the hold of a plate that may start on no printer; `unreported_reason` ones may have printed it."""
+def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, now_s: float) -> Hold | None:
+    """Find the hold of a plate that may start on no printer; `unreported_printers` may have printed it."""
     state = books.plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
         text = (
@@ -128,9 +128,9 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported_reason: str, now
             f"{' '.join(books.outage.printers)} were lost at the same time: inspect them, then `farm resume`"
         )
         return Hold(code=HoldCode.OUTAGE, text=text)
-    if unreported_reason:
+    if unreported_printers:
         text = (
-            f"{unreported_reason} may have printed it since the backup of the database: "
+            f"{unreported_printers} may have printed it since the backup of the database: "
             "connect them, or `farm maintenance`"
         )
         return Hold(code=HoldCode.PRINTER_UNREPORTED, text=text)
