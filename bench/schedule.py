@@ -22,6 +22,7 @@ from farm.scheduling import (
     Capabilities,
     FleetPrinter,
     Hours,
+    PlateQueue,
     Requirements,
     Situation,
     StartRules,
@@ -98,17 +99,26 @@ def main() -> None:
     busy, idle = make_fleet(options.printers, busy=True), make_fleet(options.printers, busy=False)
     unlimited_fleet = [replace(printer, grams=None) for printer in idle]
     forecast = forecast_prints(
-        Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited_fleet), free_rules, NOW_S)
+        Situation(
+            PlateQueue.from_plates(replace(plate, job=1) for plate in plates),
+            tuple(unlimited_fleet),
+            free_rules,
+            NOW_S,
+        )
     )
     report = {
         "schema": 1,
         "printers": options.printers,
         "plates": options.plates,
         "assign_ms": measure_best_ms(
-            lambda: assign_plates(Situation(tuple(plates), tuple(busy), attended_rules, NOW_S))
+            lambda: assign_plates(
+                Situation(PlateQueue.from_plates(plates), tuple(busy), attended_rules, NOW_S)
+            )
         ),
         "forecast_ms": measure_best_ms(
-            lambda: forecast_prints(Situation(tuple(plates), tuple(unlimited_fleet), free_rules, NOW_S))
+            lambda: forecast_prints(
+                Situation(PlateQueue.from_plates(plates), tuple(unlimited_fleet), free_rules, NOW_S)
+            )
         ),
         "over_bound": (forecast.ends_s - NOW_S) / (forecast.lower_bound_s - NOW_S) - 1,
     }

@@ -34,6 +34,7 @@ from farm.scheduling import (
     BuildVolumes,
     FleetPrinter,
     ForecastCache,
+    PlateQueue,
     PrintLimits,
     Situation,
     SituationBuilder,
@@ -372,7 +373,7 @@ class Controller:
     def _build_printer_situation(self, name: str) -> Situation:
         """Return the situation of one printer, if it is enabled, without waiting plates."""
         printer = self.fleet_printer(name)
-        return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())
+        return Situation(PlateQueue(), () if printer is None else (printer,), self.rules, self.clock.now())
 
     @property
     def _startup_end_s(self) -> float:

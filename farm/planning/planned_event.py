@@ -9,7 +9,15 @@ from dataclasses import replace
 
 from farm.model import Job, Part, Plate, compute_assembly_ratio
 from farm.planning.plan import Plan
-from farm.scheduling import FleetPrinter, Situation, StartRules, describe_plates, forecast_prints, make_idle
+from farm.scheduling import (
+    FleetPrinter,
+    PlateQueue,
+    Situation,
+    StartRules,
+    describe_plates,
+    forecast_prints,
+    make_idle,
+)
 from farm.state import Books
 from farm.state import events as ev
 
@@ -23,8 +31,8 @@ def build_planned_event(
     fleet = [make_idle(view) for view in printers if view.name in used_printers]
     parts = {part.id: part for part in plan.parts}
     books = replace(books, plates={plate.id: plate for plate in plan.plates}, parts=parts)
-    waiting_plates = list(describe_plates(plan.plates, books))
-    situation = Situation(tuple(waiting_plates), tuple(fleet), rules, now_s)
+    waiting_plates = PlateQueue.from_plates(describe_plates(plan.plates, books))
+    situation = Situation(waiting_plates, tuple(fleet), rules, now_s)
     forecast = forecast_prints(situation)
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})

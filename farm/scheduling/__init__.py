@@ -27,7 +27,15 @@ from farm.scheduling.forecast import Slot, compute_seconds_on, forecast_prints, 
 from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.holds import find_next_change_s, find_plate_holds, join_names
 from farm.scheduling.hours import Hours, parse_moment_s
-from farm.scheduling.matching import Capabilities, Demand, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.matching import (
+    Capabilities,
+    Demand,
+    FleetPrinter,
+    Requirements,
+    WaitingPlate,
+    takes_spare,
+)
+from farm.scheduling.plate_queue import JobPlates, PlateQueue
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
     BuildVolumes,
@@ -44,7 +52,6 @@ from farm.scheduling.situation_builder import (
     summarise_availability,
     update_ends,
 )
-from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 __all__ = [
@@ -61,7 +68,9 @@ __all__ = [
     "HoldJob",
     "Hours",
     "JobAdmission",
+    "JobPlates",
     "JobRequest",
+    "PlateQueue",
     "PrintLimits",
     "Requirements",
     "Situation",

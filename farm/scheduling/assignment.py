@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from operator import attrgetter
 
 from farm.model import Hold
 from farm.scheduling.holds import HoldReasons
-from farm.scheduling.matching import FleetPrinter, WaitingPlate
+from farm.scheduling.matching import FleetPrinter, WaitingPlate, takes_spare
 from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import find_filament_shortage
 
 LARGE_FLEET = 200
@@ -113,13 +110,13 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     reasons = HoldReasons(
         situation, frozenset(printer_by_plate.values()), situation.spare_printers, limit_reached
     )
-    places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
-    for plate in situation.by_priority:
+    places = situation.waiting.places
+    for plate in situation.waiting:
         if plate.id in printer_by_plate and plate.job in places:
             places[plate.job] -= 1
     return {
         plate.id: reasons.make_job_limit_hold() if places.get(plate.job) == 0 else reasons.find(plate)
-        for plate in situation.by_priority
+        for plate in situation.waiting
         if plate.id not in printer_by_plate
     }
 
@@ -135,7 +132,9 @@ def _count_allowed_starts(situation: Situation) -> int:
 def _match(situation: Situation) -> dict[str, WaitingPlate]:
     """Match free printers with waiting plates; return the plate of each printer that gets one."""
     kinds = {printer.capabilities for printer in situation.free}
-    met_demands = {demand for demand in situation.demands if any(kind.meets(demand) for kind in kinds)}
+    met_demands = {
+        demand for demand in situation.waiting.demands if any(kind.meets(demand) for kind in kinds)
+    }
     used_kinds = {kind for kind in kinds if any(kind.meets(demand) for demand in met_demands)}
     free = [printer for printer in situation.free if printer.capabilities in used_kinds]
     if not free:
@@ -144,12 +143,11 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         fleet=situation.fleet,
         free=frozenset(printer.name for printer in free),
         order=FleetOrder.from_printers(free),
-        planned=situation.planned,
+        planned=situation.waiting.planned,
         spare_printers=situation.spare_printers,
-        places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
+        places=situation.waiting.places,
         starts=_count_allowed_starts(situation),
         rules=situation.rules,
         now_s=situation.now_s,
     )
-    plates = (plate for plate in situation.by_priority if plate.demand in met_demands)
-    return match_plates(groupby(plates, key=attrgetter("queue_rank")), inputs)
+    return match_plates(situation.waiting.with_demands(met_demands), inputs)

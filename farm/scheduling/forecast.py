@@ -9,10 +9,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, group_by_job, match_plates
+from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate, choose_spares
+from farm.scheduling.plate_matching import FleetOrder, MatchingInputs, match_plates
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import choose_spares
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 CLEARING_S = 900.0
@@ -82,7 +81,7 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     bound_s = now_s
     if has_bound:
         started_plates = {slot.plate for slot in slots}
-        plates = [plate for plate in situation.by_priority if plate.id in started_plates]
+        plates = [plate for plate in situation.waiting if plate.id in started_plates]
         ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in coming_printers}
         bound_s = _compute_lower_bound_s(
             plates, _find_fitting(plates, coming_printers), ready_s, rules, now_s
@@ -99,26 +98,23 @@ class _Simulation:
 
     def __init__(self, situation: Situation, coming_printers: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
-        self.queue = {
-            rank: {p.id: p for p in plates} for rank, plates in group_by_job(situation.by_priority).items()
-        }
+        self.queue = {job.rank: {p.id: p for p in job.plates} for job in situation.waiting.jobs}
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         # Prints by job, with running ones.
         self._remaining_plates = Counter(plate.job for plate in situation.waiting)
         self._fleet = {printer.name: make_idle(printer) for printer in coming_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned_plates = Counter(plate.planned for plate in situation.waiting)
-        self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
+        self._places = situation.waiting.places
         self._heating_count = 0
         self._idle: set[str] = set()
         self._blocked_printers: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
         for printer in coming_printers:
             # A printer that fits no plate starts nothing, but may be kept as a spare.
-            is_used = self._spares or any(map(printer.capabilities.meets, situation.demands))
+            is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting.demands))
             self._add_printer(printer, bool(is_used))
-        starts_s = {p.not_before_s for p in situation.waiting if p.not_before_s is not None}
-        for at_s in starts_s:
+        for at_s in situation.waiting.starts_s:
             self._push(at_s, _HOURS, "")
 
     def _add_printer(self, printer: FleetPrinter, is_used: bool) -> None:

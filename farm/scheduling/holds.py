@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState, Plate
-from farm.scheduling.matching import Capabilities, WaitingPlate
+from farm.scheduling.matching import Capabilities, WaitingPlate, takes_spare
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import takes_spare
 from farm.scheduling.start_rules import find_filament_shortage
 from farm.state import LOSSES, Books, PlateState, find_stopped_print
 

@@ -6,12 +6,10 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
-from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
-from farm.scheduling.spares import takes_spare
+from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate, takes_spare
+from farm.scheduling.plate_queue import QueueRank
 from farm.scheduling.start_rules import StartRules, StartWindow, compute_needed_grams
 
-QueueRank = tuple[int, float, int]
-"""Negative priority, rank and number of a job; the smallest is served first."""
 Queue = Iterable[tuple[QueueRank, Iterable[WaitingPlate]]]
 """Waiting plates by job; jobs and their plates in the order in which they are served."""
 
@@ -75,14 +73,6 @@ class MatchingInputs:
     starts: int
     rules: StartRules
     now_s: float
-
-
-def group_by_job(plates: Iterable[WaitingPlate]) -> dict[QueueRank, list[WaitingPlate]]:
-    """Group plates by job, in the order in which they are served."""
-    queue: dict[QueueRank, list[WaitingPlate]] = {}
-    for plate in plates:
-        queue.setdefault(plate.queue_rank, []).append(plate)
-    return queue
 
 
 def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate]:

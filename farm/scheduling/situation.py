@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import attrgetter
 
-from farm.scheduling.matching import Demand, FleetPrinter, WaitingPlate
-from farm.scheduling.spares import choose_spares
+from farm.scheduling.matching import FleetPrinter, WaitingPlate, choose_spares
+from farm.scheduling.plate_queue import PlateQueue
 from farm.scheduling.start_rules import StartRules
 
 
@@ -19,7 +18,7 @@ class Situation:
     Attributes
     ----------
     waiting
-        The plates that may go to a printer, in any order.
+        The plates that may go to a printer, in the order in which they are served.
     printers
         The fleet, in any order.
     rules
@@ -33,7 +32,7 @@ class Situation:
         (`--spares`).
     """
 
-    waiting: tuple[WaitingPlate, ...]
+    waiting: PlateQueue
     printers: tuple[FleetPrinter, ...]
     rules: StartRules
     now_s: float
@@ -46,21 +45,6 @@ class Situation:
         return {printer.name: printer for printer in sorted(self.printers, key=lambda p: p.name)}
 
     @cached_property
-    def by_priority(self) -> tuple[WaitingPlate, ...]:
-        """Return the waiting plates in the order in which they are served."""
-        return tuple(sorted(self.waiting, key=attrgetter("priority_key")))
-
-    @cached_property
-    def planned(self) -> frozenset[str]:
-        """Return the printers for which the waiting plates were planned."""
-        return frozenset({plate.planned for plate in self.waiting})
-
-    @cached_property
-    def demands(self) -> frozenset[Demand]:
-        """Return the distinct demands of the waiting plates."""
-        return frozenset({plate.demand for plate in self.waiting})
-
-    @cached_property
     def free(self) -> tuple[FleetPrinter, ...]:
         """Return the printers that are idle and clear, by name."""
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
@@ -70,7 +54,7 @@ class Situation:
         """Return the free printers that are kept for plates that failed elsewhere."""
         if not self.spares or self.rules.is_attended(self.now_s):
             return frozenset()
-        return choose_spares(self.printers, self.planned, max(self.spares.values()))
+        return choose_spares(self.printers, self.waiting.planned, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Return whether hours and start times let a plate start on a printer now."""
@@ -81,15 +65,16 @@ class Situation:
 
         Until then, scheduling the same plates and printers gives the same result.
         """
-        return self.rules.next_change_s(self.waiting, self.printers, self.now_s)
+        starts_s = (at_s for at_s in self.waiting.starts_s if at_s > self.now_s)
+        return min((self.rules.next_change_s(self.waiting, self.printers, self.now_s), *starts_s))
 
     def without(self, plates: Collection[str]) -> Situation:
         """Return the situation without some of the waiting plates."""
-        return self.with_waiting(tuple(p for p in self.waiting if p.id not in plates)) if plates else self
+        return replace(self, waiting=self.waiting.without(plates)) if plates else self
 
-    def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:
+    def with_waiting(self, plates: Iterable[WaitingPlate]) -> Situation:
         """Return the situation with other waiting plates."""
-        return replace(self, waiting=waiting)
+        return replace(self, waiting=PlateQueue.from_plates(plates))
 
     def with_printers(self, printers: tuple[FleetPrinter, ...]) -> Situation:
         """Return the situation with another fleet."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import chain
 
 from drivers.printers import PROFILES
 from farm.config import Fleet, PrinterSection
@@ -26,6 +25,7 @@ from farm.model import (
 )
 from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.plate_queue import JobPlates, PlateQueue
 from farm.scheduling.situation import Situation
 from farm.state import Books, PlateState
 
@@ -174,7 +174,7 @@ class SituationBuilder:
         self._printers: dict[str, tuple[tuple[object, ...], FleetPrinter]] = {}
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
-        self._jobs: dict[int, tuple[object, _JobPlates]] = {}
+        self._jobs: dict[int, tuple[object, _JobDescription]] = {}
         self._named_printers: tuple[object, frozenset[str]] = (
             None,
             frozenset(),
@@ -230,36 +230,37 @@ class SituationBuilder:
             self._named_printers = books.jobs, names
         return self._named_printers[1]
 
-    def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
-        """Describe the waiting plates of printing jobs, in the order in which they are served."""
+    def waiting(self, books: Books) -> PlateQueue:
+        """Describe the waiting plates of printing jobs."""
         printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
-        printing_jobs.sort(key=lambda job: job.queue_rank)
-        plates_by_job = {job.id: self._describe_plates(books, job) for job in printing_jobs}
-        self._jobs = {number: self._jobs[number] for number in plates_by_job}
-        return tuple(chain.from_iterable(plates.waiting for plates in plates_by_job.values()))
+        queue = self.waiting_of(books, printing_jobs)
+        self._jobs = {job.id: self._jobs[job.id] for job in printing_jobs}
+        return queue
+
+    def waiting_of(self, books: Books, jobs: Iterable[Job]) -> PlateQueue:
+        """Describe the waiting plates of some printing jobs."""
+        return PlateQueue.from_jobs(self._describe_job(books, job).waiting for job in jobs)
 
     def may_hold_back(self, books: Books, job: Job) -> bool:
         """Return whether a plate of a printing job may be held back by the job's own state."""
-        return self._describe_plates(books, job).may_hold_back
+        return self._describe_job(books, job).may_hold_back
 
-    def _describe_plates(self, books: Books, job: Job) -> _JobPlates:
+    def _describe_job(self, books: Books, job: Job) -> _JobDescription:
         revision = books.revision(job.id)
-        cached_inputs, descriptions = self._jobs.get(job.id, (None, None))
-        if descriptions is None or cached_inputs is not revision:
+        cached_inputs, description = self._jobs.get(job.id, (None, None))
+        if description is None or cached_inputs is not revision:
             states = ((plate, books.plate_state(plate)) for plate in books.plates_of(job))
             waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
-            descriptions = _JobPlates(
-                tuple(sorted(waiting, key=lambda plate: plate.priority_key)), may_hold_back(books, job)
-            )
-            self._jobs[job.id] = revision, descriptions
-        return descriptions
+            description = _JobDescription(JobPlates.from_plates(waiting), may_hold_back(books, job))
+            self._jobs[job.id] = revision, description
+        return description
 
 
 @dataclass(frozen=True, slots=True)
-class _JobPlates:
+class _JobDescription:
     """Waiting plates of a job, and whether the job's state may hold one back."""
 
-    waiting: tuple[WaitingPlate, ...]
+    waiting: JobPlates
     may_hold_back: bool
 
 

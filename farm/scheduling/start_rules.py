@@ -210,14 +210,13 @@ class StartRules:
     def next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
     ) -> float:
-        """Return the next time at which hours or start times change what may start; infinity for never.
+        """Return the next time at which hours change what may start; infinity for never.
 
-        Hours start or end, a job reaches its start time, or a plate its latest start.
+        Hours start or end, or a plate reaches its latest start.
         """
         # Hours depend on this field of a printer only.
         kinds = {printer.unattended: printer for printer in printers}
         moments = [self.attended.edge_s(now_s), self.quiet.edge_s(now_s)]
-        moments += [plate.not_before_s for plate in plates if plate.not_before_s is not None]
         if self.quiet.windows or self.attended.windows:
             moments += [
                 at_s + _TOLERANCE_S for at_s in self._list_latest_starts_s(plates, kinds.values(), now_s)
@@ -226,8 +225,10 @@ class StartRules:
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """Return the latest end of a print that runs at `at_s`; None if it may continue unattended."""
+        if printer.unattended:
+            return None
         span = self.attended.span(at_s)
-        if printer.unattended or (span is not None and math.isinf(span[1])):
+        if span is not None and math.isinf(span[1]):
             return None
         return at_s if span is None else span[1] - CLEARING_RESERVE_S
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from farm.config import Fleet
 from farm.model import Verdict
 from farm.paths import StateFolder
-from farm.scheduling import Situation, describe_plates
+from farm.scheduling import PlateQueue, Situation, describe_plates
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views import ViewContext
@@ -64,6 +64,6 @@ def make_context(books, now_s, fleet=None, **changes):
 
 def make_situation(books, now_s, names="abc", attended=(), quiet=()):
     """Return the situation with all waiting plates of the books."""
-    plates = tuple(describe_plates(books.waiting_plates(), books))
+    plates = PlateQueue.from_plates(describe_plates(books.waiting_plates(), books))
     fleet = tuple(make_printer(n, booked=books.open_print_on(n) is not None) for n in names)
     return Situation(plates, fleet, make_rules(attended, quiet), now_s)

@@ -5,6 +5,7 @@ from zoneinfo import ZoneInfo
 from farm.model import Bed, FilamentState, Link
 from farm.scheduling.hours import Hours
 from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.plate_queue import PlateQueue
 from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules
 from farm.week_windows import parse_window
@@ -54,5 +55,10 @@ def make_plate(name, planned, **changes):
 def make_situation(plates, fleet, start_rules=None, now_s=0.0, spares=0, **changes):
     spares_by_printer = {0: spares} if spares else {}
     return Situation(
-        tuple(plates), tuple(fleet), start_rules or make_rules(), now_s, spares=spares_by_printer, **changes
+        PlateQueue.from_plates(plates),
+        tuple(fleet),
+        start_rules or make_rules(),
+        now_s,
+        spares=spares_by_printer,
+        **changes,
     )

@@ -87,7 +87,7 @@ class ReplanCoordinator:
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield the plates that have just failed and are to be cut instead of assigned."""
-        for view in [view for view in situation.waiting if view.is_repeat]:
+        for view in situation.waiting.repeats:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
             if (
@@ -120,11 +120,13 @@ class ReplanCoordinator:
         free_printers = [printer for printer in situation.free if printer.name not in reserved_printers]
         kinds = {printer.capabilities for printer in free_printers}
         demands = {
-            demand for demand in situation.demands if any(policy.is_other_kind(demand, k) for k in kinds)
+            demand
+            for demand in situation.waiting.demands
+            if any(policy.is_other_kind(demand, k) for k in kinds)
         }
         holds = find_holds(situation, ()) if demands else {}
         ends = policy.ExpectedEnds(situation)
-        for view in [view for view in situation.by_priority if view.demand in demands]:
+        for view in [view for view in situation.waiting if view.demand in demands]:
             plate = books.plates[view.id]
             if not free_printers or view.id in self._running or not _may_be_replanned(books, plate):
                 continue
@@ -200,8 +202,7 @@ class ReplanCoordinator:
         plate = books.plates[view.id]
         history = {"prints": plate.prints, "counted_from": plate.counted_from}
         new = tuple(describe_plates([p.model_copy(update=history) for p in result.plates], books))
-        unchanged_plates = tuple(other for other in situation.waiting if other.id != plate.id)
-        new_situation = situation.with_waiting((*unchanged_plates, *new))
+        new_situation = situation.with_waiting((*situation.waiting.without({plate.id}), *new))
         ends_s = policy.compute_one_piece_end_s if cut else policy.compute_expected_end_s
         after_s = max(policy.compute_expected_end_s(piece_plate, new_situation) for piece_plate in new)
         after_s += policy.JOIN_S * len(new) if cut else 0.0

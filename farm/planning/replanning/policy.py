@@ -151,7 +151,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     situation
         The current situation.
     """
-    other_plates = tuple(other for other in situation.waiting if other.id != plate.id)
+    other_plates = situation.waiting.without({plate.id})
     used_printers = {
         assignment.printer
         for assignment in assign_plates(replace(situation, waiting=other_plates, spares={}))

@@ -71,9 +71,7 @@ def choose_revision(
         return None
     plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
-    new_situation = situation.with_waiting(
-        (*(p for p in situation.waiting if p.id not in plate_ids), *plates)
-    )
+    new_situation = situation.with_waiting((*situation.waiting.without(plate_ids), *plates))
     is_final = _find_best(replace(job, plates=plates, planned_for=best), new_situation, sets) is None
     return best if is_final else None
 
@@ -85,7 +83,7 @@ def _find_best(
     plate_ids = {plate.id for plate in job.plates}
     rank = job.plates[0].queue_rank
     # Later jobs do not delay this one; without them the forecast is quick.
-    earlier_jobs = situation.with_waiting(tuple(p for p in situation.waiting if p.queue_rank <= rank))
+    earlier_jobs = situation.with_waiting(p for p in situation.waiting if p.queue_rank <= rank)
     before_s = find_end_s(plate_ids, earlier_jobs)
     if job.done_by_s is not None and before_s <= job.done_by_s:
         return None
@@ -93,7 +91,7 @@ def _find_best(
     for names in candidates:
         if _may_help(job, names, before_s):
             plates = estimate_plates(job, names)
-            other_plates = tuple(p for p in earlier_jobs.waiting if p.id not in plate_ids)
+            other_plates = earlier_jobs.waiting.without(plate_ids)
             end_s = find_end_s({p.id for p in plates}, earlier_jobs.with_waiting((*other_plates, *plates)))
             joining_s = JOIN_S * max(0, len(names) - len(job.plates))
             ends_s[names] = end_s + joining_s + job.planning_s

@@ -187,14 +187,10 @@ def _find_unstarted(
     books: Books, situation: Situation, jobs: Collection[int]
 ) -> dict[int, tuple[WaitingPlate, ...]]:
     """Find the jobs whose plates may all be assigned, each with its plates."""
-    plates_by_job: dict[int, list[WaitingPlate]] = {}
-    for view in situation.waiting:
-        if view.job in jobs:
-            plates_by_job.setdefault(view.job, []).append(view)
     return {
-        number: tuple(views)
-        for number, views in plates_by_job.items()
-        if len(views) == len(books.job(number).plates)
+        entry.job: entry.plates
+        for entry in situation.waiting.jobs
+        if entry.job in jobs and len(entry.plates) == len(books.job(entry.job).plates)
     }
 
 

@@ -74,16 +74,13 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     ends_before = ends()
     assert ends_before[1] <= ends_before[2] <= ends_before[3]
     move(farm, 3, "first")
-    waiting_plates = farm.controller.expected_situation().by_priority
+    waiting_plates = list(farm.controller.expected_situation().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
     farm.store.close()
     restarted_farm = Farm(tmp_path)  # the order is in the books
     assert list_queue(restarted_farm) == [3, 1, 2]
-    assert [plate.job for plate in restarted_farm.controller.expected_situation().by_priority[:3]] == [
-        3,
-        3,
-        3,
-    ]
+    waiting_plates = list(restarted_farm.controller.expected_situation().waiting)
+    assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
 
 
 def test_another_start_is_set_and_taken_back(farm):

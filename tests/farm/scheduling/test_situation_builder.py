@@ -12,6 +12,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling.holds import find_plate_holds
+from farm.scheduling.plate_queue import PlateQueue
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import SituationBuilder, derive_job_requirements, update_ends
 from farm.scheduling.start_rules import StartRules
@@ -102,14 +103,14 @@ def test_only_changed_entities_are_described_again():
     )
     books, _ = apply_events(make_printing_books(plates=2), *second_job)
     builder = SituationBuilder(list_bed_boxes)
-    old_plates, printers = builder.waiting(books), builder.printers(FLEET, books, READY_SNAPSHOTS)
+    old_plates, printers = list(builder.waiting(books)), builder.printers(FLEET, books, READY_SNAPSHOTS)
     assert [view.id for view in old_plates] == [
         plate.id for plate in (*first_plan.plates, *second_job[2].plates)
     ]
     started_event = ev.PlateAssigned(at_s=5.0, plate="1/01", printer="a", print_id="x")
     books, _ = apply_events(books, started_event)
     hot_snapshots = {**READY_SNAPSHOTS, "c": READY_SNAPSHOTS["c"].model_copy(update={"nozzle_c": 210.0})}
-    new_plates, new_printers = builder.waiting(books), builder.printers(FLEET, books, hot_snapshots)
+    new_plates, new_printers = list(builder.waiting(books)), builder.printers(FLEET, books, hot_snapshots)
     assert [view.id for view in new_plates] == ["1/02", "2/01", "2/02", "2/03"]
     assert all(
         new_plate is old_plate for new_plate, old_plate in zip(new_plates[1:], old_plates[2:], strict=True)
@@ -149,7 +150,7 @@ def test_running_print_ends_where_its_printer_is_shown_to_end(progress_s, late_s
     context = ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), 300.0 + late_s)
     builder = SituationBuilder(list_bed_boxes)
     printers = builder.printers(FLEET, books, snapshots)
-    situation = Situation((), printers, StartRules.from_config(FLEET.fleet), context.now_s)
+    situation = Situation(PlateQueue(), printers, StartRules.from_config(FLEET.fleet), context.now_s)
     busy_printer, *other_printers = update_ends(situation, books, snapshots).printers
     assert busy_printer.free_s == context.now_s + context.remaining_s(books.open_print_on("a"))
     assert replace(busy_printer, free_s=printers[0].free_s) == printers[0]

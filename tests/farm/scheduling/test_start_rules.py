@@ -337,7 +337,7 @@ def test_reel_with_enough_grams_is_accepted():
 
 def test_longest_plate_of_a_job_is_served_first():
     short_plate, long_plate = make_plate("a", "a", expected_s=HOUR), make_plate("b", "a", expected_s=2 * HOUR)
-    assert make_situation([short_plate, long_plate], [make_printer("a")]).by_priority == (
+    assert tuple(make_situation([short_plate, long_plate], [make_printer("a")]).waiting) == (
         long_plate,
         short_plate,
     )

@@ -1,0 +1,141 @@
+"""Queue of waiting plates by job, in the order in which they are served. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from operator import attrgetter
+
+from farm.scheduling.matching import Demand, WaitingPlate
+
+QueueRank = tuple[int, float, int]
+"""Negative priority, rank and number of a job; the smallest is served first."""
+
+
+@dataclass(frozen=True)
+class JobPlates:
+    """Waiting plates of one job, in the order in which they are served, with what they have in common.
+
+    A large queue is read by its jobs: most of them are the same objects from one situation to the next.
+    """
+
+    plates: tuple[WaitingPlate, ...]
+
+    @classmethod
+    def from_plates(cls, plates: Iterable[WaitingPlate]) -> JobPlates:
+        """Create the plates of a job from plates in any order."""
+        return cls(tuple(sorted(plates, key=attrgetter("priority_key"))))
+
+    @cached_property
+    def rank(self) -> QueueRank:
+        """Return the rank of the job."""
+        return self.plates[0].queue_rank
+
+    @property
+    def job(self) -> int:
+        """Return the number of the job."""
+        return self.plates[0].job
+
+    @cached_property
+    def ids(self) -> frozenset[str]:
+        return frozenset({plate.id for plate in self.plates})
+
+    @cached_property
+    def planned(self) -> frozenset[str]:
+        """Return the printers for which the plates were planned."""
+        return frozenset({plate.planned for plate in self.plates})
+
+    @cached_property
+    def demands(self) -> frozenset[Demand]:
+        """Return the distinct demands of the plates."""
+        return frozenset({plate.demand for plate in self.plates})
+
+    @cached_property
+    def starts_s(self) -> frozenset[float]:
+        """Return the earliest start times of the plates that have one."""
+        return frozenset({plate.not_before_s for plate in self.plates if plate.not_before_s is not None})
+
+    @cached_property
+    def repeats(self) -> tuple[WaitingPlate, ...]:
+        """Return the plates that were printed before."""
+        return tuple(plate for plate in self.plates if plate.is_repeat)
+
+    @cached_property
+    def places(self) -> dict[int, int]:
+        """Return the number of additional printers for the job, by its number; empty for no limit."""
+        return {plate.job: plate.places for plate in self.plates if plate.places is not None}
+
+
+@dataclass(frozen=True)
+class PlateQueue(Collection[WaitingPlate]):
+    """Waiting plates of all jobs, in the order in which they are served."""
+
+    jobs: tuple[JobPlates, ...] = ()
+
+    @classmethod
+    def from_jobs(cls, jobs: Iterable[JobPlates]) -> PlateQueue:
+        """Create a queue from the plates of jobs in any order; a job without any is left out."""
+        return cls(tuple(sorted((job for job in jobs if job.plates), key=attrgetter("rank"))))
+
+    @classmethod
+    def from_plates(cls, plates: Iterable[WaitingPlate]) -> PlateQueue:
+        """Create a queue from plates in any order."""
+        plates_by_rank: dict[QueueRank, list[WaitingPlate]] = {}
+        for plate in plates:
+            plates_by_rank.setdefault(plate.queue_rank, []).append(plate)
+        return cls.from_jobs(map(JobPlates.from_plates, plates_by_rank.values()))
+
+    def __iter__(self) -> Iterator[WaitingPlate]:
+        return chain.from_iterable(job.plates for job in self.jobs)
+
+    def __len__(self) -> int:
+        return sum(len(job.plates) for job in self.jobs)
+
+    def __contains__(self, plate: object) -> bool:
+        return isinstance(plate, WaitingPlate) and any(plate in job.plates for job in self.jobs)
+
+    def without(self, plates: Collection[str]) -> PlateQueue:
+        """Return the queue without some plates."""
+        if not plates:
+            return self
+        return PlateQueue.from_jobs(
+            job
+            if job.ids.isdisjoint(plates)
+            else JobPlates(tuple(plate for plate in job.plates if plate.id not in plates))
+            for job in self.jobs
+        )
+
+    def with_demands(self, demands: Collection[Demand]) -> Iterator[tuple[QueueRank, Sequence[WaitingPlate]]]:
+        """Yield the rank of each job that has plates with these demands, with those plates."""
+        for job in self.jobs:
+            if job.demands.issubset(demands):
+                yield job.rank, job.plates
+            elif not job.demands.isdisjoint(demands):
+                yield job.rank, [plate for plate in job.plates if plate.demand in demands]
+
+    @cached_property
+    def planned(self) -> frozenset[str]:
+        """Return the printers for which the plates were planned."""
+        return frozenset().union(*(job.planned for job in self.jobs))
+
+    @cached_property
+    def demands(self) -> frozenset[Demand]:
+        """Return the distinct demands of the plates."""
+        return frozenset().union(*(job.demands for job in self.jobs))
+
+    @cached_property
+    def starts_s(self) -> frozenset[float]:
+        """Return the earliest start times of the plates that have one."""
+        return frozenset().union(*(job.starts_s for job in self.jobs))
+
+    @property
+    def repeats(self) -> Iterator[WaitingPlate]:
+        """Yield the plates that were printed before."""
+        return chain.from_iterable(job.repeats for job in self.jobs)
+
+    @property
+    def places(self) -> dict[int, int]:
+        """Return the number of additional printers that each job may use; jobs without a limit are absent."""
+        return dict(chain.from_iterable(job.places.items() for job in self.jobs))

@@ -1,0 +1,65 @@
+"""Queue of waiting plates: read by its jobs, it gives what all of its plates give."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.scheduling import PlateQueue, Requirements
+from scheduling_examples import make_plate
+
+jobs = {1: (0, None), 2: (1, None), 3: (0, 0.5)}  # priority and rank by number
+plates = st.lists(
+    st.builds(
+        lambda name, job, material, **changes: make_plate(
+            name,
+            job=job,
+            priority=jobs[job][0],
+            rank=jobs[job][1],
+            places={1: None, 2: 3, 3: 0}[job],
+            requirements=Requirements(material, None, 0.4),
+            **changes,
+        ),
+        st.uuids().map(str),
+        st.sampled_from(list(jobs)),
+        st.sampled_from(["generic_pla", "generic_abs", None]),
+        planned=st.sampled_from("abc"),
+        expected_s=st.floats(60, 1e5),
+        not_before_s=st.sampled_from([None, 10.0, 20.0]),
+        is_repeat=st.booleans(),
+    ),
+    unique_by=lambda plate: plate.id,
+)
+
+
+@given(plates)
+def test_queue_gives_what_its_plates_give(waiting_plates):
+    queue = PlateQueue.from_plates(waiting_plates)
+    assert list(queue) == sorted(waiting_plates, key=lambda plate: plate.priority_key)
+    assert len(queue) == len(waiting_plates) and bool(queue) is bool(waiting_plates)
+    assert all(plate in queue for plate in waiting_plates)
+    assert queue.planned == {plate.planned for plate in waiting_plates}
+    assert queue.demands == {plate.demand for plate in waiting_plates}
+    assert queue.starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
+    assert list(queue.repeats) == [plate for plate in queue if plate.is_repeat]
+    assert queue.places == {plate.job: plate.places for plate in waiting_plates if plate.job != 1}
+
+
+@given(plates, st.data())
+def test_queue_without_plates_is_that_of_the_others(waiting_plates, data):
+    removed = data.draw(st.sets(st.sampled_from(waiting_plates or [make_plate("x", "a")])))
+    names = {plate.id for plate in removed}
+    queue = PlateQueue.from_plates(waiting_plates)
+    remaining_queue = queue.without(names)
+    assert remaining_queue == PlateQueue.from_plates(p for p in waiting_plates if p.id not in names)
+    unchanged_jobs = {plate.job for plate in waiting_plates} - {plate.job for plate in removed}
+    assert all(job in remaining_queue.jobs for job in queue.jobs if job.job in unchanged_jobs)
+
+
+@given(plates, st.sets(st.sampled_from(["generic_pla", "generic_abs", None])))
+def test_plates_with_demands_keep_their_order(waiting_plates, materials):
+    queue = PlateQueue.from_plates(waiting_plates)
+    demands = {(material, None, 0.4, None, ()) for material in materials}
+    selected = list(queue.with_demands(demands))
+    assert [plate for _, job_plates in selected for plate in job_plates] == [
+        plate for plate in queue if plate.requirements.material in materials
+    ]
+    assert all(rank == plate.queue_rank for rank, job_plates in selected for plate in job_plates)
