@@ -121,7 +121,8 @@ class ProgressLines:
         elif view.hold is not None and view.state == JobState.QUEUED:
             self._print_once(f"waits: {view.hold.text}")
         if view.progress is not None:
-            self._print_once(_format_step(view.progress))
+            key = _format_step(view.progress.model_copy(update={"remaining_s": None}))
+            self._print_once(_format_step(view.progress), key)
         if view.estimated_s is not None:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = format_count(len(view.parts), "part")
@@ -136,9 +137,11 @@ class ProgressLines:
             if attempt.state == PrintState.FAILED:
                 self._print_once(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
 
-    def _print_once(self, line: str, is_urgent: bool = False) -> None:
-        if line not in self._printed_lines and (is_urgent or not self._quiet):
-            self._printed_lines.add(line)
+    def _print_once(self, line: str, key: str | None = None, is_urgent: bool = False) -> None:
+        """Print a line, unless one of the same key was printed; the key of a line is the line itself."""
+        key = key or line
+        if key not in self._printed_lines and (is_urgent or not self._quiet):
+            self._printed_lines.add(key)
             self._screen.print(f"  {line}")
 
 
