@@ -46,7 +46,7 @@ class Peer:
         profile = PROFILES[MODEL]
         self.port = Port(link)
         self.turnarounds_s: list[float] = []
-        self._banner = wording.START + ultimaker2.banner(profile, Limits.from_profile(profile))
+        self._banner = wording.START + ultimaker2.format_banner(profile, Limits.from_profile(profile))
         self._period_s = period_s
         self._partial = b""
         self._nozzle_c = self._bed_c = b"0"

@@ -109,7 +109,9 @@ def prepare(setting: Setting, folder: Path, notify: str) -> dict[str, Path]:
         if host:
             row |= {"host": host, "host_command": _HOST_COMMAND}
         rows.append(row)
-        folders[name] = make_places(folder / "hosts", host).agent(name) if host else state.agent(name)
+        folders[name] = (
+            make_places(folder / "hosts", host).find_agent_folder(name) if host else state.agent(name)
+        )
     fleet = {"fleet": {"name": FARM, "notify": [notify]}, "printers": rows}
     (folder / "fleet.yaml").write_text(yaml.safe_dump(fleet))
     write_anchor(state.clock, 1.0, time.time())

@@ -15,8 +15,8 @@ from drivers.printers import BEDS
 from farm.planning.printer_settings import build_slicing_printer
 from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
 from slicing.settings.layer_heights import (
-    EXACT_MM,
     FIRST_LAYER_CHANGES,
+    MAX_HEIGHT_ERROR_MM,
     LayerHeights,
     compute_printed_height_mm,
     fit_heights,
@@ -34,7 +34,7 @@ def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -
         height_mm = hundredth / 100.0
         heights = fit_heights(height_mm, nominal, max_first_mm=LAYER_SHARE * nozzle_mm)
         change = abs(heights.first_mm / nominal.first_mm - 1.0)
-        exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= EXACT_MM
+        exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
         case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)
         counts[case if exact else -1] += 1
     return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}

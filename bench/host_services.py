@@ -141,7 +141,7 @@ async def _serve(folder: Path, address: str, hosts: Sequence[str]) -> None:
             reader: asyncio.StreamReader, writer: asyncio.StreamWriter, places: HostPlaces = places
         ) -> None:
             with suppress(OSError):
-                with places.socket_path() as path:
+                with places.open_socket_path() as path:
                     inner_reader, inner_writer = await asyncio.open_unix_connection(path)
                 copies = [
                     asyncio.create_task(_copy(reader, inner_writer)),

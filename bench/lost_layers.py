@@ -116,7 +116,7 @@ class NoStopwatch:
 
     def wait(self, seconds: float) -> None: ...
 
-    def seconds(self, finish: bool = False) -> float:
+    def measure_s(self, finish: bool = False) -> float:
         return 0.0
 
 

@@ -41,7 +41,7 @@ from farm.planning.printer_settings import build_slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import (
-    ANY_PART,
+    DEFAULT_PART,
     PartSettings,
     SettingsRequest,
     find_engine,
@@ -155,13 +155,13 @@ def compare(
         price_s=best.price_s,
         compute_s=compute_s,
         ours_s=slice_pose(best, part_settings),
-        full_brim_s=slice_pose(best, ANY_PART),
-        as_is_s=slice_pose(axes[UNTURNED], ANY_PART),
+        full_brim_s=slice_pose(best, DEFAULT_PART),
+        as_is_s=slice_pose(axes[UNTURNED], DEFAULT_PART),
         up=best.to_model[:3, 2].tolist(),
         brim_mm=best.brim_width_mm,
         stands=best.stands,
         touched_mm2=best.touched_mm2,
-        axes_s=[slice_pose(pose, ANY_PART) for pose in fitting_poses],
+        axes_s=[slice_pose(pose, DEFAULT_PART) for pose in fitting_poses],
         axes_stand=[pose.stands for pose in fitting_poses],
         axes_touched_mm2=[pose.touched_mm2 for pose in fitting_poses],
     )

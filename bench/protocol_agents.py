@@ -17,7 +17,7 @@ from pathlib import Path
 from drivers import messages as m
 from drivers.agent.server import Server
 from drivers.clock import Clock
-from drivers.locks import AGENT_LOCK, hold
+from drivers.locks import AGENT_LOCK, acquire_lock
 
 MODEL = "ultimaker2_plus"
 PORT = f"sim://{MODEL}"
@@ -89,7 +89,7 @@ class ProtocolAgents:
         for agent in self._agents.values():
             folder = folders[agent.name]
             folder.mkdir(parents=True)
-            self._locks.append(hold(folder / AGENT_LOCK))
+            self._locks.append(acquire_lock(folder / AGENT_LOCK))
             agent.server = Server(folder, self._selector, agent.answer, agent.snapshot)
 
     @property

@@ -56,16 +56,16 @@ class Clock:
 
     def now(self) -> float:
         """Return farm time in seconds since the epoch."""
-        return self.farm(read_wall_s())
+        return self.to_farm_s(read_wall_s())
 
-    def farm(self, wall_s: float) -> float:
+    def to_farm_s(self, wall_s: float) -> float:
         """Convert a wall time to farm time, both in seconds since the epoch."""
         return self.anchor_s + (wall_s - self.anchor_s) * self.scale + self.ahead_s
 
-    def wall(self, farm_s: float) -> float:
+    def to_wall_s(self, farm_s: float) -> float:
         """Convert a farm time to wall time, both in seconds since the epoch."""
         return self.anchor_s + (farm_s - self.ahead_s - self.anchor_s) / self.scale
 
-    def wall_seconds(self, farm_seconds: float) -> float:
+    def to_wall_duration_s(self, farm_seconds: float) -> float:
         """Convert a span of farm seconds to wall seconds."""
         return farm_seconds / self.scale

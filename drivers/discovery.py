@@ -1,4 +1,4 @@
-"""List serial devices on USB, and verify that a pulse of DTR resets a printer's board."""
+"""Serial devices on USB, and the check that a pulse of DTR resets a printer's board."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import Firmware
 from drivers.link import Connected, Link, Report, UnknownLine
 from drivers.link.dialogue import exchange
-from drivers.locks import AGENT_LOCK, hold
+from drivers.locks import AGENT_LOCK, acquire_lock
 from drivers.ports import Device, Port, identify_device, list_devices, open_port
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL, Journal
@@ -49,7 +49,7 @@ class PluggedDevice:
     printer: str | None
 
 
-def list_plugged(
+def list_plugged_devices(
     fleet: Iterable[tuple[str, str]], devices: list[Device] | None = None, by_path: Path = BY_PATH
 ) -> list[PluggedDevice]:
     """List all serial devices on USB, without opening them.
@@ -59,18 +59,20 @@ def list_plugged(
     fleet
         Name and port of each printer.
     devices, by_path
-        Functions that list the host's devices and links; replaced in tests.
+        Devices of the host (None: all), and folder of the links by USB socket; replaced in tests.
 
     Returns
     -------
     list[PluggedDevice]
     """
-    homes = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
+    printer_by_path = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
     links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
     result = []
     for device in list_devices() if devices is None else devices:
         path = device.path.resolve()
-        result.append(PluggedDevice(links.get(path, device.path), path, device.description, homes.get(path)))
+        result.append(
+            PluggedDevice(links.get(path, device.path), path, device.description, printer_by_path.get(path))
+        )
     return result
 
 
@@ -101,7 +103,7 @@ def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: floa
     lock = None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = hold(folder / AGENT_LOCK)
+        lock = acquire_lock(folder / AGENT_LOCK)
         if lock is None:
             raise PortError(f"{url}: its agent is running: send it the request")
     try:

@@ -16,7 +16,7 @@ _DEATH_S = 1.0
 _PID_BYTES = 10
 
 
-def is_held(path: Path) -> bool:
+def is_locked(path: Path) -> bool:
     """Return True while a process holds the lock of this file; False if the file does not exist."""
     try:
         with path.open("rb") as lock:
@@ -28,8 +28,8 @@ def is_held(path: Path) -> bool:
     return False
 
 
-def hold(path: Path) -> int | None:
-    """Take the lock until the descriptor is closed, retrying because `is_held` takes it briefly.
+def acquire_lock(path: Path) -> int | None:
+    """Take the lock until the descriptor is closed, retrying because `is_locked` takes it briefly.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def find_holder(path: Path) -> int | None:
         pid = int(path.read_bytes())
     except (OSError, ValueError):
         return None
-    return pid if is_held(path) else None
+    return pid if is_locked(path) else None
 
 
 def kill_holder(path: Path) -> bool:
@@ -81,9 +81,9 @@ def kill_holder(path: Path) -> bool:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:
-                if is_held(path):  # else it has ended, and its id may be reused
+                if is_locked(path):  # else it has ended, and its id may be reused
                     signal.pidfd_send_signal(process, signal.SIGKILL)
                     select.select([process], [], [], _DEATH_S)
             finally:
                 os.close(process)
-    return not is_held(path)
+    return not is_locked(path)

@@ -16,7 +16,7 @@ from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 AGENT_SOCKET = "agent.sock"  # socket in an agent's folder
 
 PROTOCOL = 4
-"""Version of the protocol, increased when a request or a field is added, or has another meaning. Each
+"""Version of the protocol, increased when a request or a field is added, or its meaning changes. Each
 snapshot has the version of its agent; the first agents sent none, and have version 1."""
 
 
@@ -103,8 +103,8 @@ class PrintReadings(BaseModel):
     z_mm: float | None = None  # of that layer
     feature: str | None = None  # type of the current lines, as Cura names it: WALL-OUTER, FILL, ...
 
-    def readings(self) -> dict[str, Any]:
-        """Return the fields of this class alone, to hand on to another record that has them."""
+    def dump_readings(self) -> dict[str, Any]:
+        """Dump the fields of this class alone, for another record that has them."""
         return {name: getattr(self, name) for name in PrintReadings.model_fields}
 
 
@@ -138,8 +138,8 @@ class PrinterReadings(BaseModel):
     heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
     board_resets: int = 0  # resets since the agent's start that it did not cause
 
-    def readings(self) -> dict[str, Any]:
-        """Return the fields of this class alone, to hand on to another record that has them."""
+    def dump_readings(self) -> dict[str, Any]:
+        """Dump the fields of this class alone, for another record that has them."""
         return {name: getattr(self, name) for name in PrinterReadings.model_fields}
 
 
@@ -251,7 +251,7 @@ class ForgetPrint(_Request):
 
 
 class ListPrints(_Request):
-    """List all prints that had not ended at a given time, that of a restored daemon's state."""
+    """List all prints that had not ended at a given time, such as that of a restored backup."""
 
     first_protocol: ClassVar[int] = 2
     do: Literal["list"] = "list"

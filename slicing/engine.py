@@ -30,7 +30,7 @@ LAYER_BYTES = 10 * 2**20
 OUTPUT_BYTES = 2 * 2**30
 """Maximum size of a file that CuraEngine may write; a part that fills a bed has 0.07 GB of G-code."""
 _LOG_BYTES = 2**20
-"""Size of the beginning, and of the end, of a long log that are kept."""
+"""Number of bytes that are kept of the beginning, and of the end, of a long log."""
 _PR_SET_PDEATHSIG = 1
 _UNKNOWN_ERROR = "Unknown exception"
 _PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
@@ -47,7 +47,7 @@ class EngineLimits:
     Attributes
     ----------
     layers
-        Number of layers at most; each takes `LAYER_BYTES` of address space.
+        Maximum number of layers; each takes `LAYER_BYTES` of address space.
     timeout_s
         Wall-clock seconds after which the run is stopped, with all of its processes.
     memory_bytes

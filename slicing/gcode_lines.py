@@ -11,7 +11,7 @@ import re
 from slicing.errors import GcodeRefused
 
 MAX_LINE_BYTES = 1 << 16
-"""Longest line; the longest that slicers write are comments that contain a whole script."""
+"""Maximum length of a line; the longest lines of slicers are comments that contain a whole script."""
 MAX_MM = 1e4
 """Maximum coordinate on any printer, in mm."""
 MAX_E = 1e8
@@ -19,8 +19,8 @@ MAX_E = 1e8
 MAX_OTHER = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
-_NUMBERED = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
-_TEXT = re.compile(rb"\s*[Mm](11[78])\s")
+_NUMBERED_LINE = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
+_TEXT_COMMAND = re.compile(rb"\s*[Mm](11[78])\s")
 """Commands whose text, for a display or a host, may be in any language."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _PARENTHESES = re.compile(r"\([^()]*\)")
@@ -62,7 +62,7 @@ def split_line(raw: bytes, number: int) -> Line:
         return "", "", comment.strip()
     if command.lstrip()[:1] in (b"N", b"n"):
         command = _strip_number(command, number)
-    if (text_command := _TEXT.match(command)) is not None:
+    if (text_command := _TEXT_COMMAND.match(command)) is not None:
         return f"M{text_command[1].decode()}", "", comment.strip()
     try:
         text = command.decode("ascii").strip().replace("\t", " ").upper()
@@ -133,7 +133,7 @@ def quote_text(text: str) -> str:
 
 
 def _find_max_value(letter: str) -> float:
-    """Return the maximum of a word with this letter."""
+    """Find the maximum value of a word with this letter."""
     if letter in "XYZIJ":
         return MAX_MM
     return MAX_E if letter == "E" else MAX_OTHER
@@ -142,7 +142,7 @@ def _find_max_value(letter: str) -> float:
 def _strip_number(command: bytes, number: int) -> bytes:
     """Remove the line number and the checksum from a command that was written for a serial port."""
     body, separator, checksum = command.partition(b"*")
-    match = _NUMBERED.match(body)
+    match = _NUMBERED_LINE.match(body)
     if separator:
         xor = 0
         for byte in body:

@@ -6,16 +6,16 @@ import subprocess
 from pathlib import Path
 
 from slicing.errors import EngineMissing
-from slicing.settings import INSTALLED
+from slicing.settings import INSTALLATION_FOLDER
 
 _SCRIPT = Path(__file__).with_name("install-cura.sh")
 
 
-def install_cura(folder: Path = INSTALLED) -> None:
+def install_cura(folder: Path = INSTALLATION_FOLDER) -> None:
     """Install CuraEngine by apt, and Cura's settings of the same version from Debian's packages.
 
-    Does nothing if both are installed, or if the environment names them. The script says on stderr what it
-    does and what is missing.
+    Does nothing if both are installed, or if the environment names them. The script reports its steps, and
+    anything that is missing, on stderr.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 
 STEPS_MM = (29.0, 23.0)  # along x and y, from crest to trough: the product of two sides stays below 2**32 um2
 WAVE_MM = 0.03  # CuraEngine may flatten a smaller wave
-SAME_MM = 1e-6
+POINT_TOLERANCE_MM = 1e-6
 
 
 def read_triangles(stl: bytes) -> Floats:
@@ -79,7 +79,7 @@ def add_waves(corners: Floats) -> Floats:
     for axis, step_mm in enumerate(STEPS_MM):
         first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
         for multiple in range(int(np.ceil(first)), int(np.floor(last)) + 1):
-            corners = _cut(corners, axis, multiple * step_mm)
+            corners = _cut_triangles(corners, axis, multiple * step_mm)
     result = corners.copy()
     for axis, other_axis in ((0, 1), (1, 0)):
         phase = corners[..., other_axis] / STEPS_MM[other_axis]
@@ -87,13 +87,15 @@ def add_waves(corners: Floats) -> Floats:
     return result
 
 
-def _cut(corners: Floats, axis: int, plane_mm: float) -> Floats:
+def _cut_triangles(corners: Floats, axis: int, plane_mm: float) -> Floats:
     """Cut triangles (n, 3, 3) at a plane, so that none lies on both of its sides.
 
     Both triangles of an edge are cut at exactly the same point.
     """
     side = np.sign(
-        np.where(np.abs(corners[..., axis] - plane_mm) < SAME_MM, 0.0, corners[..., axis] - plane_mm)
+        np.where(
+            np.abs(corners[..., axis] - plane_mm) < POINT_TOLERANCE_MM, 0.0, corners[..., axis] - plane_mm
+        )
     )
     is_crossed = (side.max(axis=1) > 0.0) & (side.min(axis=1) < 0.0)
     has_corner_on_plane = is_crossed & (side == 0.0).any(axis=1)

@@ -135,7 +135,7 @@ def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) ->
 def _widen(
     request: PlateRequest, corners: Floats, share: float, offset_mm: float, folder: Path
 ) -> PlateRequest:
-    """Make the request for a part scaled by a share about the bed's centre, with its outlines grown."""
+    """Build the request for a part scaled by a share about the bed's centre, with its outlines grown."""
     if not share:
         return request
     wider_stl = folder / request.stl.name
@@ -153,7 +153,7 @@ def _widen(
 
 
 def _add_wave(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequest:
-    """Make the same request for a part whose long sides have a wave of hundredths of a mm."""
+    """Build the same request for a part whose long sides have a wave of hundredths of a mm."""
     path = folder / request.stl.name
     path.write_bytes(write_triangles(add_waves(corners)))
     return replace(request, stl=path)

@@ -1,7 +1,7 @@
 """Facts of a printer model besides Cura's definition of it: limits, start and end code, head.
 
 Cura leaves homing, heating, priming and switching off to the menu of these printers, so a host that streams
-G-code sends code of its own. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of
+G-code sends its own code. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of
 filament, as the firmware expects from a host (its own UltiGCode counts mm3).
 
 A print ends with the filament parked `PrintCode.parked_mm` back. The host that streams the next file knows

@@ -1,4 +1,4 @@
-"""Store of slices by content: the same plate is sliced once. `slicing.cache` trims its folder."""
+"""Store of slices by content, so that the same plate is sliced once. `slicing.cache` trims its folder."""
 
 from __future__ import annotations
 

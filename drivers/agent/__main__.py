@@ -11,7 +11,7 @@ from pathlib import Path
 from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
-from drivers.locks import AGENT_LOCK, hold, is_held, write_pid
+from drivers.locks import AGENT_LOCK, acquire_lock, is_locked, write_pid
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL, StartFile, read_journal
 from drivers.safety import StopTarget, stop_board
@@ -49,9 +49,9 @@ def main() -> int:
 def _take_lock(folder: Path) -> bool:
     """Take the folder's lock until this process ends; return False if another agent has it."""
     try:
-        lock = hold(folder / AGENT_LOCK)
+        lock = acquire_lock(folder / AGENT_LOCK)
     except OSError:
-        if is_held(folder / AGENT_LOCK):
+        if is_locked(folder / AGENT_LOCK):
             return False
         raise
     if lock is not None:

@@ -97,9 +97,9 @@ class Alarms:
         self.alarm = alarm.model_copy(update={"power_off_requested": True})
         return True
 
-    def outcome(self) -> str | None:
+    def poll_outcome(self) -> str | None:
         """Return the outcome of the command once; None if there is no new one."""
-        outcome = None if self._power_off is None else self._power_off.outcome()
+        outcome = None if self._power_off is None else self._power_off.poll_outcome()
         if outcome is not None:
             self._power_off = None
         elif self._command is None and self.is_pending:
@@ -113,6 +113,6 @@ class Alarms:
         if self._power_off is None and self._command is not None and self.is_pending:
             self._power_off = PowerOff(self._command, self._printer)
 
-    def wake_wall_s(self) -> float:
+    def compute_wake_wall_s(self) -> float:
         """Return the wall time of the next call of `outcome`."""
         return math.inf if self._power_off is None else read_wall_s() + POLL_S

@@ -22,9 +22,11 @@ log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
 RESET_PULSES = 2  # number of DTR pulses; the answer to one may be lost
-NOT_WATCHED = "it was not watched before its agent was started"
-MAY_PRINT = "its port is opened after a person confirms that it does not print: opening it may reset it"
-NO_RESET = "a pulse of DTR does not reset its board: it prints only while somebody is there"
+NOT_WATCHED_REASON = "it was not watched before its agent was started"
+MAY_PRINT_REASON = (
+    "its port is opened after a person confirms that it does not print: opening it may reset it"
+)
+NO_RESET_REASON = "a pulse of DTR does not reset its board: it prints only while somebody is there"
 
 
 class Board:
@@ -117,18 +119,18 @@ class Board:
         self._process(events, now_s)
 
     def tick(self) -> None:
-        """Do what is due now."""
+        """Perform the actions that are due now."""
         if self._port is None and read_wall_s() >= self._retry_wall_s:
             self.open()
         now_s = self._clock.now()
         self._process(self.link.tick(now_s), now_s)
 
-    def wake_wall_s(self) -> float:
+    def compute_wake_wall_s(self) -> float:
         """Return the wall time of the next call of `tick`."""
         due_s = self.link.deadline_s
         if self.session is not None:
             due_s = min(due_s, self.session.deadline_s)
-        wall_s = self._clock.wall(due_s)
+        wall_s = self._clock.to_wall_s(due_s)
         return min(wall_s, self._retry_wall_s) if self._port is None else wall_s
 
     def open(self) -> None:
@@ -141,7 +143,7 @@ class Board:
             device = identify_device(self._url)
             is_same_device = device is not None and device == self.state.device_id
             if not (self.is_simulated or self._is_responsible or self._is_idle_confirmed or is_same_device):
-                raise PortNotIdle(MAY_PRINT)
+                raise PortNotIdle(MAY_PRINT_REASON)
             if not is_same_device:
                 self.idle_watch.filament.note_reset()
             port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
@@ -164,7 +166,7 @@ class Board:
 
     @property
     def _is_responsible(self) -> bool:
-        """Return True if this agent is responsible for motion and heat on the board."""
+        """True if this agent is responsible for motion and heat on the board."""
         return self.session is not None or self.state.hot
 
     def begin(self, session: Session) -> None:
@@ -318,7 +320,7 @@ class Board:
             self._reset()  # its `start` may have been lost
             return
         elif self._pulses_left:
-            log.warning("%s", NO_RESET)
+            log.warning("%s", NO_RESET_REASON)
             self.state.reset_failed = self._url
         self._pulses_left = 0
 

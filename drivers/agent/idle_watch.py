@@ -11,8 +11,8 @@ from drivers.errors import Fault
 from drivers.link.replies import LinkFault, Report
 
 SD_PRINT = "it prints from its SD card"
-MOVED = "somebody moved it at the printer"
-HEATED = "somebody switched a heater on at the printer"
+MOVED_REASON = "somebody moved it at the printer"
+HEATED_REASON = "somebody switched a heater on at the printer"
 COLD_C = 45.0
 RISE_C, WARM_C = 15.0, 60.0  # a rise by RISE_C to above WARM_C, with target 0: the heater is stuck on
 
@@ -36,7 +36,7 @@ class FilamentWatch:
 
     def __init__(self, is_certain: bool = False, rest_position: str | None = None) -> None:
         self.is_certain, self.rest_position = is_certain, rest_position
-        self._has_printed = False  # since the last reset: else the position says nothing
+        self._has_printed = False  # since the last reset; otherwise the position proves nothing
 
     def confirm(self) -> None:
         """Trust the journal from now on: a print begins, or a person has named the filament's position."""
@@ -117,7 +117,7 @@ class IdleWatch:
             has_moved = self._position is not None or not _may_be_garbled(self._first or text, text)
             self._position, self._unconfirmed_position = text, None
             self.filament.judge_position(text)
-            return True, MOVED if has_moved else None
+            return True, MOVED_REASON if has_moved else None
         return True, None
 
     def judge_report(self, report: Report) -> tuple[str | None, LinkFault | None]:
@@ -135,7 +135,7 @@ class IdleWatch:
         if is_heated:
             self._coolest_c = [float("inf"), float("inf")]
             self._hot_reports = 0
-            return (HEATED if is_heated_twice else None), None
+            return (HEATED_REASON if is_heated_twice else None), None
         now_c = (report.nozzle_c, report.bed_c)
         self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
         is_rising = [

@@ -107,8 +107,8 @@ class Agent:
             if is_due or self._board.has_changed:
                 self._board.has_changed = False
                 self._push()
-                alarms_wall_s = self._recorder.alarms.wake_wall_s()
-                wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s, alarms_wall_s)
+                alarms_wall_s = self._recorder.alarms.compute_wake_wall_s()
+                wake_wall_s = min(self._board.compute_wake_wall_s(), self._push_wall_s, alarms_wall_s)
 
     def _limit_log(self) -> None:
         """Rename the log if it is full; a check takes two microseconds."""

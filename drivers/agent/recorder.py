@@ -1,11 +1,11 @@
-"""Writes changes of a board to the journal before the board goes on."""
+"""Recorder of the changes of a board: they are in the journal before the board continues."""
 
 from __future__ import annotations
 
 import logging
 
 from drivers.agent.alarm import Alarms
-from drivers.agent.board import NOT_WATCHED, Board
+from drivers.agent.board import NOT_WATCHED_REASON, Board
 from drivers.agent.idle_watch import FilamentWatch
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
@@ -56,7 +56,7 @@ class Recorder:
         is_watched = board.is_simulated and board.state.bed_unknown_reason is None
         board.idle_watch.filament = FilamentWatch(is_watched, board.state.rest_position)
         if board.state.bed_unknown_reason is None and not board.is_simulated:
-            board.state.bed_unknown_reason = NOT_WATCHED
+            board.state.bed_unknown_reason = NOT_WATCHED_REASON
 
     def begin(
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
@@ -110,7 +110,7 @@ class Recorder:
         elif (stuck := alarms.take_from_idle(board.stuck_heater, now_s)) is not None:
             board.state.attention_reason = _join(board.state.attention_reason, f"{stuck}: switch it off")
         board.stuck_heater = None
-        outcome = alarms.outcome()
+        outcome = alarms.poll_outcome()
         if outcome is None:
             return
         if session is not None:
@@ -124,8 +124,8 @@ class Recorder:
         state, alarm = self.board.state, self.alarms.alarm
         state.rest_position = self.board.idle_watch.filament.rest_position
         if alarm != saved_state.alarm or state != saved_state.board:
-            alarm_record = None if alarm is None else alarm.record()
-            self.journal.write(now_s, **state.record(), alarm=alarm_record)
+            alarm_record = None if alarm is None else alarm.dump_record()
+            self.journal.write(now_s, **state.dump_record(), alarm=alarm_record)
         if session is None or saved_state.print is None:
             return
         context, saved_print = session.context, saved_state.print
@@ -146,7 +146,7 @@ class Recorder:
             now_s,
             print=snapshot.model_dump(mode="json"),
             filament=context.filament.value,
-            **state.record(),
+            **state.dump_record(),
             identity=context.identity,
         )
         log.info(
@@ -180,7 +180,7 @@ class Recorder:
         }
         if self._program is not None:
             readings["line"] = context.acknowledged_lines
-            mark = self._program.progress_at(context.acknowledged_lines)
+            mark = self._program.compute_progress(context.acknowledged_lines)
             readings["progress_s"] = mark.seconds
             readings["layers"] = self._program.layers
             if mark.layer is not None:

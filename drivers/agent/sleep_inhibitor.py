@@ -1,4 +1,4 @@
-"""Prevent sleep and shutdown of the host while a print is open."""
+"""Inhibitor of sleep and shutdown of the host while a print is open."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Inhibitor:
     ----------
     printer
         The printer's name, shown to people who shut the host down.
-    simulated
+    is_simulated
         True for a simulated printer, which takes no lock.
     command
         Command that holds the lock while the command after it runs.

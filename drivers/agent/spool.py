@@ -56,16 +56,16 @@ class Spool:
         AgentError
             It does not follow the last piece, or cannot be written.
         """
-        part = self.part(print_id)
+        part = self.make_part_path(print_id)
         try:
             with part.open("wb" if offset == 0 else "ab") as file:
                 if file.tell() != offset:
                     raise AgentError(f"{part}: a piece at {offset} does not follow {file.tell()} bytes")
                 file.write(data)
         except OSError as error:
-            raise _write_error(part, error) from error
+            raise _make_write_error(part, error) from error
 
-    def part(self, print_id: str) -> Path:
+    def make_part_path(self, print_id: str) -> Path:
         """Return the path of an uploaded file."""
         return self._make_path(print_id).with_suffix(_PART)
 
@@ -107,12 +107,12 @@ class Spool:
             with suppress(OSError):
                 path.unlink()  # half a file is useless, and the disk may be full
             if source.is_file() and os.access(source, os.R_OK):
-                raise _write_error(path, error) from error
+                raise _make_write_error(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
 
     def keep_only(self, print_id: str | None) -> None:
         """Delete the files of all other prints: of an upload that was never started, of a dead agent."""
-        kept_files = set() if print_id is None else {self._make_path(print_id), self.part(print_id)}
+        kept_files = set() if print_id is None else {self._make_path(print_id), self.make_part_path(print_id)}
         for path in self._folder.iterdir():
             if path not in kept_files and path.suffix in (_GCODE, _PART):
                 with suppress(OSError):
@@ -121,7 +121,7 @@ class Spool:
     def drop(self, print_id: str) -> None:
         """Delete the files of a print."""
         self._make_path(print_id).unlink(missing_ok=True)
-        self.part(print_id).unlink(missing_ok=True)
+        self.make_part_path(print_id).unlink(missing_ok=True)
 
 
 class _Copy:
@@ -139,5 +139,5 @@ class _Copy:
         return os.pread(self._fd, end - start, start)
 
 
-def _write_error(path: Path, error: OSError) -> AgentError:
+def _make_write_error(path: Path, error: OSError) -> AgentError:
     return AgentError(f"{path}: cannot be written ({error.strerror}); make room on its disk")

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 
-from drivers.agent.board import NO_RESET, Board
+from drivers.agent.board import NO_RESET_REASON, Board
 from drivers.agent.idle_watch import SD_PRINT
 from drivers.agent.recorder import Recorder
 from drivers.link import Phase
 from drivers.messages import PROTOCOL, Filament, Heater, LinkState, PrintSnapshot, Snapshot
 from drivers.records import StartFile
 
-UNVERIFIED = "it is not verified that DTR resets its board: that is tested when a person says that it is idle"
+UNVERIFIED_REASON = (
+    "it is not verified that DTR resets its board: that is tested when a person says that it is idle"
+)
 _PARKED_SLACK_MM = 1.0
 
 
@@ -38,9 +40,9 @@ def describe_link(board: Board, journal_error: str | None) -> tuple[LinkState, s
     if board.idle_watch.card:
         return LinkState.FAULT, SD_PRINT
     if not (board.reset_verified or board.reset_failed):
-        return LinkState.FAULT, UNVERIFIED
+        return LinkState.FAULT, UNVERIFIED_REASON
     state = LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING
-    return state, NO_RESET if board.reset_failed else None
+    return state, NO_RESET_REASON if board.reset_failed else None
 
 
 def make_snapshot(start: StartFile, recorder: Recorder, now_s: float) -> Snapshot:

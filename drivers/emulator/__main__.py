@@ -57,7 +57,7 @@ class Emulator:
         self._pieces: deque[bytes] = deque()
         self._is_on = True
         self._status_changes = -1
-        self._show_at = 0.0
+        self._status_due_s = 0.0
         self.show(0.0)
 
     def run(self) -> None:
@@ -71,7 +71,7 @@ class Emulator:
             due_s = firmware.deadline_s(slack_s)
             if wires is not None:
                 due_s = min(due_s, wires[0].due_s(), wires[1].due_s())
-            wait_s = min((due_s - now_s) / scale, self._show_at - time.monotonic())
+            wait_s = min((due_s - now_s) / scale, self._status_due_s - time.monotonic())
             if self._pieces:
                 wait_s = 0.0
             sources = [
@@ -84,7 +84,7 @@ class Emulator:
             data = b""
             if ready:
                 if port.is_plugged and port.watch_fd in ready:
-                    self._notice(now_s)
+                    self._process_port_events(now_s)
                 elif port.is_open and port.master in ready:
                     data = port.read()
                 if control_fd in ready:
@@ -103,7 +103,7 @@ class Emulator:
                 data_out = self._pieces.popleft() if self._pieces else b""
             if data_out:
                 port.write(data_out)
-            if board.changes != self._status_changes or time.monotonic() >= self._show_at:
+            if board.changes != self._status_changes or time.monotonic() >= self._status_due_s:
                 self.show(now_s)
         firmware.machine.power_down(now_s)
         port.unplug()
@@ -123,9 +123,9 @@ class Emulator:
             link_open=self._port.is_open,
             phase=firmware.phase,
             time_s=self._origin_s + now_s,
-            nozzle_c=round(board.nozzle.temperature_c(now_s), 2),
+            nozzle_c=round(board.nozzle.compute_temperature_c(now_s), 2),
             nozzle_target_c=board.nozzle.target_c,
-            bed_c=round(board.bed.temperature_c(now_s), 2),
+            bed_c=round(board.bed.compute_temperature_c(now_s), 2),
             bed_target_c=board.bed.target_c,
             position_mm=(round(x, 4), round(y, 4), round(z, 4)),
             homed=firmware.machine.is_homed,
@@ -147,9 +147,9 @@ class Emulator:
             self._is_on = self._folder.is_dir()  # on a full disk the last status stays
         rotate_log(self._folder / LOG)
         self._status_changes = board.changes
-        self._show_at = time.monotonic() + STATUS_S
+        self._status_due_s = time.monotonic() + STATUS_S
 
-    def _notice(self, now_s: float) -> None:
+    def _process_port_events(self, now_s: float) -> None:
         """Handle the host's opens and closes of the port: opening resets the board, closing has no effect."""
         was_open = self._port.is_open
         if self._port.process_opens() and not self._firmware.board.faults.no_reset:

@@ -131,7 +131,7 @@ class FaultSampler:
             return bytes((text[0] ^ 1 << self._rng.randrange(6),)) + text[1:]
         return text
 
-    def swallows_ok(self) -> bool:
+    def swallows_line(self) -> bool:
         return bool(self._faults.swallow) and self._rng.random() < self._faults.swallow
 
     def refuses_line(self) -> bool:

@@ -1,4 +1,4 @@
-"""Start an emulator or find the running one, and send it commands of a person at the printer."""
+"""Start of an emulator, search for a running one, and commands of a person at the printer."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from drivers.clock import Clock
 from drivers.emulator.faults import parse_url
 from drivers.emulator.status import EmulatorStatus, read_status
 from drivers.errors import PortError
-from drivers.locks import is_held
+from drivers.locks import is_locked
 
 __all__ = ["Command", "EmulatorStatus", "control", "is_running", "launch", "read_status"]
 
@@ -101,11 +101,11 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
 
 def is_running(folder: Path) -> bool:
     """Return True if an emulator of this folder is running, that is, if its lock is held."""
-    return is_held(folder / ALIVE_LOCK)
+    return is_locked(folder / ALIVE_LOCK)
 
 
 def control(folder: Path, command: Command | str, **values: float | str) -> dict[str, Any]:
-    """Act as a person at the printer; return the answer when done (OFF: when the emulator has ended).
+    """Act as a person at the printer; return the answer when done (`POWER_OFF`: when the emulator has ended).
 
     Raises
     ------

@@ -34,7 +34,7 @@ class Firmware:
     Attributes
     ----------
     title
-        Name for people.
+        Name in messages.
     baud_rate
         Baud rate of its serial port.
     command_bytes
@@ -71,11 +71,11 @@ class Firmware:
     reports_executed_steps
         The answer to `position_query` counts executed steps, not planned ones.
     wait_moves, motors_off, heaters_off, fan_off
-        Commands.
+        Commands that wait for the end of all moves, and that switch motors, heaters and fan off.
     dead_man
-        Command that ends all heat after ``%d`` seconds without a command; 0 disarms it.
+        Command that arms the dead-man: heaters go off after ``%d`` seconds without a command; 0 disarms it.
     dead_man_observed
-        True if a person has seen the firmware end it. Else a real printer prints only while attended.
+        True if this was observed on a real printer. Otherwise a real printer prints only while attended.
     setup_commands
         Commands sent before a print to a board that has restarted.
     reset_commands

@@ -1,7 +1,7 @@
 """G-code lines, programs and their timelines. Pure."""
 
 from drivers.gcode.filament_position import MotionState, Point, measure_retraction, read_position
-from drivers.gcode.frame import add_frame, add_frames, checksum, remove_frame
+from drivers.gcode.frame import add_frame, add_frames, compute_checksum, remove_frame
 from drivers.gcode.program import (
     MAX_LINE_BYTES,
     Heat,
@@ -24,7 +24,7 @@ __all__ = [
     "ProgramStore",
     "add_frame",
     "add_frames",
-    "checksum",
+    "compute_checksum",
     "measure_retraction",
     "read_position",
     "read_program",

@@ -22,7 +22,7 @@ _POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.
 _WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")
 _FEED = re.compile(rb"F([\d.]+)")
 _AXES = {b"X": 0, b"Y": 1, b"Z": 2, b"E": 3}
-_MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
+_MOVE_STARTS = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 
 Point = Sequence[float]
 """X, Y, Z, E in mm, in the file's coordinates; NaN if unknown."""
@@ -87,16 +87,16 @@ class MotionState:
         # start, end, and how far the filament was retracted at the start
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
         for first in range(start, done_lines, WINDOW_LINES):  # never reads a long file completely
-            for line in program.lines(first, min(done_lines, first + WINDOW_LINES)):
-                self._follow(line)
+            for line in program.read_lines(first, min(done_lines, first + WINDOW_LINES)):
+                self._apply_line(line)
 
-    def _follow(self, line: bytes) -> None:
-        if line.startswith(_MOVES):
+    def _apply_line(self, line: bytes) -> None:
+        if line.startswith(_MOVE_STARTS):
             self._move(line)
         elif line.startswith(b"G92 "):
             for letter, value in _WORD.findall(line):
                 if letter != b"F":
-                    self._set_count(_AXES[letter], float(value))
+                    self._set_coordinate(_AXES[letter], float(value))
         elif line.split(b" ", 1)[0] == b"G28":  # earlier moves are complete
             self._moves.clear()
             self.position[:3] = [math.nan] * 3
@@ -122,7 +122,7 @@ class MotionState:
         if not math.isnan(fed_mm):
             self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
-    def _set_count(self, axis: int, value: float) -> None:
+    def _set_coordinate(self, axis: int, value: float) -> None:
         """Apply a G92: shift the coordinates, those of the buffered moves as well."""
         shift = value - self.position[axis]
         self.position = self.position.copy()
@@ -151,8 +151,8 @@ def _find_feed(program: Program, line: int) -> float:
     """Find the last F before `line`; NaN if there was none."""
     while line > 0:
         first = max(0, line - WINDOW_LINES)
-        for move in reversed(program.lines(first, line)):
-            if move.startswith(_MOVES) and (match := _FEED.search(move)) is not None:
+        for move in reversed(program.read_lines(first, line)):
+            if move.startswith(_MOVE_STARTS) and (match := _FEED.search(move)) is not None:
                 return float(match[1])
         line = first
     return math.nan

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable
 
 LINE_BYTES = 94
-"""The longest line, without its newline (docs/explanation/ultimaker2-serial.md, section 1.5)."""
+"""Maximum length of a line, without its newline (docs/explanation/ultimaker2-serial.md, section 1.5)."""
 _MAX_BYTES = LINE_BYTES - len(b"255")
 
 _CHECKSUMS = {b"%0*d" % (width, total): total for total in range(128) for width in range(7)} | {b"": 0}
@@ -21,7 +21,7 @@ _SMALL_DECIMALS = re.compile(rb"\.(0*(?:1[01]\d|12[0-7]|\d\d?)|)(?=[ *])")
 """Decimals that may equal a checksum, which is below 128."""
 
 
-def checksum(line: bytes) -> int:
+def compute_checksum(line: bytes) -> int:
     """Compute the XOR of at most 128 bytes, by folding one long number onto itself."""
     n = int.from_bytes(line, "little")
     n ^= n >> 512

@@ -1,4 +1,4 @@
-"""G-code lines: parsed as the firmware does, and rewritten in canonical form. Pure.
+"""Parser of G-code lines: it reads them as the firmware does, and rewrites them in canonical form. Pure.
 
 The firmware finds a letter anywhere in a line, uses the first of two, and reads a letter without a number as
 0; it ends a line at ``:``, reads any ``N`` as a line number and any ``*`` as a checksum, and cuts lines after
@@ -25,8 +25,10 @@ _NUMBER = rb"-?\d{1,6}(?:\.\d*|)"
 _PLAIN_MOVE = re.compile(rb"G[01](?: F%b|)(?: X%b|)(?: Y%b|)(?: E%b|)\Z" % ((_NUMBER,) * 4))
 _CODE = re.compile(rb"([GMT]) *0*(\d{1,6})(?!\d)")
 _WORD = re.compile(rb" *([A-Z])(?: *(-?(?:\d+(?:\.\d*)?|\.\d+)))?")
-_MOVES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
-_DROPPED = frozenset((b"M105", b"M117", b"M118"))  # the link polls by itself; display texts act as commands
+_MOVE_CODES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
+_OMITTED_CODES = frozenset(
+    (b"M105", b"M117", b"M118")
+)  # the link polls by itself; display texts act as commands
 
 is_plain_move = _PLAIN_MOVE.match
 """Match a move that is in canonical form already and needs no further check."""
@@ -75,7 +77,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     """
     code = _CODE.match(line)
     name = code[1] + code[2] if code is not None else b""
-    if name in _DROPPED:
+    if name in _OMITTED_CODES:
         return None
     if len(line) > firmware.command_bytes:
         raise make_length_error(line, number, firmware.command_bytes)
@@ -95,7 +97,7 @@ def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None
     words = {letter: read_number(digits, number) if digits else None for letter, digits in pairs}
     if _WORD.sub(b"", tail).strip() or len(words) < len(pairs) or words.keys() & {b"G", b"M"}:
         raise BadGcode(f"line {number}: cannot be read: {quote(line)}; write it like G1 F1500 X1.5 E2")
-    if name in _MOVES and None in words.values():
+    if name in _MOVE_CODES and None in words.values():
         raise BadGcode(f"line {number}: a letter without a number in {quote(line)}")
     text = b" ".join((name, *(letter + digits for letter, digits in pairs)))
     if len(text) > firmware.command_bytes:

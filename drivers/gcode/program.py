@@ -21,12 +21,12 @@ from drivers.gcode.timeline import Mark, Timeline
 from drivers.printers import Profile
 
 MAX_LINE_BYTES = 65536
-"""Limit of a line with its comment; no slicer writes longer ones."""
+"""Maximum length of a line with its comment; no slicer writes longer ones."""
 
 _BLOCK_LINES = 256
 _EXTRUDING_MOVE = re.compile(rb"G[0-3] [^E]*E")
-_RISING_MOVES = frozenset((b"G0", b"G1"))
-_HEATING = frozenset((b"M104", b"M109", b"M140", b"M190"))
+_RISING_CODES = frozenset((b"G0", b"G1"))
+_HEATING_CODES = frozenset((b"M104", b"M109", b"M140", b"M190"))
 _MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # axes (0) or E (1), relative
 _LAYERS_LIMIT = 1e6
 _SECONDS_LIMIT = 1e8
@@ -118,7 +118,7 @@ class Program:
         """Number of layers."""
         return self.timeline.layers
 
-    def lines(self, start: int, stop: int) -> list[bytes]:
+    def read_lines(self, start: int, stop: int) -> list[bytes]:
         """Read lines `start` to `stop` (excluded), without newlines.
 
         Raises
@@ -145,18 +145,18 @@ class Program:
             raise UnreadableFile("its copy on the disk has changed: check the disk")
         return data
 
-    def progress_at(self, line: int) -> Mark:
+    def compute_progress(self, line: int) -> Mark:
         """Compute the progress after `line` lines."""
-        return self.timeline.progress_at(line, self.count)
+        return self.timeline.compute_progress(line, self.count)
 
-    def target_c(self, heater: HeaterName, line: int) -> float | None:
+    def find_target_c(self, heater: HeaterName, line: int) -> float | None:
         """Find the target of a heater after `line` lines; None before the first."""
         for heat in reversed(self.heats):
             if heat.heater is heater and heat.line < line:
                 return heat.target_c
         return None
 
-    def highest_mm(self, line: int) -> float:
+    def compute_highest_mm(self, line: int) -> float:
         """Compute an upper bound of the height printed by the first `line` lines, to `_PEAK_MM`."""
         index = bisect_left(self._peak_lines, line)
         return self._peaks_mm[index - 1] if index else 0.0
@@ -229,7 +229,7 @@ class _Reader:
 
     def _note_command(self, command: Command, number: int) -> None:
         count = self.text.count
-        if command.name in _HEATING:
+        if command.name in _HEATING_CODES:
             self._heats.append(_read_heat(command, number, count, self._profile))
         elif command.name in _MODES:
             mode, state = _MODES[command.name]
@@ -237,7 +237,7 @@ class _Reader:
                 self._toggles[mode].append(count)
         elif command.name == b"G28":
             self._home_line = count if self._home_line < 0 else self._home_line
-        elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISING_MOVES:
+        elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISING_CODES:
             self._timeline.add_height(z_mm)
             if not len(self._toggles[0]) % 2 and z_mm > (self._peaks_mm[-1] if self._peaks_mm else 0.0):
                 self._peak_lines.append(count)

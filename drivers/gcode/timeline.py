@@ -29,7 +29,7 @@ class Feature(StrEnum):
 
 
 _FEATURES = tuple(Feature)
-_NUMBERS = {feature: number for number, feature in enumerate(_FEATURES)}
+_FEATURE_NUMBERS = {feature: number for number, feature in enumerate(_FEATURES)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class Timeline:
     def __iter__(self) -> Iterator[Mark]:
         return (self[index] for index in range(len(self)))
 
-    def progress_at(self, line: int, count: int) -> Mark:
+    def compute_progress(self, line: int, count: int) -> Mark:
         """Compute the progress after `line` of all `count` lines."""
         index = bisect_right(self._lines, line)
         previous = self[index - 1] if index else Mark(0, 0.0)
@@ -121,7 +121,7 @@ class Timeline:
 
     def add_feature(self, line: int, name: str) -> None:
         """Add a feature that begins at a line."""
-        self._feature = _NUMBERS[Feature(name)] if name in _NUMBERS else -1
+        self._feature = _FEATURE_NUMBERS[Feature(name)] if name in _FEATURE_NUMBERS else -1
         self._mark(line, math.nan)
 
     def add_height(self, z_mm: float) -> None:

@@ -43,7 +43,7 @@ class AgentWatch:
     folder
         Its folder.
     kept_installation
-        The installation that it is kept on after an update failed; None: that of this process.
+        Installation that the agent keeps after a failed update; None for that of this process.
     on_change
         Called when its state has changed.
 
@@ -86,11 +86,11 @@ class AgentWatch:
 
     @property
     def is_running(self) -> bool:
-        """True while an agent runs, also one that has just been started and has no lock yet."""
+        """True while an agent runs, including one that has just been started and has no lock yet."""
         return self.is_alive or (self._process is not None and self._process.poll() is None)
 
     def describe(self) -> AgentState:
-        """Describe it for the daemon."""
+        """Describe the agent for the daemon."""
         pid = find_agent_pid(self._folder)
         runs = None if pid is None else Installation.from_agent(pid)
         return AgentState(
@@ -187,7 +187,9 @@ class AgentWatch:
                 while self.is_alive and find_agent_pid(self._folder) == pid:  # else the next one runs
                     await asyncio.sleep(0.05)
         except TimeoutError as error:
-            raise AgentError(f"{self.printer}: its agent does not end") from error
+            raise AgentError(
+                f"{self.printer}: its agent does not end; switch the printer off, and kill the process"
+            ) from error
 
     def kill(self) -> None:
         """Kill an agent that does not end; the next one finds an open print, and resets the board."""
@@ -197,7 +199,7 @@ class AgentWatch:
             self._process.kill()  # it may not have taken its lock yet
 
     async def close(self) -> None:
-        """Stop watching; the agent goes on."""
+        """Stop watching; the agent continues."""
         if self._listen_task is not None:
             self._listen_task.cancel()
             await asyncio.gather(self._listen_task, return_exceptions=True)

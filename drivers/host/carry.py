@@ -30,7 +30,7 @@ async def carry_stream(stream: MuxStream, folder: Path, report_s: float) -> None
     report_s
         See `ReportFilter`.
     """
-    reader, writer = stream.pair()
+    reader, writer = stream.make_pair()
     agent = await _connect(folder)
     if agent is None:
         stream.close(f"no agent answers; see {folder / AGENT_LOG} there")

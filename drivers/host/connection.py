@@ -10,13 +10,13 @@ from drivers.errors import AgentError
 from drivers.host.mux import Closed, Message, Mux, Opened, Received
 
 LINE_BYTES = 1024 * 1024
-"""Longest line of an agent."""
+"""Maximum length of a line of an agent."""
 _READ_BYTES = 128 * 1024
 _HIGH_BYTES, _LOW_BYTES = 128 * 1024, 32 * 1024  # bytes of a stream above which its writer waits
 
 
 class MuxStream(asyncio.Transport):
-    """One stream, as a transport: asyncio's own reader and writer sit on it."""
+    """One stream, as a transport for asyncio's reader and writer."""
 
     def __init__(self, owner: MuxConnection, number: int) -> None:
         super().__init__()
@@ -27,13 +27,13 @@ class MuxStream(asyncio.Transport):
         self._is_closing = self._is_reading_paused = self._is_writing_paused = False
         self._unconsumed_bytes = 0
 
-    def pair(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Return its reader and its writer."""
+    def make_pair(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Return the reader and the writer of this stream."""
         loop = asyncio.get_running_loop()
         return self._reader, asyncio.StreamWriter(self, self._protocol, self._reader, loop)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send bytes in their turn."""
+        """Queue bytes for sending."""
         self._owner.write(self._number, bytes(data))
         if not self._is_writing_paused and self._owner.count_waiting(self._number) > _HIGH_BYTES:
             self._is_writing_paused = True
@@ -69,11 +69,11 @@ class MuxStream(asyncio.Transport):
         self._unconsumed_bytes = 0
 
     def is_closing(self) -> bool:
-        """Return whether it is closed."""
+        """Return whether the stream is closed."""
         return self._is_closing
 
     def close(self, reason: str = "") -> None:
-        """Close the stream after the bytes that wait, and tell the other end why."""
+        """Close the stream after its unsent bytes, and send the reason to the other end."""
         if not self._is_closing:
             self._is_closing = True
             self._owner.close_stream(self._number, reason)
@@ -90,7 +90,7 @@ class MuxConnection:
     on_message
         Called with each message about the host itself.
     on_stream
-        Called with each stream that the other end opens, and the name that it gives; None: it opens none.
+        Called with each stream that the other end opens, and its name; None if the other end opens none.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class MuxConnection:
         number = self._mux.open(name)
         stream = self._streams[number] = MuxStream(self, number)
         self._output.set()
-        return stream.pair()
+        return stream.make_pair()
 
     def send_message(self, data: bytes) -> None:
         """Send a message about the host itself."""
@@ -163,7 +163,7 @@ class MuxConnection:
                     stream = self._streams.pop(event.stream, None)
                     if stream is not None:
                         stream.on_closed(event.reason)
-        self._output.set()  # credit may have come, or is to be given
+        self._output.set()  # credit may have been received, or may be due
 
     def _accept(self, event: Opened) -> None:
         if self._on_stream is None:

@@ -9,7 +9,7 @@ from enum import IntEnum
 from drivers.errors import MessageError
 
 MAX_PAYLOAD_BYTES = 1024 * 1024
-"""Largest payload that is accepted: far more than a state of a host with a hundred printers."""
+"""Maximum size of a payload: far more than the state of a host with a hundred printers."""
 _HEAD = struct.Struct(">BII")
 
 
@@ -19,7 +19,7 @@ class FrameKind(IntEnum):
     MESSAGE = 0  # JSON about the host itself; its stream is 0
     OPEN = 1  # the payload names the printer
     DATA = 2
-    CREDIT = 3  # bytes that the other end may send on this stream besides
+    CREDIT = 3  # additional bytes that the other end may send on this stream
     CLOSE = 4  # the payload is the reason, if any
 
 
@@ -32,12 +32,12 @@ class Frame:
     payload: bytes = b""
 
     def encode(self) -> bytes:
-        """Return its bytes on the wire."""
+        """Encode the frame as bytes on the wire."""
         return _HEAD.pack(self.kind, self.stream, len(self.payload)) + self.payload
 
 
 class FrameReader:
-    """Splits received bytes into frames, wherever they were cut."""
+    """Splitter of received bytes into frames; a frame may arrive in several pieces."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -48,7 +48,7 @@ class FrameReader:
         Raises
         ------
         MessageError
-            The bytes are not frames: the connection cannot be used any more.
+            The bytes are not frames: the connection can no longer be used.
         """
         buffer, frames, offset = self._buffer, [], 0
         buffer += data

@@ -12,7 +12,7 @@ from drivers.errors import AgentError
 from drivers.records import StartFile
 
 HOST_PROTOCOL = 1
-"""Version of these messages, increased when one has another meaning; new fields have defaults."""
+"""Version of these messages, increased when the meaning of one changes; new fields have defaults."""
 STATE_S = 5.0
 """Wall seconds between two states of a host; they are the heartbeat of the connection."""
 SILENCE_S = 20.0
@@ -51,7 +51,7 @@ class HostRequest(_Message):
     starts: tuple[StartFile, ...]
     report_s: float = 1.0
 
-    def line(self) -> bytes:
+    def serialise(self) -> bytes:
         """Serialise the request as one line."""
         return self.model_dump_json().encode() + b"\n"
 
@@ -74,7 +74,7 @@ class HostMessage(_Message):
     starts: tuple[StartFile, ...] = ()  # of `agents`: the agents that this host runs from now on
 
     def encode(self) -> bytes:
-        """Serialise it."""
+        """Serialise the message."""
         return self.model_dump_json().encode()
 
 

@@ -1,7 +1,7 @@
-"""Several streams of bytes on one connection, each with a flow control of its own. Without I/O.
+"""Several streams of bytes on one connection, each with its own flow control. Without I/O.
 
 Each end may send `WINDOW_BYTES` on a stream, and as much again as the other end has consumed: a stream that
-nobody reads stops, and the others go on. Streams that have something to send take turns, a frame each.
+nobody reads stops, and the others continue. Streams with data to send take turns, one frame each.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from drivers.host.frames import MAX_PAYLOAD_BYTES, Frame, FrameKind, FrameReader
 WINDOW_BYTES = 256 * 1024
 """Bytes in flight on a stream."""
 FRAME_BYTES = 16 * 1024
-"""Largest payload of a frame with data: a stream waits for at most this much of each other."""
+"""Maximum payload of a frame with data: a stream waits for at most this many bytes of every other stream."""
 _CREDIT = struct.Struct(">I")
 
 
@@ -31,7 +31,7 @@ class Opened:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Bytes have arrived on a stream; `Mux.consume` lets as many more follow."""
+    """Bytes have arrived on a stream; `Mux.consume` allows as many more."""
 
     stream: int
     data: bytes
@@ -64,7 +64,7 @@ class _Stream:
     closing: bytes | None = None  # the reason, to be sent after `outgoing`
 
     @property
-    def ready(self) -> bool:
+    def is_ready(self) -> bool:
         """True if a frame can be sent."""
         return bool(self.outgoing and self.send_credit > 0) or (
             not self.outgoing and self.closing is not None
@@ -77,16 +77,16 @@ class Mux:
     def __init__(self) -> None:
         self._reader = FrameReader()
         self._streams: dict[int, _Stream] = {}
-        self._first: deque[Frame] = deque()  # sent before all data
-        self._turns: deque[int] = deque()  # streams with something to send, each once
-        self._last = 0
+        self._priority_frames: deque[Frame] = deque()  # sent before all data
+        self._ready_streams: deque[int] = deque()  # streams with something to send, each once
+        self._last_number = 0
 
     def open(self, name: str) -> int:
         """Open a stream to the printer of this name; return its number."""
-        self._last += 1
-        self._streams[self._last] = _Stream()
-        self._first.append(Frame(FrameKind.OPEN, self._last, name.encode()))
-        return self._last
+        self._last_number += 1
+        self._streams[self._last_number] = _Stream()
+        self._priority_frames.append(Frame(FrameKind.OPEN, self._last_number, name.encode()))
+        return self._last_number
 
     def write(self, stream: int, data: bytes) -> None:
         """Append bytes to a stream; they are dropped if it is closed."""
@@ -101,34 +101,34 @@ class Mux:
         return 0 if state is None else len(state.outgoing)
 
     def close(self, stream: int, reason: str = "") -> None:
-        """Close a stream after the bytes that wait."""
+        """Close a stream after its unsent bytes."""
         state = self._streams.get(stream)
         if state is not None and state.closing is None:
             state.closing = reason.encode()[:FRAME_BYTES]
             self._queue(stream, state)
 
     def consume(self, stream: int, count: int) -> None:
-        """Let the other end send `count` bytes more: as many have been taken from the stream."""
+        """Allow the other end to send `count` more bytes: as many have been taken from the stream."""
         state = self._streams.get(stream)
         if state is None:
             return
         state.consumed += count
-        if state.consumed >= WINDOW_BYTES // 4:  # a frame for each piece would be as much as the data
+        if state.consumed >= WINDOW_BYTES // 4:  # a frame for each piece would double the traffic
             state.receive_credit += state.consumed
-            self._first.append(Frame(FrameKind.CREDIT, stream, _CREDIT.pack(state.consumed)))
+            self._priority_frames.append(Frame(FrameKind.CREDIT, stream, _CREDIT.pack(state.consumed)))
             state.consumed = 0
 
     def send_message(self, data: bytes) -> None:
         """Send a message about the host itself."""
         if len(data) > MAX_PAYLOAD_BYTES:
             raise MessageError(f"a message of {len(data)} bytes is too long")
-        self._first.append(Frame(FrameKind.MESSAGE, 0, data))
+        self._priority_frames.append(Frame(FrameKind.MESSAGE, 0, data))
 
-    def take(self, most: int = 4 * FRAME_BYTES) -> bytes:
-        """Return the next bytes for the connection, about `most`; empty if there are none now."""
+    def take(self, target_bytes: int = 4 * FRAME_BYTES) -> bytes:
+        """Return the next bytes for the connection, about `target_bytes`; empty if there are none now."""
         data = bytearray()
-        while len(data) < most:
-            frame = self._first.popleft() if self._first else self._take_data()
+        while len(data) < target_bytes:
+            frame = self._priority_frames.popleft() if self._priority_frames else self._take_data()
             if frame is None:
                 break
             data += frame.encode()
@@ -148,13 +148,13 @@ class Mux:
                 yield event
 
     def _queue(self, stream: int, state: _Stream) -> None:
-        if state.ready and stream not in self._turns:
-            self._turns.append(stream)
+        if state.is_ready and stream not in self._ready_streams:
+            self._ready_streams.append(stream)
 
     def _take_data(self) -> Frame | None:
-        if not self._turns:
+        if not self._ready_streams:
             return None
-        number = self._turns.popleft()
+        number = self._ready_streams.popleft()
         stream = self._streams[number]
         if not stream.outgoing:
             del self._streams[number]
@@ -177,7 +177,7 @@ class Mux:
             return Opened(number, frame.payload.decode(errors="replace"))
         stream = self._streams.get(number)
         if stream is None:
-            return None  # closed here while this was on its way
+            return None  # closed here while the frame was in transit
         if frame.kind is FrameKind.CLOSE:
             self._forget(number)
             return Closed(number, frame.payload.decode(errors="replace"))
@@ -194,5 +194,5 @@ class Mux:
 
     def _forget(self, number: int) -> None:
         del self._streams[number]
-        if number in self._turns:
-            self._turns.remove(number)
+        if number in self._ready_streams:
+            self._ready_streams.remove(number)

@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from drivers.errors import AgentError
-from drivers.locks import find_holder, is_held, kill_holder
+from drivers.locks import find_holder, is_locked, kill_holder
 from drivers.records import StartFile
 from drivers.remote import RETRY_S, Installation
 from drivers.remote.bridge import find_folder
@@ -52,18 +52,18 @@ class HostPlaces:
         self._agents = self.folder / "agents.json"
         self._version = self.folder / "version.json"
 
-    def agent(self, printer: str) -> Path:
+    def find_agent_folder(self, printer: str) -> Path:
         """Return the folder of an agent. Raises AgentError if the name points elsewhere."""
         if printer.startswith("."):
             raise AgentError(f"{printer!r}: not a name of a printer")
         return find_folder(self.farm, printer, self._env)
 
     def make(self) -> None:
-        """Make the folder, for its user only."""
+        """Create the folder, accessible to its user only."""
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     @contextmanager
-    def socket_path(self) -> Iterator[str]:
+    def open_socket_path(self) -> Iterator[str]:
         """Yield a path of the socket: that of a deep folder would be too long."""
         descriptor = os.open(self.folder, os.O_PATH | os.O_DIRECTORY)
         try:
@@ -72,7 +72,7 @@ class HostPlaces:
             os.close(descriptor)
 
     def read_agents(self) -> dict[str, tuple[StartFile, Installation | None]]:
-        """Read the agents that this host runs, each with the installation that it is kept on, if any."""
+        """Read the agents that this host runs, each with the installation that it keeps, if any."""
         with suppress(OSError, ValueError, TypeError, KeyError):
             rows = json.loads(self._agents.read_text())
             return {
@@ -93,7 +93,7 @@ class HostPlaces:
         _replace(self._agents, json.dumps(rows))
 
     def write_version(self) -> None:
-        """Store the version that the running service has. Raises OSError."""
+        """Store the version of the running service. Raises OSError."""
         _replace(self._version, self._describe_version())
 
     def _describe_version(self) -> str:
@@ -120,13 +120,13 @@ def reach_service(places: HostPlaces) -> socket.socket:
     AgentError
         It does not start.
     """
-    if is_held(places.lock) and not places.has_this_version():
+    if is_locked(places.lock) and not places.has_this_version():
         end_service(places)
     deadline_s, process = time.monotonic() + _START_S, None
     while time.monotonic() < deadline_s:
-        if not is_held(places.lock) and (process is None or process.poll() is not None):
+        if not is_locked(places.lock) and (process is None or process.poll() is not None):
             process = _start_service(places)
-        with suppress(OSError), places.socket_path() as path:
+        with suppress(OSError), places.open_socket_path() as path:
             connection = socket.socket(socket.AF_UNIX)
             try:
                 connection.connect(path)
@@ -139,7 +139,7 @@ def reach_service(places: HostPlaces) -> socket.socket:
 
 
 def _start_service(places: HostPlaces) -> subprocess.Popen[bytes]:
-    """Start the service in a process session of its own, so that it outlives this connection."""
+    """Start the service in its own process session, so that it outlives this connection."""
     installation = Installation.of_this_process()
     try:
         places.make()
@@ -157,13 +157,13 @@ def _start_service(places: HostPlaces) -> subprocess.Popen[bytes]:
 
 
 def end_service(places: HostPlaces) -> None:
-    """End the service; its agents go on. Raises AgentError if it cannot be ended."""
+    """End the service; its agents continue. Raises AgentError if it cannot be ended."""
     pid = find_holder(places.lock)
     if pid is not None:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGTERM)
     deadline_s = time.monotonic() + _END_S
-    while is_held(places.lock) and time.monotonic() < deadline_s:
+    while is_locked(places.lock) and time.monotonic() < deadline_s:
         time.sleep(RETRY_S / 5)
-    if is_held(places.lock) and not kill_holder(places.lock):
+    if is_locked(places.lock) and not kill_holder(places.lock):
         raise AgentError(f"{places.folder}: the service of another version cannot be ended; end it by hand")

@@ -48,13 +48,13 @@ def serve_stdio() -> int:
 
 def _carry(service: socket.socket) -> None:
     """Copy bytes until one end closes. A slow end stops only its own direction."""
-    ways = {0: service.fileno(), service.fileno(): 1}
+    target_by_source = {0: service.fileno(), service.fileno(): 1}
     unwritten = {0: b"", service.fileno(): b""}  # read, and not yet written
     for descriptor in (1, service.fileno()):
         os.set_blocking(descriptor, False)
     while True:
         readers = [source for source, data in unwritten.items() if not data]
-        writers = {ways[source]: source for source, data in unwritten.items() if data}
+        writers = {target_by_source[source]: source for source, data in unwritten.items() if data}
         readable, writable, _ = select.select(readers, list(writers), [])
         for source in readable:
             data = os.read(source, _BYTES)
@@ -76,6 +76,6 @@ def _stop_printers(request: HostRequest, places: HostPlaces) -> None:
 
 def _stop(start: StartFile, places: HostPlaces) -> StopResult:
     try:
-        return stop_printer(StopTarget.from_agent(start, places.agent(start.printer)))
+        return stop_printer(StopTarget.from_agent(start, places.find_agent_folder(start.printer)))
     except (AgentError, OSError) as error:
         return StopResult(start.printer, None, False, f"cannot be stopped: {error}; switch it off")

@@ -1,8 +1,8 @@
 """Service of a host with printers: ``python -m drivers.host.service FARM``, started by `farm host`.
 
-It starts the agents of one farm on this host, watches them, and goes on without the daemon. The daemon
+It starts the agents of one farm on this host, watches them, and continues without the daemon. The daemon
 connects to its socket; each stream of that connection leads to the socket of one agent. When the service
-ends, the agents go on, and the next one finds them.
+ends, the agents continue, and the next service finds them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections.abc import Coroutine
 from contextlib import suppress
 from typing import Any
 
-from drivers.discovery import list_plugged
+from drivers.discovery import list_plugged_devices
 from drivers.errors import AgentError, DriverError
 from drivers.host.agent_watch import AgentWatch
 from drivers.host.carry import carry_stream
@@ -32,7 +32,7 @@ from drivers.host.messages import (
 )
 from drivers.host.places import HostPlaces, read_version
 from drivers.host.update import AgentsUpdate
-from drivers.locks import hold, write_pid
+from drivers.locks import acquire_lock, write_pid
 from drivers.log_file import rotate_log
 from drivers.records import StartFile
 from drivers.remote import Installation
@@ -58,7 +58,7 @@ class HostService:
         self._watches: dict[str, AgentWatch] = {}
         self._daemon: MuxConnection | None = None
         self._daemon_writer: asyncio.StreamWriter | None = None
-        self._heard_s = time.monotonic()
+        self._last_message_s = time.monotonic()
         self._ports: tuple[PortState, ...] = ()
         self._change_event = asyncio.Event()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -69,13 +69,13 @@ class HostService:
             self._add(start, kept_installation)
 
     async def run(self) -> None:
-        """Serve until there is nothing left to do."""
-        with self._places.socket_path() as path:
+        """Serve until there are neither agents nor a daemon for `_UNUSED_S`."""
+        with self._places.open_socket_path() as path:
             server = await asyncio.start_unix_server(self._serve, path, limit=LINE_BYTES)
         states = asyncio.create_task(self._send_states())
         ports = asyncio.create_task(self._list_ports())
         try:
-            while self._watches or time.monotonic() - self._heard_s < _UNUSED_S:
+            while self._watches or time.monotonic() - self._last_message_s < _UNUSED_S:
                 self._watch()
                 await asyncio.sleep(_WATCH_S)
         finally:
@@ -95,7 +95,7 @@ class HostService:
                 del self._watches[watch.printer]
                 self._spawn(watch.close())
         self._update.step(list(self._watches.values()), self._spawn)
-        if self._daemon_writer is not None and time.monotonic() - self._heard_s > SILENCE_S:
+        if self._daemon_writer is not None and time.monotonic() - self._last_message_s > SILENCE_S:
             log.warning("the daemon is silent: closing its connection")
             self._daemon_writer.transport.abort()
         rotate_log(self._places.log)
@@ -120,7 +120,7 @@ class HostService:
         self._watch()
 
     def _add(self, start: StartFile, kept_installation: Installation | None) -> None:
-        folder = self._places.agent(start.printer)
+        folder = self._places.find_agent_folder(start.printer)
         self._watches[start.printer] = AgentWatch(start, folder, kept_installation, self._change_event.set)
 
     async def _retire(self, watch: AgentWatch) -> None:
@@ -151,14 +151,16 @@ class HostService:
             async with asyncio.timeout(SILENCE_S):
                 request = HostRequest.parse(await reader.readline())
         except (TimeoutError, OSError, ValueError, AgentError) as error:
-            log.warning("a daemon's request cannot be read: %s", error)
+            log.warning(
+                "the first line of a daemon cannot be read: %s; install the same version on both hosts", error
+            )
             writer.close()
             return
         if self._daemon_writer is not None:
             self._daemon_writer.transport.abort()  # of a connection whose end has not been noticed yet
         connection = MuxConnection(reader, writer, self._on_message, self._on_stream)
         self._daemon, self._daemon_writer = connection, writer
-        self._heard_s, self._report_s = time.monotonic(), request.report_s
+        self._last_message_s, self._report_s = time.monotonic(), request.report_s
         log.info("the daemon has connected; it names %d printers", len(request.starts))
         self._set_agents(request.starts)
         self._change_event.set()
@@ -170,10 +172,10 @@ class HostService:
             log.info("the daemon has disconnected")
         if self._daemon is connection:
             self._daemon = self._daemon_writer = None
-            self._heard_s = time.monotonic()
+            self._last_message_s = time.monotonic()
 
     def _on_message(self, data: bytes) -> None:
-        self._heard_s = time.monotonic()
+        self._last_message_s = time.monotonic()
         try:
             message = HostMessage.model_validate_json(data)
         except ValueError as error:
@@ -183,7 +185,7 @@ class HostService:
             self._set_agents(message.starts)
         elif message.do == "update":
             self._update.begin()
-            self._send_state()  # before the update has a result: until then the daemon takes none
+            self._send_state()  # the daemon ignores a result until it has seen the update run
         elif message.do == "halt":
             self._update.halt()
         self._change_event.set()
@@ -193,7 +195,7 @@ class HostService:
         if watch is None:
             stream.close(f"this host has no printer {name}")
             return
-        self._spawn(carry_stream(stream, self._places.agent(name), self._report_s))
+        self._spawn(carry_stream(stream, self._places.find_agent_folder(name), self._report_s))
 
     async def _send_states(self) -> None:
         """Send the host's state when it changes, and every `STATE_S` as the heartbeat."""
@@ -203,7 +205,7 @@ class HostService:
                     await self._change_event.wait()
             self._change_event.clear()
             self._send_state()
-            await asyncio.sleep(_WATCH_S / 2)  # changes of many agents are one state
+            await asyncio.sleep(_WATCH_S / 2)  # collects the changes of many agents in one state
 
     def _send_state(self) -> None:
         if self._daemon is not None:
@@ -221,9 +223,9 @@ class HostService:
 
     async def _list_ports(self) -> None:
         while True:
-            homes = [(watch.printer, watch.start.port) for watch in self._watches.values()]
+            printer_ports = [(watch.printer, watch.start.port) for watch in self._watches.values()]
             try:
-                devices = await asyncio.to_thread(list_plugged, homes)
+                devices = await asyncio.to_thread(list_plugged_devices, printer_ports)
             except OSError as error:
                 log.warning("the ports cannot be listed: %s", error)
             else:
@@ -258,7 +260,7 @@ def run_service(farm: str) -> int:
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     places.make()
-    lock = hold(places.lock)
+    lock = acquire_lock(places.lock)
     if lock is None:
         logging.error("%s: another service has this host's agents", places.folder)
         return 1

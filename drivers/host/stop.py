@@ -52,7 +52,7 @@ def stop_host(
             timer.start()
             try:
                 with suppress(BrokenPipeError):  # what ssh wrote to stderr is the reason
-                    process.stdin.write(request.line())
+                    process.stdin.write(request.serialise())
                     process.stdin.close()
                 for line in process.stdout:
                     result = StopResult.parse(line)

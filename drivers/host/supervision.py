@@ -9,7 +9,7 @@ from typing import Any
 
 _FIRST_WAIT_S = 0.5
 _MAX_WAIT_S = 60.0
-_STEADY_S = 60.0  # an agent that ran as long is started again at once
+_STEADY_S = 60.0  # an agent that ran for this long is started again at once
 _VOLATILE = {
     "": ("now_s", "starved_s"),
     "nozzle": ("now_c",),
@@ -21,7 +21,7 @@ _VOLATILE = {
 
 @dataclass(frozen=True, slots=True)
 class Backoff:
-    """Wait before an agent that ended is started again: nothing at first, then twice as long each time.
+    """Wait before an agent that ended is started again: none at first, then twice as long each time.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Backoff:
         return now_s >= self.started_s + self.wait_s
 
     def start(self, now_s: float) -> Backoff:
-        """Return the wait after a start at `now_s`."""
+        """Compute the wait after a start at `now_s`."""
         if now_s - self.started_s > max(_STEADY_S, 2 * self.wait_s):
             return Backoff(now_s, 0.0 if self.started_s == -math.inf else _FIRST_WAIT_S)
         return Backoff(now_s, min(_MAX_WAIT_S, max(_FIRST_WAIT_S, 2 * self.wait_s)))
@@ -49,7 +49,7 @@ class ReportFilter:
     """Chooses the lines of an agent that the daemon gets.
 
     Replies, and snapshots that differ in more than temperatures and progress, pass at once; others when
-    `report_s` has passed since the last one. A line that is left out is out of date a second later.
+    `report_s` has passed since the last one. An omitted line would be out of date a second later.
 
     Parameters
     ----------

@@ -121,14 +121,14 @@ class AgentsUpdate:
             kept_installation, watch.kept_installation = watch.kept_installation, None
             try:
                 await watch.end()
-            except DriverError as error:  # it has begun to print, or ends by itself
+            except DriverError as error:  # it has begun to print, or is ending
                 watch.kept_installation = kept_installation
                 log.info("%s: not replaced: %s", watch.printer, error)
                 return
             watch.snapshot = None
             fault = await self._await_verdict(watch, None if before is None else before.link, starts)
             if fault is not None:
-                await self._go_back(watch, old, fault)
+                await self._restore_old_version(watch, old, fault)
         finally:
             self._replaced_printer = None
             self._on_change()
@@ -137,11 +137,11 @@ class AgentsUpdate:
         self, watch: AgentWatch, link_before: m.LinkState | None, starts: int
     ) -> str | None:
         """Wait for the verdict on the first agent after `starts`; return its fault, or None."""
-        begun_s = time.monotonic()
+        started_s = time.monotonic()
         while True:
             runs = watch.find_installation()
             snapshot = watch.snapshot if runs == self._installation else None
-            waited_s = time.monotonic() - begun_s
+            waited_s = time.monotonic() - started_s
             verdict = judge_trial(Trial(link_before, snapshot, watch.ended_start > starts, waited_s))
             if verdict is True:
                 log.info("%s: its agent is of this version now", watch.printer)
@@ -150,15 +150,15 @@ class AgentsUpdate:
                 return str(verdict)
             await asyncio.sleep(_POLL_S)
 
-    async def _go_back(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:
+    async def _restore_old_version(self, watch: AgentWatch, old: Installation | None, fault: str) -> None:
         """Start the old version again, and end the update."""
         self._is_running = False
-        back = old is not None and old.exists
-        watch.kept_installation = old if back else None
-        result = "its old version is started again" if back else "its old version is gone"
+        is_restorable = old is not None and old.exists
+        watch.kept_installation = old if is_restorable else None
+        result = "its old version is started again" if is_restorable else "its old version is gone"
         self._reason = f"{watch.printer}: {fault}; {result}; the update of this host has ended"
         log.error("%s", self._reason)
-        if back and watch.is_running:
+        if is_restorable and watch.is_running:
             try:
                 await watch.end()
             except DriverError as error:

@@ -1,4 +1,4 @@
-"""Run a link on a port outside an agent: for an emergency stop, or to verify a reset."""
+"""Exchange on a port outside an agent, for an emergency stop or to verify a reset."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def exchange(
     patience_s
         Wall seconds after which the exchange ends.
     is_new
-        The port was just opened or reset; otherwise the link continues from its current state.
+        True if the port was just opened or reset; otherwise the link continues from its current state.
     unconfirmed
         See `Link.on_opened`.
 

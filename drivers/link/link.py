@@ -12,7 +12,7 @@ from drivers.link.outbox import Outbox, Source
 from drivers.link.recovery import MAX_QUERIES, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
 from drivers.link.replies import Connected, Event, Events, LinkFault, UnknownLine
 
-SILENT = "the board does not answer"
+SILENT_REASON = "the board does not answer"
 SILENCE_S = 0.3  # silence before the first query; doubled with each query
 KEEP_ALIVE_S = 1.4  # the same for a firmware that sends a busy message every second while it works
 UNREADABLE_S = 0.05  # after something that could not be read and may have been an ok
@@ -216,7 +216,7 @@ class Link:
 
     def _handle_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if (report := replies.parse_report(line)) is not None:
-            events.append(report)  # else it is garbled; the next one follows soon
+            events.append(report)  # otherwise it is garbled; the next one follows soon
         if self._poll_in_flight:
             self._handle_ok(now_s)
 
@@ -258,7 +258,7 @@ class Link:
 
     def _handle_last_line(self, last_line: int, now_s: float, events: list[Event]) -> None:
         """Handle an answer to a query, or the refusal of a line that lost its number."""
-        action = self._recovery.match_answer(last_line, self._make_place, self._awaits_ok)
+        action = self._recovery.match_answer(last_line, self._place, self._awaits_ok)
         if self._firmware.last_line_resends:
             self._recovery.forget_queries()
         if action is None:
@@ -273,7 +273,7 @@ class Link:
         outbox = self._outbox
         resendable = outbox.holds(last_line + 1)
         confirmations = self._recovery.count_needed(self._firmware, outbox.is_move, self._silence_s)
-        action, line = self._recovery.decide(last_line, self._make_place, confirmations, resendable)
+        action, line = self._recovery.decide(last_line, self._place, confirmations, resendable)
         if action is Action.QUERY_AGAIN:
             self._query(now_s)
             return
@@ -306,7 +306,7 @@ class Link:
         return max(UNREADABLE_S, self._floor_s / 40)
 
     def tick(self, now_s: float) -> Events:
-        """Do what is due at `now_s`."""
+        """Perform the actions that are due at `now_s`."""
         if now_s < self.deadline_s:
             return ()
         events: list[Event] = []
@@ -319,7 +319,7 @@ class Link:
             self._query_again(now_s, events)
         elif self.phase is Phase.OPENING:
             if (query := self._opening.next_query()) is None:
-                self._give_up(Fault.NO_ANSWER, SILENT, events)
+                self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
             else:
                 self._output += query
                 self._due_s = now_s + self._opening.answer_s
@@ -330,9 +330,9 @@ class Link:
     def _query_again(self, now_s: float, events: list[Event]) -> None:
         """Query again, or give up, after too long without a readable answer."""
         if self._recovery.queries >= MAX_QUERIES:
-            self._give_up(Fault.NO_ANSWER, SILENT, events)
+            self._give_up(Fault.NO_ANSWER, SILENT_REASON, events)
         elif self._recovery.resend_number >= 0 and self._recovery.queries >= 2:
-            # It answers no queries: believe its Resend.
+            # It answers no queries, so its Resend has to be trusted.
             self._apply_answer(self._recovery.resend_number - 1, now_s, events)
         else:
             self._query(now_s)
@@ -340,7 +340,7 @@ class Link:
     def _query(self, now_s: float) -> None:
         """Query the number of the last line that the board accepted."""
         self._is_undisturbed = False
-        self._recovery.note_query(self._make_place, now_s)
+        self._recovery.note_query(self._place, now_s)
         self._output += self._firmware.last_line_query
         wait_s = self._silence_s * 2**self._recovery.queries
         if self._recovery.queries == MAX_QUERIES:
@@ -353,7 +353,7 @@ class Link:
             self._due_s = min(self._due_s, now_s + self._unreadable_s)
 
     @property
-    def _make_place(self) -> Place:
+    def _place(self) -> Place:
         """Place of the last sent line; an answer to a query from another place is out of date."""
         return Place(
             self._outbox.number, self.repeat_count, self._outbox.highest_number, self._recovery.confirmations

@@ -32,7 +32,7 @@ class OpeningLine(Enum):
 
 
 class Opening:
-    """The opening of one port.
+    """Opening of one port.
 
     Parameters
     ----------
@@ -45,10 +45,10 @@ class Opening:
 
     Attributes
     ----------
-    restarted, banner
+    has_restarted, banner
         True if the board sent ``start``; the lines that followed it.
     is_refused
-        The unconfirmed commands may be lost.
+        True if the unconfirmed commands may be lost.
     """
 
     def __init__(self, firmware: Firmware, floor_s: float, unconfirmed: bytes = b"") -> None:

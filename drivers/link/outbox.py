@@ -1,4 +1,4 @@
-"""Lines of a link: commands and a program, numbered, encoded ahead, and kept for resending. Pure.
+"""Outgoing lines of a link: commands and a program, numbered, encoded ahead, and kept for resending. Pure.
 
 A line's number is final once the line is sent. Lines that are only encoded ahead get new numbers when an M105
 is inserted in front of them.
@@ -40,7 +40,7 @@ class Outbox:
         self._frames: list[bytes] = []
         self._base = 1
         self._cursor = -1
-        self._top = -1  # the highest number that was sent before the cursor went back
+        self._highest_sent = -1  # the highest number that was sent before the cursor went back
         self._patience: dict[int, float] = {}  # time-outs of slow lines, by number
         self._feedrate_mm_min = math.inf  # feedrate after the last encoded line
         self._slow_s = 0.0  # duration of the slowest move among the last `QUEUED_LINES`
@@ -55,7 +55,7 @@ class Outbox:
 
     def begin(self) -> None:
         """Restart the line count: M110 is sent as N0, so the next line is N1."""
-        self._base, self._cursor, self._top, self._frames = 0, -1, -1, []
+        self._base, self._cursor, self._highest_sent, self._frames = 0, -1, -1, []
         self._queue.appendleft(b"M110")
 
     # --- state ---
@@ -68,12 +68,12 @@ class Outbox:
     @property
     def highest_number(self) -> int:
         """Highest number that was sent."""
-        return max(self._top, self.number)
+        return max(self._highest_sent, self.number)
 
     @property
     def is_unsent_line(self) -> bool:
         """True if the next line was never sent, so that another may be inserted before it."""
-        return self.number >= self._top
+        return self.number >= self._highest_sent
 
     @property
     def is_move(self) -> bool:
@@ -125,7 +125,7 @@ class Outbox:
     def halt(self) -> None:
         """Drop all unsent lines."""
         sent_count = self._cursor + 1
-        self._top = self.number
+        self._highest_sent = self.number
         line = self._source_start + self._base + sent_count - self._source_number
         self._source_stop = min(max(line, self._source_start), self._source_stop)
         self._source = None
@@ -172,8 +172,8 @@ class Outbox:
 
     def rewind_to(self, number: int) -> bytes:
         """Move the cursor back to line `number`, and return that line."""
-        self._top = self.highest_number
-        self._slow_path_end = max(self._slow_path_end, self._top)
+        self._highest_sent = self.highest_number
+        self._slow_path_end = max(self._slow_path_end, self._highest_sent)
         self._cursor = number - self._base
         return self._frames[self._cursor]
 

@@ -1,6 +1,6 @@
 """Recovery of a link that does not know the last line that the board accepted. Pure.
 
-The link sends queries (`Recovery.note_query`) and passes on the answers; a `Verdict` is the action to take.
+The link sends queries (`Recovery.note_query`) and passes the answers here; a `Verdict` is the action to take.
 """
 
 from __future__ import annotations

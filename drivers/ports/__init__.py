@@ -1,11 +1,11 @@
 """Serial ports of this host and of other hosts; the only package that uses pyserial."""
 
-from drivers.ports.port import NET, NetPort, Port, identify_device, open_port
+from drivers.ports.port import NET_PREFIX, NetPort, Port, identify_device, open_port
 from drivers.ports.serial_port import Device, SerialPort, list_devices
 from drivers.ports.wire_record import RecordedLine, RecordedPort, WireRecord
 
 __all__ = [
-    "NET",
+    "NET_PREFIX",
     "Device",
     "NetPort",
     "Port",

@@ -14,7 +14,7 @@ from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.ports.serial_port import DTR_PULSE_S, RemotePort, SerialPort, find_device
 
-NET = "rfc2217://"
+NET_PREFIX = "rfc2217://"
 _BYTES = 4096
 
 
@@ -129,7 +129,7 @@ def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
     PortError
         The port does not exist, is in use, or cannot be used for a printer.
     """
-    if url.startswith(NET):
+    if url.startswith(NET_PREFIX):
         return NetPort(url, baud_rate)
     return SerialPort(find_device(url, folder, clock), baud_rate)
 

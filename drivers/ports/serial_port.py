@@ -38,7 +38,7 @@ class SerialPort:
         A device, or the slave of a pseudo-terminal.
     baud_rate
         Bits per second.
-    shared
+    is_shared
         Open the port even if it is in use: for an emergency stop only.
 
     Raises
@@ -209,7 +209,7 @@ class Device:
     """Serial device of this host, found without opening it."""
 
     path: Path
-    description: str  # its maker's
+    description: str  # by its maker
 
 
 def list_devices() -> list[Device]:

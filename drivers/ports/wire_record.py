@@ -1,4 +1,4 @@
-"""Record of the last bytes on a port, in both directions, in memory alone."""
+"""Record of the last bytes on a port, in both directions, in memory only."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class RecordedPort:
     port
         The port.
     record
-        Gets what is read and written.
+        Record of the bytes that are read and written.
     """
 
     def __init__(self, port: Port, record: WireRecord) -> None:
@@ -98,18 +98,18 @@ class RecordedPort:
         return self._port.fileno()
 
     def read(self) -> bytes:
-        """Read what has arrived. Raises PortError."""
+        """Read the bytes received so far. Raises PortError."""
         data = self._port.read()
         self._record.record(False, data)
         return data
 
     def write(self, data: bytes) -> None:
-        """Write bytes, some of them later. Raises PortError."""
+        """Send bytes; those that the port does not accept yet are kept. Raises PortError."""
         self._record.record(True, data)
         self._port.write(data)
 
     def write_now(self, data: bytes) -> None:
-        """Write bytes instead of those that wait. Raises PortError."""
+        """Send bytes in place of all unsent ones. Raises PortError."""
         self._record.record(True, data)
         self._port.write_now(data)
 

@@ -100,7 +100,7 @@ class Journal:
         if self._length <= max_bytes:
             return False
         new_path, old_path = (self._path.with_name(self._path.name + suffix) for suffix in (".new", ".1"))
-        data = b"".join(json.dumps(record).encode() + b"\n" for record in self.state.records())
+        data = b"".join(json.dumps(record).encode() + b"\n" for record in self.state.list_records())
         try:
             new_path.unlink(missing_ok=True)
             descriptor = os.open(new_path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)

@@ -70,7 +70,7 @@ class Alarm(BaseModel):
         """Suspicion that the next session takes over."""
         return Suspicion(self.text, self.at_s) if self.suspected else None
 
-    def record(self) -> dict[str, Any]:
+    def dump_record(self) -> dict[str, Any]:
         """Dump the alarm under the names in the journal."""
         return self.model_dump(mode="json", by_alias=True)
 
@@ -106,13 +106,13 @@ class BoardState(BaseModel):
     reset_verified: str | None = None
     reset_failed: str | None = Field(default=None, alias="reset_refuted")
 
-    def record(self) -> dict[str, Any]:
+    def dump_record(self) -> dict[str, Any]:
         """Dump the state under the names in the journal."""
         return self.model_dump(by_alias=True)
 
     def with_changes(self, record: dict[str, Any]) -> BoardState:
         """Return a copy with the changes in a record of the journal. Raises ValueError."""
-        present = self.record()
+        present = self.dump_record()
         return self.model_validate(present | {name: record[name] for name in present.keys() & record.keys()})
 
 
@@ -169,7 +169,7 @@ class JournalState:
         if "identity" in record:
             self.identity = record["identity"]
 
-    def records(self) -> Iterator[dict[str, Any]]:
+    def list_records(self) -> Iterator[dict[str, Any]]:
         """Yield the fewest records that restore this state; of the ended prints, the recent ones."""
         for ended_print in self.recent:
             yield {"at_s": ended_print.ended_s, "print": ended_print.model_dump(mode="json")}
@@ -177,7 +177,7 @@ class JournalState:
             "at_s": None if self.print is None else self.print.ended_s,
             "print": None if self.print is None else self.print.model_dump(mode="json"),
             "filament": self.filament.value,
-            "alarm": None if self.alarm is None else self.alarm.record(),
-            **self.board.record(),
+            "alarm": None if self.alarm is None else self.alarm.dump_record(),
+            **self.board.dump_record(),
             "identity": self.identity,
         }

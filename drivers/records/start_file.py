@@ -44,7 +44,7 @@ class StartFile:
         """The farm's clock."""
         return Clock(self.scale, self.anchor_s)
 
-    def text(self) -> str:
+    def dump(self) -> str:
         """Dump the content of the file."""
         return json.dumps(asdict(self))
 
@@ -55,7 +55,7 @@ class StartFile:
                 return
         folder.mkdir(parents=True, exist_ok=True)
         temporary = folder / f".{NAME}.new"
-        temporary.write_text(self.text())
+        temporary.write_text(self.dump())
         temporary.replace(folder / NAME)
 
     @classmethod

@@ -44,7 +44,7 @@ class AgentClient:
     folder
         The agent's folder; for an agent on another host it only contains the log of ssh.
     route
-        Connection to another host; None: the agent is on this one.
+        Connection to another host; None for an agent on this one.
     on_message
         Called for every line of the agent, even an unreadable one: the agent is alive.
     """

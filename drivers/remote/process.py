@@ -1,4 +1,4 @@
-"""Start, find and kill agent processes on this host."""
+"""Processes of agents on this host: start, search and kill."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import BinaryIO
 import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError
-from drivers.locks import AGENT_LOCK, find_holder, is_held, kill_holder
+from drivers.locks import AGENT_LOCK, find_holder, is_locked, kill_holder
 from drivers.records import AGENT_LOG, StartFile
 
 UNIT = "FARM_AGENT_UNIT"
@@ -135,7 +135,7 @@ def agents_are_units() -> bool:
 
 def is_alive(folder: Path) -> bool:
     """Return True while an agent holds the lock of this folder."""
-    return is_held(folder / AGENT_LOCK)
+    return is_locked(folder / AGENT_LOCK)
 
 
 def kill_agent(folder: Path) -> bool:

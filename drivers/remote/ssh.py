@@ -47,7 +47,7 @@ class BridgeRequest:
     farm: str
     start: StartFile
 
-    def line(self) -> bytes:
+    def serialise(self) -> bytes:
         """Serialise the request as one line of JSON."""
         return json.dumps(asdict(self)).encode() + b"\n"
 
@@ -91,7 +91,7 @@ def stop_over_ssh(
     try:
         process = subprocess.run(
             build_ssh_command(host, command),
-            input=request.line(),
+            input=request.serialise(),
             capture_output=True,
             timeout=timeout_s,
             check=False,

@@ -30,8 +30,8 @@ from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
 from drivers.link import Connected, Event, Link, Report, UnknownLine
 from drivers.link.dialogue import exchange
-from drivers.locks import AGENT_LOCK, hold, kill_holder
-from drivers.ports import NET, NetPort, Port, SerialPort
+from drivers.locks import AGENT_LOCK, acquire_lock, kill_holder
+from drivers.ports import NET_PREFIX, NetPort, Port, SerialPort
 from drivers.printers import find_firmware
 from drivers.records import ESTOPPED, JOURNAL, Journal, StartFile
 from drivers.safety.abort import send_abort
@@ -39,8 +39,8 @@ from drivers.safety.heater_watch import HeaterWatch
 from drivers.safety.mains import cut_mains
 
 EMULATOR = "emulator"
-_SHOW_S = 20.0  # time for `start`, the banner and a report
-_ASK_S = 0.5  # time between two reports, and between two queries for the position
+_REPORT_S = 20.0  # time for `start`, the banner and a report
+_POLL_S = 0.5  # time between two reports, and between two queries for the position
 _COOL_S = 120.0  # longer than `HeaterWatch` needs to find a heater that does not cool
 _COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
 _FIELD_NAMES = {"cut_s": "reset_s", "still": "is_still"}  # fields by their names in JSON
@@ -135,7 +135,7 @@ def list_targets(agents: Path) -> dict[str, StopTarget]:
     return targets
 
 
-def stop_printer(target: StopTarget, watch_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
+def stop_printer(target: StopTarget, watch_s: float = _REPORT_S, notify: Notify = _ignore) -> StopResult:
     """Stop one printer. Never raises; returns once it cools, after 140 s at most.
 
     Parameters
@@ -152,7 +152,7 @@ def stop_printer(target: StopTarget, watch_s: float = _SHOW_S, notify: Notify = 
     lock = None
     with suppress(OSError):
         target.folder.mkdir(parents=True, exist_ok=True)
-        lock = hold(target.folder / AGENT_LOCK)
+        lock = acquire_lock(target.folder / AGENT_LOCK)
     try:
         result = stop_board(target, watch_s, notify)
         if lock is not None:
@@ -164,7 +164,7 @@ def stop_printer(target: StopTarget, watch_s: float = _SHOW_S, notify: Notify = 
     return result
 
 
-def stop_board(target: StopTarget, watch_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
+def stop_board(target: StopTarget, watch_s: float = _REPORT_S, notify: Notify = _ignore) -> StopResult:
     """Stop the board of a printer without an agent; cut the mains if that fails. Never raises.
 
     Parameters
@@ -211,7 +211,7 @@ def _open(target: StopTarget) -> Port | None:
         if not emulator_is_running(emulator):
             return None
         path = emulator / TTY
-    elif target.port.startswith(NET):
+    elif target.port.startswith(NET_PREFIX):
         return NetPort(target.port, target.firmware.baud_rate)
     try:
         return SerialPort(path, target.firmware.baud_rate)
@@ -234,7 +234,7 @@ class _Board:
         self._firmware = firmware
         self._link = Link(firmware)
         self._link.ignore_faults = True
-        self._link.poll_every_s = _ASK_S
+        self._link.poll_every_s = _POLL_S
         self._connection: Connected | None = None
         self._report: Report | None = None
         self._position: bytes | None = None

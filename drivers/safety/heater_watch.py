@@ -19,7 +19,7 @@ from drivers.link import Report
 
 PROGRESS_C = 1.0  # minimum progress within `HeaterRule.stall_s`
 GAP_S = 15.0
-RISES_C, RISES_S = 10.0, 10.0  # rise after so long without power; [assumed] larger than any overshoot
+RISE_C, RISE_S = 10.0, 10.0  # rise after this time without power; [assumed] larger than any overshoot
 SENSOR_BROKEN_C = 0.0  # below any room temperature: a shorted bed sensor, which the firmware does not report
 
 
@@ -32,7 +32,7 @@ class HeaterRule:
     band_c
         Distance from the target at which it counts as reached.
     stall_s
-        Until then it must come `PROGRESS_C` nearer within this time.
+        Before that, it must come `PROGRESS_C` nearer within this time.
     hold_c, away_s
         Afterwards it must not be further away than `hold_c` for `away_s`.
     cold_c
@@ -121,7 +121,7 @@ class HeaterWatch:
         ]
         return next((finding for finding in findings if finding is not None), None)
 
-    def now_c(self, name: HeaterName) -> float:
+    def compute_median_c(self, name: HeaterName) -> float:
         """Compute the median of the last three reports; NaN before the first."""
         return self._heaters[name].now_c
 
@@ -238,7 +238,7 @@ class _RiseDetector:
     """
 
     def __init__(self, rule: HeaterRule, patience_s: float) -> None:
-        self._cold_c, self._after_s = rule.cold_c, max(RISES_S, patience_s)
+        self._cold_c, self._after_s = rule.cold_c, max(RISE_S, patience_s)
         self._targets: deque[float] = deque(maxlen=3)
         self._since_s = math.nan
         self.coolest_c = math.inf  # since it was shown to be off
@@ -252,5 +252,5 @@ class _RiseDetector:
         if math.isnan(self._since_s):
             self._since_s = now_s
         self.coolest_c = min(self.coolest_c, now_c)
-        is_hotter = now_c > max(self._cold_c, self.coolest_c) + RISES_C
+        is_hotter = now_c > max(self._cold_c, self.coolest_c) + RISE_C
         return is_hotter and now_s - self._since_s >= self._after_s

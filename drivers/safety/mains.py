@@ -56,7 +56,7 @@ class PowerOff:
         except (OSError, ValueError, IndexError) as error:
             self._end(f"power_off_cmd could not be run ({error}): {SWITCH_OFF_ADVICE}")
 
-    def outcome(self) -> str | None:
+    def poll_outcome(self) -> str | None:
         """Return the outcome as a user-facing clause; None while the command runs."""
         if self._outcome is not None:
             return self._outcome
@@ -97,6 +97,6 @@ def cut_mains(command: str, printer: str, timeout_s: float = TIMEOUT_S) -> str:
         See `PowerOff`.
     """
     run = PowerOff(command, printer, timeout_s)
-    while (outcome := run.outcome()) is None:
+    while (outcome := run.poll_outcome()) is None:
         time.sleep(POLL_S)
     return outcome

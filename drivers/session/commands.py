@@ -1,4 +1,4 @@
-"""Scripts that reset a board, send commands and query it. Pure."""
+"""Scripts that reset a board, send commands to it and query it. Pure."""
 
 from __future__ import annotations
 
@@ -64,6 +64,6 @@ def await_report(context: SessionContext, deadline_s: float) -> Answer:
 
 
 def arm_dead_man(context: SessionContext, seconds: float) -> Script:
-    """Arm the firmware's dead-man: heaters go off after so long without a command; 0 disarms it."""
+    """Arm the firmware's dead-man: heaters go off after these seconds without a command; 0 disarms it."""
     context.dead_man_s = max(seconds, 10 * context.pace.floor_s) if seconds else 0.0
     yield from send(context, context.firmware.dead_man % context.dead_man_s)

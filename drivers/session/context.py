@@ -19,7 +19,7 @@ from drivers.printers import Profile
 from drivers.records import Suspicion
 from drivers.safety import HeaterWatch
 
-REPORT_S = 180.0  # limit between two reports while heating: one behind a slow move, resent, may take so long
+REPORT_S = 180.0  # limit between two reports while heating, as one may wait behind a slow move and be resent
 BLIND_S = 700.0  # limit without a report while printing: longer than any command may take
 
 
@@ -99,7 +99,7 @@ class SessionContext:
         A heater that may be stuck on: found in this session or taken over from the previous one, and not
         seen to cool since.
     extruded
-        Something of this print may lie on the bed.
+        True if material of this print may lie on the bed.
     ends_by_s
         Time at which the print is ended safely if it has not ended by then.
     phase
@@ -127,7 +127,8 @@ class SessionContext:
     answer
         Output of the board since the last query.
     dead_man_s, last_command_s
-        Time after which the firmware's dead-man ends all heat without a command; time of the last command.
+        Time without a command after which the firmware's dead-man switches heaters off; time of the last
+        command.
     heated_lines
         Number of lines up to the last heating line that the session executed itself.
     final_lines
@@ -222,7 +223,7 @@ class SessionContext:
         """Compute the end of a time limit, which is never below the shortest time-out."""
         return self.now_s + max(limit_s, 2 * self.pace.floor_s)
 
-    def ask_power_off(self) -> None:
+    def request_power_off(self) -> None:
         """Request, once, that the caller cuts the mains."""
         if not self.wants_power_off:
             self.wants_power_off, self.power_off_requested_s = True, self.now_s

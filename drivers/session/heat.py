@@ -29,7 +29,7 @@ RESTART_S = 15.0  # time for a board to restart and report temperatures, if the 
 UNEXPECTED_REPORTS = 3  # one may be garbled
 
 _SET_COMMANDS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
-_HEATED = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
+_HEATED_PHASES = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)
 
 
 def extrudes(context: SessionContext, nozzle_c: float) -> bool:
@@ -55,7 +55,7 @@ def heat(context: SessionContext, target: Heat) -> Script:
         if not (yield from await_report(context, context.report_deadline_s)):
             text = f"the board answers, but reports no temperature of the {target.heater}"
             raise PrintEnded(Fault.NO_ANSWER, text)
-        now_c = context.watch.now_c(target.heater)
+        now_c = context.watch.compute_median_c(target.heater)
         missing_c = target.target_c - now_c
         if target.heater is HeaterName.BED and missing_c <= BED_BAND_C:
             return
@@ -107,16 +107,16 @@ def verify_targets(context: SessionContext) -> Script:
 
 
 def watch_heaters(context: SessionContext, report: Report) -> PrintEnded | None:
-    """Judge a report; return what ends the print, or None."""
-    set_c = _set_c(context)
+    """Judge a report; return the end of the print that it causes, or None."""
+    set_c = _list_set_targets_c(context)
     finding = context.watch.judge(report, set_c, context.now_s)
     is_ending = context.phase is PrintPhase.ENDING
-    if context.phase not in _HEATED and not is_ending:
+    if context.phase not in _HEATED_PHASES and not is_ending:
         return None
     if finding is not None and (finding.fault is Fault.HEATER_STUCK_ON or is_ending):
         note_suspicion(context, finding.text)
         if finding.is_off or is_ending:
-            context.ask_power_off()
+            context.request_power_off()
     elif context.watch.is_cooling and not context.wants_power_off:
         context.suspicion = None
     print_end = None if finding is None else PrintEnded(finding.fault, finding.text)
@@ -141,12 +141,12 @@ def compute_power_off_due_s(context: SessionContext) -> float:
     return max(suspected_s + max(SUSPECT_S, patience_s), started_s + max(RESTART_S, patience_s))
 
 
-def _set_c(context: SessionContext) -> dict[HeaterName, float]:
+def _list_set_targets_c(context: SessionContext) -> dict[HeaterName, float]:
     """Return the targets that the session has set."""
     program = context.program
-    if program is None or context.phase not in _HEATED:
+    if program is None or context.phase not in _HEATED_PHASES:
         return dict.fromkeys(HeaterName, 0.0)
-    set_c = {name: program.target_c(name, context.done_lines) or 0.0 for name in HeaterName}
+    set_c = {name: program.find_target_c(name, context.done_lines) or 0.0 for name in HeaterName}
     if context.nozzle_paused:
         set_c[HeaterName.NOZZLE] = 0.0
     return set_c

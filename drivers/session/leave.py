@@ -27,14 +27,14 @@ def make_safe(context: SessionContext) -> Script:
     """Abort the print, by command if the board responds, else by a reset."""
     context.final_lines = context.acknowledged_lines
     is_homed = context.program is not None and context.final_lines > context.program.home_line
-    listens = context.greeting is not None and context.link.phase is LinkPhase.LIVE
-    if listens and context.fault not in _RESET_AFTER:
+    responds = context.greeting is not None and context.link.phase is LinkPhase.LIVE
+    if responds and context.fault not in _RESET_AFTER:
         try:
             if (yield from _abort(context, is_homed)):
                 return
         except PrintEnded:
-            pass  # it stopped responding meanwhile
-    yield from _cut(context, is_homed)
+            pass  # the board stopped responding during the sequence
+    yield from _switch_off_by_reset(context, is_homed)
 
 
 def _abort(context: SessionContext, is_homed: bool) -> Answer:
@@ -66,7 +66,7 @@ def _abort(context: SessionContext, is_homed: bool) -> Answer:
     return True
 
 
-def _cut(context: SessionContext, is_homed: bool) -> Script:
+def _switch_off_by_reset(context: SessionContext, is_homed: bool) -> Script:
     """Switch the heaters off by a reset, the emergency stop that works on every board with DTR."""
     if context.filament is Filament.AT_NOZZLE:
         context.filament = Filament.UNKNOWN
@@ -82,7 +82,7 @@ def _cut(context: SessionContext, is_homed: bool) -> Script:
                     break
             if context.wants_power_off:
                 break
-        context.ask_power_off()
+        context.request_power_off()
         context.reason = f"{context.reason}; heaters were not confirmed off: switch the printer off"
     finally:
         context.link.ignore_faults = False

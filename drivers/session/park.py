@@ -56,17 +56,19 @@ def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | 
 
 def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
     """Compute how far to lower the bed before the head leaves its part: finished parts may be higher."""
-    highest_mm = 0.0 if context.program is None else context.program.highest_mm(done_lines)
+    highest_mm = 0.0 if context.program is None else context.program.compute_highest_mm(done_lines)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
 def can_pause(context: SessionContext) -> bool:
-    """Return True if the head can leave the part here and return."""
+    """Return True if the head can leave the part now and return."""
     return (
         context.program is not None
         and context.phase is PrintPhase.PRINTING
         and context.filament is Filament.AT_NOZZLE
-        and extrudes(context, context.program.target_c(HeaterName.NOZZLE, context.link.streamed_lines) or 0.0)
+        and extrudes(
+            context, context.program.find_target_c(HeaterName.NOZZLE, context.link.streamed_lines) or 0.0
+        )
     )
 
 
@@ -93,7 +95,7 @@ def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     context.nozzle_paused = True
     yield from arm_dead_man(context, PAUSE_DEAD_MAN_S)
     yield from _await_resume(context)
-    target_c = program.target_c(HeaterName.NOZZLE, done_lines) or 0.0
+    target_c = program.find_target_c(HeaterName.NOZZLE, done_lines) or 0.0
     yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
     yield from set_target(context, HeaterName.NOZZLE, target_c)
     context.nozzle_paused = False

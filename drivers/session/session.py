@@ -25,7 +25,7 @@ from drivers.session.identify import identify
 from drivers.session.leave import make_safe
 from drivers.session.stream import print_program
 
-UNATTENDED = "it prints only while somebody is there, and the attended hours have ended"
+UNATTENDED_REASON = "it prints only while somebody is there, and the attended hours have ended"
 _HEAT_MESSAGES = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
@@ -51,7 +51,9 @@ class Session:
         """Time of the next call of `advance` without events."""
         if self.context.ended:
             return math.inf
-        return min(self._wait.deadline_s, self._find_last_moment_s(), compute_power_off_due_s(self.context))
+        return min(
+            self._wait.deadline_s, self._find_print_deadline_s(), compute_power_off_due_s(self.context)
+        )
 
     def advance(self, events: Events, now_s: float) -> None:
         """Process the events of the link, and run the script as far as possible."""
@@ -59,13 +61,13 @@ class Session:
         context.now_s = now_s
         print_end: PrintEnded | None = None
         for event in events:
-            print_end = print_end or _notice(context, event)
-        if now_s >= self._find_last_moment_s():
-            print_end = print_end or PrintEnded(Fault.HOURS_ENDED, UNATTENDED)
+            print_end = print_end or _process_event(context, event)
+        if now_s >= self._find_print_deadline_s():
+            print_end = print_end or PrintEnded(Fault.HOURS_ENDED, UNATTENDED_REASON)
         if print_end is not None:
             self._leave(print_end)
         if now_s >= compute_power_off_due_s(context):
-            context.ask_power_off()
+            context.request_power_off()
         while not context.ended:
             if self._wait.until():
                 self._step(lambda: self._script.send(True))
@@ -113,7 +115,7 @@ class Session:
         if text not in (reason or ""):
             self.context.reason = text if reason is None else f"{reason}; {text}"
 
-    def _find_last_moment_s(self) -> float:
+    def _find_print_deadline_s(self) -> float:
         """Compute the time limit of an open print."""
         context = self.context
         is_printing = context.phase is not PrintPhase.ENDING and not context.ended
@@ -141,8 +143,8 @@ def _run(context: SessionContext) -> Script:
             raise PrintEnded(context.previous_fault, _HEAT_MESSAGES[context.previous_fault])
         yield from identify(context)
         yield from print_program(context, context.program)
-    except (PrintEnded, UnreadableFile) as why:
-        print_end = why if isinstance(why, PrintEnded) else PrintEnded(Fault.BAD_FILE, str(why))
+    except (PrintEnded, UnreadableFile) as error:
+        print_end = error if isinstance(error, PrintEnded) else PrintEnded(Fault.BAD_FILE, str(error))
         context.fault, context.reason = print_end.fault, print_end.reason
         outcome = PrintPhase.CANCELLED if print_end.fault is None else PrintPhase.FAILED
         context.phase = PrintPhase.ENDING
@@ -150,8 +152,8 @@ def _run(context: SessionContext) -> Script:
     context.phase = outcome
 
 
-def _notice(context: SessionContext, event: Event) -> PrintEnded | None:
-    """Process an event of the link; return what ends the print, or None."""
+def _process_event(context: SessionContext, event: Event) -> PrintEnded | None:
+    """Process an event of the link; return the end of the print that it causes, or None."""
     if isinstance(event, Report):
         context.report, context.report_s = event, context.now_s
         return watch_heaters(context, event)

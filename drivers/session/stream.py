@@ -28,7 +28,7 @@ def print_program(context: SessionContext, program: Program) -> Script:
         yield from _stream(context, program, start, stop)
         start = stop
         if stop == program.home_line + 1:
-            yield from check_height(context, program.lines(program.home_line, stop)[0])
+            yield from check_height(context, program.read_lines(program.home_line, stop)[0])
         if heat_command is not None:
             context.heated_lines = start = stop + 1
             yield from heat(context, heat_command)
@@ -71,20 +71,20 @@ def _stream(context: SessionContext, program: Program, start: int, stop: int) ->
         """Read lines for the link. After a read error there are no more: none may be skipped."""
         if context.unreadable is None:
             try:
-                return program.lines(start, end)
+                return program.read_lines(start, end)
             except UnreadableFile as error:
                 context.unreadable = error
         return []
 
-    def sent_or_paused() -> bool:
-        heat_command = context.pause_wanted and can_pause(context)
-        return link.is_drained or context.unreadable is not None or heat_command
+    def is_sent_or_paused() -> bool:
+        can_begin_pause = context.pause_wanted and can_pause(context)
+        return link.is_drained or context.unreadable is not None or can_begin_pause
 
     while start < stop:
         link.poll_every_s = context.pace.printing_s
         link.stream(context.now_s, read_lines, start, stop)
         context.report_s = context.now_s
-        while not (yield Wait(sent_or_paused, context.blind_deadline_s)):
+        while not (yield Wait(is_sent_or_paused, context.blind_deadline_s)):
             if context.now_s >= context.blind_deadline_s:
                 raise PrintEnded(Fault.NO_ANSWER, "the board prints, but reports no temperatures")
         if context.unreadable is not None:

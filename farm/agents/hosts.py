@@ -166,7 +166,7 @@ class HostConnection:
         try:
             reader, writer = process.stdout, process.stdin
             assert reader is not None and writer is not None
-            writer.write(self._request.line())
+            writer.write(self._request.serialise())
             self._mux = MuxConnection(reader, writer, self._on_message)
             carry_task = asyncio.create_task(self._mux.run())
             try:

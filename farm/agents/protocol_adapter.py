@@ -37,7 +37,7 @@ def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     if not report.now_s:
         return 0.0
     offset_s = clock.now() - clock.ahead_s - report.now_s
-    differs = abs(clock.wall_seconds(offset_s)) > _CLOCKS_APART_S
+    differs = abs(clock.to_wall_duration_s(offset_s)) > _CLOCKS_APART_S
     return clock.ahead_s + (offset_s if differs else 0.0)
 
 
@@ -103,7 +103,7 @@ def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Req
 def to_farm_snapshot(report: m.Snapshot, clock: Clock) -> AgentSnapshot:
     """Convert an agent's snapshot to the farm's record, with times on the farm's clock."""
     return AgentSnapshot(
-        **report.readings(),
+        **report.dump_readings(),
         printer=report.printer,
         link=Link(report.link),
         agent_pid=report.agent_pid,
@@ -170,7 +170,7 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
         return None if at_s is None else _convert_moment(at_s, ahead_s)
 
     return AgentPrint(
-        **report.readings(),
+        **report.dump_readings(),
         print_id=report.print_id,
         state=_PHASES[report.phase],
         fault=report.fault,

@@ -27,7 +27,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     if section.host is None:
         return None
     request = BridgeRequest(BridgeTask.SERVE, farm, make_start(section, clock))
-    return build_ssh_command(section.host, section.host_command), request.line()
+    return build_ssh_command(section.host, section.host_command), request.serialise()
 
 
 def without_start(route: Route | None) -> Route | None:
@@ -38,7 +38,7 @@ def without_start(route: Route | None) -> Route | None:
         request = BridgeRequest.parse(route[1])
     except AgentError:  # of an earlier version
         return None
-    return route[0], replace(request, do=BridgeTask.REACH).line()
+    return route[0], replace(request, do=BridgeTask.REACH).serialise()
 
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:

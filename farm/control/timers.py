@@ -52,7 +52,7 @@ class Timers:
 
     def _trigger(self, at_s: float) -> DateTrigger:
         """Return a trigger for a farm time, converted to the host's present time."""
-        remaining_s = timedelta(seconds=self._clock.wall_seconds(at_s - self._clock.now()))
+        remaining_s = timedelta(seconds=self._clock.to_wall_duration_s(at_s - self._clock.now()))
         return DateTrigger(datetime.now(UTC) + remaining_s)
 
     def start(self) -> None:

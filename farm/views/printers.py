@@ -26,7 +26,7 @@ def describe_printer(
     snapshot = context.snapshot(section.name)
     attempt = context.books.open_print_on(section.name)
     return api.PrinterView(
-        **snapshot.readings(),
+        **snapshot.dump_readings(),
         name=section.name,
         model=section.model,
         state=_derive_printer_state(entry, snapshot, attempt, section.enabled),
@@ -81,7 +81,7 @@ def _describe_progress(context: ViewContext, attempt: Print) -> api.PrintProgres
     remaining_s = context.remaining_s(attempt)
     report = context.reported_print(attempt)
     return api.PrintProgress(
-        **(report or PrintReadings()).readings(),
+        **(report or PrintReadings()).dump_readings(),
         job=attempt.job,
         plate=attempt.plate,
         state=attempt.shown_state,

@@ -28,8 +28,8 @@ MIN_WALL_MM2 = 5.0
 MIN_REJECTED_MM2 = 1.0
 """Smallest missing or extra piece for which a slice is rejected."""
 LOST_MM2, LOST_SHARE = 50.0, 0.02
-"""Area by which the inner walls may enclose less than expected: a constant, and a share of the layer. A
-corner that the engine loses is 2000 mm2."""
+"""Maximum area that the inner walls may lack: a constant, plus a share of the layer. A corner that the engine
+loses has 2000 mm2."""
 TIP_MM = 1.0
 """Height that may be missing at a sharp edge or a tip."""
 EXACT_LAYERS = 24
@@ -115,7 +115,7 @@ def check_outline(
     sampled = _sample_layers(differing, difference_mm2)
     sections = _Sections(corners, layout)
     thin_pieces = [
-        piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, layout)
+        piece for layer in sampled for piece in _compare_layer(int(layer), z_mm, walls, sections, layout)
     ]
     return _join_pieces(thin_pieces, layout, len(differing) / len(sampled))
 
@@ -217,7 +217,7 @@ def _compute_winding(start: Floats, end: Floats, x: float, y: float) -> int:
     return int((rises & is_left).sum() - (falls & ~is_left).sum())
 
 
-def _compare(
+def _compare_layer(
     layer: int, z_mm: Floats, walls: Walls, sections: _Sections, layout: WallLayout
 ) -> list[tuple[int, Geometry]]:
     """Find thin pieces that are missing in a layer, each with the layer; reject any other difference."""
@@ -273,7 +273,7 @@ def _format_place(shape: Geometry) -> str:
 def _join_pieces(
     pieces: list[tuple[int, Geometry]], layout: WallLayout, sampled_share: float
 ) -> tuple[UnprintedWall, ...]:
-    """Join pieces above one another to walls, the largest first."""
+    """Join pieces above one another into walls, the largest first."""
     if not pieces:
         return ()
     shapes = np.array([piece for _, piece in pieces])

@@ -18,9 +18,10 @@ from slicing.errors import Rule, SliceRejected
 
 PARK_TOLERANCE_MM = 0.1
 TOP_MM = 1.0
-"""Height that may be missing where the outline is not compared."""
+"""Maximum height that may be missing where the outline is not compared."""
 BED_TOLERANCE_MM = 0.2
-"""A brim is whole lines wide, and support may exceed the part by half a line."""
+"""Tolerance at the edges of a bed: a brim is whole lines wide, and support may exceed the part by half a
+line."""
 _WARNINGS = ("disconnected faces", "Face count")
 
 
@@ -31,7 +32,7 @@ class GcodeFacts:
     flavour: str
     sliced_s: float  # the layers, without heating, homing, start and end
     filament_mm: float  # without priming
-    layer_count: int  # as the engine planned
+    layer_count: int  # planned by the engine
     layers: int  # those with extrusion
     top_layer: int  # the index of the last one with extrusion
     min_mm: tuple[float, float, float]  # of all extrusion in layers, brim and support included
@@ -62,7 +63,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     end_points = np.concatenate((path.start[is_printing, :3], path.end[is_printing, :3]))
     low = end_points.min(axis=0, initial=math.inf)
     high = end_points.max(axis=0, initial=-math.inf)
-    first_homed_move = next(
+    first_move_after_homing = next(
         (command.move for command in path.commands if command.code == "G28"), len(has_moved)
     )
     is_cold, heaters_off = _check_heat(path, extruded_mm > 0, min_extrusion_c)
@@ -76,7 +77,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
         min_mm=(float(low[0]), float(low[1]), float(low[2])),
         max_mm=(float(high[0]), float(high[1]), float(high[2])),
         uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
-        moved_before_homing=bool(has_moved[:first_homed_move].any()),
+        moved_before_homing=bool(has_moved[:first_move_after_homing].any()),
         extruded_cold=is_cold,
         heaters_off=heaters_off,
         parked_mm=float(-extruded_mm[last + 1 :].sum()),
@@ -265,10 +266,10 @@ def replace_header(gcode: bytes, log: str) -> bytes:
     return header.strip().encode() + b"\n\n" + generator_mark + body
 
 
-_REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
+_REMOVED_LAYERS = re.compile(r"Removing (\d+) layers because they are empty")
 
 
 def count_removed_layers(log: str) -> int:
     """Count the empty layers that the engine removed at the bottom."""
-    match = _REMOVED.search(log)
+    match = _REMOVED_LAYERS.search(log)
     return int(match[1]) if match else 0

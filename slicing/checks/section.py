@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
-_CHUNK = 400_000
+_CHUNK_SEGMENTS = 400_000
 """Number of segments that are cut at a time, which takes about 100 MB of memory."""
 
 
@@ -80,7 +80,7 @@ def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np
     first_row = 0
     while first_row < len(crossed_triangles):
         rows_before = ends[first_row - 1] if first_row else 0
-        last_row = max(first_row + 1, int(np.searchsorted(ends, rows_before + _CHUNK)))
+        last_row = max(first_row + 1, int(np.searchsorted(ends, rows_before + _CHUNK_SEGMENTS)))
         triangles = crossed_triangles[first_row:last_row]
         plane_counts = count[triangles]
         triangle = np.repeat(triangles, plane_counts)

@@ -22,7 +22,7 @@ Floats = npt.NDArray[np.float64]
 # is bounded because the engine of `re` keeps 50 bytes for each byte of it.
 _BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
-_SPACED = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
+_LETTERS_TO_SPACES = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
 _AXES = b"XYZE"
 
 
@@ -50,7 +50,7 @@ class Toolpath:
 
     Attributes
     ----------
-    before, after
+    start, end
         (n, 4) X, Y, Z and E in mm, in the printer's coordinates.
     feed_mm_min
         (n,) The feedrate of each move; 0 before the first F.
@@ -171,7 +171,7 @@ def _read_columns(text: bytes, moves: int) -> dict[int, Floats]:
 
 def _parse_numbers(text: bytes) -> Floats:
     """Parse all numbers of plain moves in their order, without the code after each G."""
-    number_text = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
+    number_text = text.replace(b"G0", b"").replace(b"G1", b"").translate(_LETTERS_TO_SPACES)
     if not number_text.strip():
         return np.empty(0)
     return np.fromstring(number_text, sep=" ")

@@ -43,7 +43,7 @@ class WallLayout:
     offset_0_mm: float  # growth of the model in the first layer
     offset_mm: float
     slack_mm: float
-    step_mm: float = 0.0  # from one wall's middle to the next one's, at most
+    step_mm: float = 0.0  # maximum distance between the middles of neighbouring walls
     inner_walls: int = 0  # number of closed rings within the outer one; 0 if it is not known
 
     def compute_reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
@@ -64,7 +64,7 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
     """Read the outer wall's layout from settings; None if it does not follow the model's outline."""
     scopes = (settings.extruder, settings.global_)
 
-    def number(key: str) -> float:
+    def read_number(key: str) -> float:
         return float(settings.extruder.get(key) or settings.global_.get(key) or 0.0)
 
     if settings.wall_count < 1 or any(
@@ -77,13 +77,13 @@ def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
         layer_height_0_mm=settings.layer_height_0_mm,
         layer_height_mm=settings.layer_height_mm,
         width_mm=settings.line_width_0_mm,
-        factor_0=number("initial_layer_line_width_factor") / 100 or 1.0,
-        inset_mm=number("wall_0_inset"),
-        offset_0_mm=number("xy_offset_layer_0"),
-        offset_mm=number("xy_offset"),
-        slack_mm=abs(number("hole_xy_offset")),
-        step_mm=max(settings.line_width_0_mm, number("wall_line_width_x"))
-        * max(1.0, number("initial_layer_line_width_factor") / 100),
+        factor_0=read_number("initial_layer_line_width_factor") / 100 or 1.0,
+        inset_mm=read_number("wall_0_inset"),
+        offset_0_mm=read_number("xy_offset_layer_0"),
+        offset_mm=read_number("xy_offset"),
+        slack_mm=abs(read_number("hole_xy_offset")),
+        step_mm=max(settings.line_width_0_mm, read_number("wall_line_width_x"))
+        * max(1.0, read_number("initial_layer_line_width_factor") / 100),
         # Cura 5 draws as many walls as there is room for, of any width.
         inner_walls=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
     )
@@ -101,7 +101,7 @@ class Walls:
     width_mm: Floats  # by the extruded filament
     half_width_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
     other_lines: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
-    inner_lines: Floats  # (k, 5) those of the inner walls: start, end, layer
+    inner_lines: Floats  # (k, 5) lines of the inner walls: start, end, layer
 
     @classmethod
     def from_toolpath(
@@ -144,7 +144,7 @@ class Walls:
         return cls(start, end, layer, run, is_closed, 2 * half_width_mm, reach_mm, other_lines, inner_lines)
 
     def sum_rings(self, count: int) -> Rings:
-        """Sum up the area within the outer edge of the outer wall, to first order, for `count` layers."""
+        """Sum the area within the outer edge of the outer wall, to first order, for `count` layers."""
         is_ring = self.is_closed
         inside = measure_rings(
             iter([(self.layer[is_ring].astype(np.intp), self.start[is_ring], self.end[is_ring])]), count

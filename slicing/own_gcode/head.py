@@ -108,7 +108,7 @@ class Head:
             return False
         x, y, z = target
         self._check_above_bed(z)
-        self._check_clear(start, target)
+        self._check_clearance(start, target)
         if self._retracted_mm > MAX_START_RETRACTION_MM and extruded_mm > 0 and start[:2] != target[:2]:
             self._objections.add(
                 f"would print, with the filament retracted by {self._retracted_mm:.1f} mm since line "
@@ -178,7 +178,7 @@ class Head:
         if z < 0:
             self._objections.add(f"moves to Z {z:g}, into the bed")
 
-    def _check_clear(self, start: Point, target: Point) -> None:
+    def _check_clearance(self, start: Point, target: Point) -> None:
         """Object to a move through printed lines."""
         if min(start[2], target[2]) >= self.extent.high[2]:
             return

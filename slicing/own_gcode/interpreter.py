@@ -21,18 +21,18 @@ from slicing.own_gcode.writer import Writer
 Point = tuple[float, float]
 
 MAX_DWELL_S = 60.0
-"""Longest pause in one place: the nozzle is hot, and a cancelled print has to wait for its end."""
+"""Maximum pause in one place: the nozzle is hot, and a cancelled print has to wait for its end."""
 MAX_PAUSES_S = 3600.0
-"""Longest sum of all pauses."""
+"""Maximum sum of all pauses."""
 MAX_ARC_MM = 700.0
-"""Longest arc: once round the whole bed."""
+"""Maximum length of an arc: once around the whole bed."""
 ARC_TOLERANCE_MM = 0.2
 """Difference of an arc's radius between its start and its end."""
 MAX_CHORD_MM = 1.0
 """Maximum length of the straight moves of an arc: the firmware's ``MM_PER_ARC_SEGMENT``."""
 CHORD_DEVIATION_MM = 0.01
 _FIRST_MM_S = 25.0  # speed of the firmware before the first F
-_FAN_OFF = b"M107"
+_FAN_OFF_LINE = b"M107"
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
 
 
@@ -82,7 +82,7 @@ class Interpreter:
         self._speed_factor = self._flow_factor = 1.0
         self._is_retracted = False  # by G10
         self._total_dwell_s = self._dwell_s = 0.0  # of all pauses, and of those since the last printed line
-        self._fan: bytes = _FAN_OFF
+        self._fan: bytes = _FAN_OFF_LINE
 
     def run_line(self, raw: bytes, number: int) -> None:
         """Run one line.
@@ -118,7 +118,7 @@ class Interpreter:
             raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in command_rules.OMITTED_PROPERTIES:
             self.omitted[code] = command_rules.OMITTED_PROPERTIES[code]
-        elif code in command_rules.PRINTED:
+        elif code in command_rules.PRINTED_COMMANDS:
             self._run_command(code, parse_words(rest, number))
         elif code == "G28" and not self._is_printing:
             self.head.forget_position()
@@ -152,7 +152,7 @@ class Interpreter:
                 "add it to your slicer's start script"
             )
         self.head.begin(self._printer.retraction_mm_s)
-        if self._fan != _FAN_OFF:
+        if self._fan != _FAN_OFF_LINE:
             self._writer.add_line(self._fan)
         if not self._survey.marks_layers:
             self._writer.begin_layer()
@@ -290,7 +290,7 @@ class Interpreter:
             return  # the printer has no such fan
         power = words.get("S", 255.0)
         power = 0.0 if code == "M107" else min(255.0, max(0.0, power))
-        self._fan = b"M106 S%d" % round(power) if power else _FAN_OFF
+        self._fan = b"M106 S%d" % round(power) if power else _FAN_OFF_LINE
         if self._is_printing:
             self._writer.add_line(self._fan)
 
@@ -302,13 +302,13 @@ class Interpreter:
 
     def _set_speed(self, words: Words) -> None:
         feed_mm_min = words.get("F", 0.0)
-        if feed_mm_min > 0:  # at F0 the firmware keeps its feedrate, too
+        if feed_mm_min > 0:  # the firmware also ignores F0
             self._speed_mm_s = feed_mm_min / 60
 
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """Arc from `start` round `centre` to `end`, in mm; a whole circle where start and end are the same."""
+    """Arc from `start` around `centre` to `end`, in mm; a whole circle where start and end are the same."""
 
     start: Point
     end: Point

@@ -10,10 +10,10 @@ from slicing.errors import GcodeRefused
 from slicing.gcode_lines import quote_text
 from slicing.own_gcode.target import PrintTarget
 
-_NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
-"""Facts that name the machine: of Cura, of PrusaSlicer and its forks, of KISSlicer; the last one, used if
-no model is named, is the name of a person's settings."""
-_EMPTY_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
+_NAME_FACTS = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
+"""Facts that name the machine, as written by Cura, PrusaSlicer and its forks, and KISSlicer. The last one is
+the name of a person's settings, used if no model is named."""
+_PLACEHOLDER_NAMES = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL_RATIO = (0.5, 1.7)
 """Ratio of the lines' section to that of a line as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
 4.13, and thus 2.0 and more in slices for filament of 1.75 mm."""
@@ -62,8 +62,8 @@ def find_machine(
     facts: Mapping[str, bytes], filament_mm: float | None, foreign_command: tuple[int, str] | None
 ) -> Machine:
     """Read the machine from a file's facts: key in lower case -> value as written."""
-    names = (_read_text(facts, key) for key in _NAMES)
-    name = next((name for name in names if name is not None and name.lower() not in _EMPTY_NAMES), None)
+    names = (_read_text(facts, key) for key in _NAME_FACTS)
+    name = next((name for name in names if name is not None and name.lower() not in _PLACEHOLDER_NAMES), None)
     return Machine(
         name=name,
         filament_mm=filament_mm,

@@ -13,7 +13,7 @@ from slicing.own_gcode.completeness import Completeness, StatedFigures
 from slicing.own_gcode.machine import FOREIGN_START_COMMANDS, Machine, find_machine
 
 FILAMENT_SLACK_MM = (-0.1, 0.2)
-"""Filament of 2.85 mm is also sold as 3 mm."""
+"""Accepted deviation of the filament's diameter: filament of 2.85 mm is also sold as 3 mm."""
 EXPORT_ADVICE = "export it once more, or copy it again"
 _LAYER = re.compile(
     rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
@@ -26,7 +26,7 @@ _FACT = re.compile(
     rb"|Filament Type #1|TARGET_MACHINE\.NAME|printer_model|printer_name|machine_name|printer_settings_id"
     rb"|bed_shape|printable_area)\s*[:=,]\s*([^,;|]*)"
 )
-_FILAMENT = ("filament_diameter", "filamentdiameters", "filament diameter #1", "fiber_dia_mm")
+_FILAMENT_FACTS = ("filament_diameter", "filamentdiameters", "filament diameter #1", "fiber_dia_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,20 +93,20 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
             "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
-    incompleteness = scan.completeness.find_reason(scan.last_line, scan.number, scan.print_line)
+    incompleteness = scan.completeness.describe_incompleteness(scan.last_line, scan.number, scan.print_line)
     if incompleteness is not None:
         raise GcodeRefused(
             f"line {scan.number}: the file ends here, but not its print: {incompleteness}; {EXPORT_ADVICE}"
         )
     return Survey(
         is_ulticode=is_ulticode,
-        nozzle_mm=_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
+        nozzle_mm=_read_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         first_line=scan.layer_line or scan.ready_line + 1,
         marks_layers=bool(scan.layer_line),
         is_closed=bool(scan.completeness.is_closed(scan.print_line)),
         warning=scan.completeness.build_warning(),
         figures=scan.completeness.figures,
-        machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.foreign_command),
+        machine=find_machine(scan.facts, _read_number(scan.facts, *_FILAMENT_FACTS), scan.foreign_command),
     )
 
 
@@ -124,7 +124,7 @@ class _Scan:
         for the bed.
     print_line
         Last line that extrudes while the head moves.
-    number, last
+    number, last_line
         Number of the last line, and the line itself.
     foreign_command
         First line and command that only another machine has; None if there is none.
@@ -191,7 +191,7 @@ def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:
         )
     if facts.get("use_volumetric_e") == b"1":
         raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
-    diameter_mm = _number(facts, *_FILAMENT)
+    diameter_mm = _read_number(facts, *_FILAMENT_FACTS)
     thinner_mm, thicker_mm = FILAMENT_SLACK_MM
     if diameter_mm is not None and not thinner_mm <= round(diameter_mm - filament_mm, 3) <= thicker_mm:
         raise GcodeRefused(
@@ -201,7 +201,7 @@ def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:
     return False
 
 
-def _number(facts: dict[str, bytes], *names: str) -> float | None:
+def _read_number(facts: dict[str, bytes], *names: str) -> float | None:
     """Read the first of these facts that is a number other than 0."""
     for name in names:
         try:

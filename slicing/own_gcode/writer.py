@@ -22,7 +22,7 @@ class Stopwatch(Protocol):
     def wait(self, seconds: float) -> None:
         """Wait at the current position."""
 
-    def seconds(self, finish: bool = False) -> float:
+    def measure_s(self, finish: bool = False) -> float:
         """Return the time in s of the moves that have ended; with `finish`, of all moves."""
 
 
@@ -72,13 +72,13 @@ class Writer:
     def finish(self) -> float:
         """Close the timeline, and return the seconds that the print takes."""
         self._pending.clear()
-        seconds = self._stopwatch.seconds(finish=True)
+        seconds = self._stopwatch.measure_s(finish=True)
         self.text += b";TIME_ELAPSED:%.3f\n" % seconds
         return seconds
 
     def _write_layer(self) -> None:
         if self.layers:
-            self._write_mark(self._stopwatch.seconds())
+            self._write_mark(self._stopwatch.measure_s())
         self.text += b";LAYER:%d\n" % self.layers
         self.layers += 1
 
@@ -111,5 +111,5 @@ class Writer:
         self._last_words = list(words)
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(changed_words)}\n".encode()
         self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
-        if self._stopwatch.seconds() - self._last_mark_s > MARK_S:
-            self._write_mark(self._stopwatch.seconds())
+        if self._stopwatch.measure_s() - self._last_mark_s > MARK_S:
+            self._write_mark(self._stopwatch.measure_s())

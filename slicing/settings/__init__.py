@@ -1,10 +1,10 @@
 """Settings of CuraEngine, resolved from Cura's files, the farm's qualities and a person's overrides."""
 
 from slicing.settings.engine_settings import EngineSettings
-from slicing.settings.plate_settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import DEFAULT_PART, PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES
 from slicing.settings.resources import (
-    INSTALLED,
+    INSTALLATION_FOLDER,
     OWN_MATERIALS_VARIABLE,
     Resources,
     find_engine,
@@ -12,10 +12,10 @@ from slicing.settings.resources import (
 )
 
 __all__ = [
-    "ANY_PART",
+    "DEFAULT_PART",
     "DEFAULT_QUALITY",
     "FARM_QUALITIES",
-    "INSTALLED",
+    "INSTALLATION_FOLDER",
     "OWN_MATERIALS_VARIABLE",
     "EngineSettings",
     "PartSettings",

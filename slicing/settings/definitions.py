@@ -28,9 +28,8 @@ class SettingType(StrEnum):
     POLYGONS = "polygons"
 
 
-_NUMBERS = (SettingType.INT, SettingType.FLOAT)
-_LISTS = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
-_EXTRUDERS = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
+_LIST_TYPES = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
+_EXTRUDER_TYPES = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
 _MAX_TEXT_LENGTH = 60
 _EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or none
 
@@ -137,11 +136,11 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 raise BadSetting(f"{setting.key}={_shorten(text)}: not one of the options{hint}")
             case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
                 raise ValueError
-            case kind if kind in _EXTRUDERS:
+            case kind if kind in _EXTRUDER_TYPES:
                 if text not in _EXTRUDER_NUMBERS:
                     raise ValueError
                 return text
-            case kind if kind in _LISTS:
+            case kind if kind in _LIST_TYPES:
                 if not _is_list(setting.type, text):
                     raise ValueError
                 return ast.literal_eval(text)
@@ -191,9 +190,9 @@ def fits_type(setting: Setting, value: Any) -> bool:
             return isinstance(value, int | float) and math.isfinite(value)
         case SettingType.ENUM:
             return value in setting.options
-        case kind if kind in _EXTRUDERS:
+        case kind if kind in _EXTRUDER_TYPES:
             return str(value) in _EXTRUDER_NUMBERS
-        case kind if kind in _LISTS:
+        case kind if kind in _LIST_TYPES:
             return _is_list(kind, value)
     return isinstance(value, str)
 

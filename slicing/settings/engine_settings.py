@@ -12,12 +12,12 @@ from slicing.settings.material import NO_SHRINKAGE, find_shrinkage_factors
 from slicing.settings.qualities import HiddenLayers
 from slicing.settings.resolver import Resolver, Scope
 
-SHRINKAGE = (
+SHRINKAGE_KEYS = (
     "material_shrinkage_percentage",
     "material_shrinkage_percentage_xy",  # from Cura 5 on
     "material_shrinkage_percentage_z",
 )
-"""Cura's own settings that scale parts to compensate shrinkage, in percent."""
+"""Cura's own settings that scale parts to compensate for shrinkage, in percent."""
 # Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
 _DIRECTIONS = {
     "grid": 2,
@@ -58,8 +58,8 @@ class EngineSettings:
     extruder: dict[str, str]
     layer_height_mm: float
     layer_height_0_mm: float
-    line_width_mm: float  # the inner walls'
-    line_width_0_mm: float  # the outer wall's
+    line_width_mm: float  # of the inner walls
+    line_width_0_mm: float  # of the outer wall
     wall_count: int
     top_layers: int
     bottom_layers: int
@@ -95,13 +95,14 @@ def find_shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     Parameters
     ----------
     resolver
-        Cura's settings; their own factors win.
+        Cura's settings; their own factors take precedence.
     kind
         Kind of material, like PLA; empty for none of the farm's factors.
     """
-    keys = resolver.keys(Scope.GLOBAL)
+    keys = resolver.list_keys(Scope.GLOBAL)
     uniform, xy, z = (
-        float(resolver.value(Scope.GLOBAL, key)) / 100 if key in keys else None for key in SHRINKAGE
+        float(resolver.compute_value(Scope.GLOBAL, key)) / 100 if key in keys else None
+        for key in SHRINKAGE_KEYS
     )
     scale = (xy or uniform or 1.0, z or uniform or 1.0)
     return find_shrinkage_factors(kind) if scale == NO_SHRINKAGE else scale
@@ -132,28 +133,33 @@ def build_engine_settings(
     if global_["adhesion_type"] == "raft":
         raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
     values = _ExtruderValues(resolver)
-    support, directions = values.flag("support_enable"), _DIRECTIONS.get(extruder["infill_pattern"], 1)
-    top_layers, bottom_layers = int(values.number("top_layers")), int(values.number("bottom_layers"))
+    support, directions = values.read_flag("support_enable"), _DIRECTIONS.get(extruder["infill_pattern"], 1)
+    top_layers, bottom_layers = (
+        int(values.read_number("top_layers")),
+        int(values.read_number("bottom_layers")),
+    )
     settings = EngineSettings(
         printer=printer,
         global_=global_,
         extruder=extruder,
-        wall_count=int(values.number("wall_line_count")),
+        wall_count=int(values.read_number("wall_line_count")),
         top_layers=top_layers,
         bottom_layers=bottom_layers,
-        infill_line_distance_mm=values.number("infill_line_distance") / directions,
+        infill_line_distance_mm=values.read_number("infill_line_distance") / directions,
         support_enabled=support,
-        support_line_distance_mm=values.number("support_line_distance") if support else 0.0,
+        support_line_distance_mm=values.read_number("support_line_distance") if support else 0.0,
         brim_width_mm=_compute_brim_mm(global_["adhesion_type"], values),
-        bed_c=values.number("material_bed_temperature_layer_0") if values.flag("machine_heated_bed") else 0.0,
+        bed_c=values.read_number("material_bed_temperature_layer_0")
+        if values.read_flag("machine_heated_bed")
+        else 0.0,
         density_g_cm3=density_g_cm3,
         scale_xy=scale[0],
         scale_z=scale[1],
         hidden=HiddenLayers(bottom_layers, top_layers),
-        **{name: values.number(key) for name, key in _KEYS.items()},
+        **{name: values.read_number(key) for name, key in _KEYS.items()},
     )
-    retracted_mm = values.number("retraction_amount") if values.flag("retraction_enable") else 0.0
-    global_["machine_start_gcode"] = _build_start_code(settings, values.number("machine_nozzle_size"))
+    retracted_mm = values.read_number("retraction_amount") if values.read_flag("retraction_enable") else 0.0
+    global_["machine_start_gcode"] = _build_start_code(settings, values.read_number("machine_nozzle_size"))
     global_["machine_end_gcode"] = printer.code.build_end_code(retracted_mm)
     return settings
 
@@ -170,21 +176,27 @@ class _ExtruderValues:
 
     resolver: Resolver
 
-    def number(self, key: str) -> float:
-        return float(self.resolver.value(Scope.EXTRUDER, key))
+    def read_number(self, key: str) -> float:
+        return float(self.resolver.compute_value(Scope.EXTRUDER, key))
 
-    def flag(self, key: str) -> bool:
-        return bool(self.resolver.value(Scope.EXTRUDER, key))
+    def read_flag(self, key: str) -> bool:
+        return bool(self.resolver.compute_value(Scope.EXTRUDER, key))
 
 
 def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     """Write the settings of the global scope and of the extruder's as text."""
-    global_ = {key: _format(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
-    extruder = {key: _format(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
+    global_ = {
+        key: _format_value(resolver.compute_value(Scope.GLOBAL, key))
+        for key in resolver.list_keys(Scope.GLOBAL)
+    }
+    extruder = {
+        key: _format_value(resolver.compute_value(Scope.EXTRUDER, key))
+        for key in resolver.list_keys(Scope.EXTRUDER)
+    }
     # The engine reads it in both scopes, and prints no support where it is false in either.
     extruder["support_enable"] = global_["support_enable"]
     # The mesh is scaled before it is placed, so that the checks compare the printed shape.
-    full_size = dict.fromkeys(SHRINKAGE, "100.0")
+    full_size = dict.fromkeys(SHRINKAGE_KEYS, "100.0")
     global_ |= {key: full_size[key] for key in full_size.keys() & global_.keys()}
     extruder |= {key: full_size[key] for key in full_size.keys() & extruder.keys()}
     return global_, extruder
@@ -192,15 +204,21 @@ def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
 
 def _compute_brim_mm(adhesion: str, values: _ExtruderValues) -> float:
     """Compute the width of a brim, or of a skirt with its gap; 0 for neither."""
-    width_mm = values.number("skirt_brim_line_width") * values.number("initial_layer_line_width_factor") / 100
+    width_mm = (
+        values.read_number("skirt_brim_line_width")
+        * values.read_number("initial_layer_line_width_factor")
+        / 100
+    )
     match adhesion:
         case "brim":
-            return round(values.number("brim_line_count") * width_mm, 6)
+            return round(values.read_number("brim_line_count") * width_mm, 6)
         case "skirt":
-            return round(values.number("skirt_gap") + values.number("skirt_line_count") * width_mm, 6)
+            return round(
+                values.read_number("skirt_gap") + values.read_number("skirt_line_count") * width_mm, 6
+            )
     return 0.0
 
 
-def _format(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Write a value as CuraEngine reads it: Python's own words for numbers, booleans and lists."""
     return "" if value is None else str(value)

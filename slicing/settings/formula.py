@@ -94,7 +94,7 @@ def evaluate_formula(
         If the formula has anything that is not allowed, or cannot be computed.
     """
     try:
-        return _Evaluator(lookup, functions).value(_parse(formula.text))
+        return _Evaluator(lookup, functions).evaluate(_parse(formula.text))
     except (ArithmeticError, TypeError, ValueError) as error:
         raise DefinitionError(f"Cura's formula {formula.text!r} cannot be computed: {error}") from error
 
@@ -106,7 +106,7 @@ class _Evaluator:
     lookup: Callable[[str], Any]
     functions: Mapping[str, Callable[..., Any]]
 
-    def value(self, node: ast.expr) -> Any:
+    def evaluate(self, node: ast.expr) -> Any:
         """Compute the value of a node; raises DefinitionError for a form that is not allowed."""
         match node:
             case ast.Constant(value=constant) if isinstance(constant, bool | int | float | str | None):
@@ -116,9 +116,9 @@ class _Evaluator:
             case ast.Attribute(value=ast.Name(id="math"), attr=attribute) if attribute in _MATH:
                 return getattr(math, attribute)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-                return _BINARY[type(op)](self.value(left), self.value(right))
+                return _BINARY[type(op)](self.evaluate(left), self.evaluate(right))
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
-                return _UNARY[type(op)](self.value(operand))
+                return _UNARY[type(op)](self.evaluate(operand))
             case ast.BoolOp(op=op, values=parts):
                 return self._evaluate_boolean(isinstance(op, ast.Or), parts)
             case ast.Compare(left=left, ops=ops, comparators=rights) if all(
@@ -126,11 +126,11 @@ class _Evaluator:
             ):
                 return self._evaluate_comparison(left, ops, rights)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                return self.value(body if self.value(test) else orelse)
+                return self.evaluate(body if self.evaluate(test) else orelse)
             case ast.List(elts=items):
-                return [self.value(item) for item in items]
+                return [self.evaluate(item) for item in items]
             case ast.Tuple(elts=items):
-                return tuple(self.value(item) for item in items)
+                return tuple(self.evaluate(item) for item in items)
             case ast.Call(func=function, args=arguments, keywords=[]):
                 return self._evaluate_call(function, arguments)
         raise DefinitionError(f"{ast.unparse(node)!r} is not allowed in a formula")
@@ -148,18 +148,18 @@ class _Evaluator:
 
     def _evaluate_boolean(self, is_or: bool, parts: list[ast.expr]) -> Any:
         """Compute ``a and b`` or ``a or b``: the first part that decides it, else the last."""
-        result = self.value(parts[0])
+        result = self.evaluate(parts[0])
         for part in parts[1:]:
             if bool(result) == is_or:
                 break
-            result = self.value(part)
+            result = self.evaluate(part)
         return result
 
     def _evaluate_comparison(self, left: ast.expr, ops: list[ast.cmpop], rights: list[ast.expr]) -> bool:
         """Compute a chain of comparisons, like ``a < b <= c``."""
-        low = self.value(left)
+        low = self.evaluate(left)
         for op, right in zip(ops, rights, strict=True):
-            high = self.value(right)
+            high = self.evaluate(right)
             if not _COMPARISONS[type(op)](low, high):
                 return False
             low = high
@@ -167,7 +167,7 @@ class _Evaluator:
 
     def _evaluate_call(self, function: ast.expr, arguments: list[ast.expr]) -> Any:
         """Call a function that is allowed."""
-        callee = self.value(function)
+        callee = self.evaluate(function)
         if not callable(callee):
             raise DefinitionError(f"{ast.unparse(function)} is not a function")
-        return callee(*(self.value(argument) for argument in arguments))
+        return callee(*(self.evaluate(argument) for argument in arguments))

@@ -11,21 +11,21 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-EXACT_MM = 0.02
-"""Maximum error of the printed height, guaranteed for parts of `CERTAIN_LAYERS` layers or more."""
-CERTAIN_LAYERS = 6
+MAX_HEIGHT_ERROR_MM = 0.02
+"""Maximum error of the printed height, guaranteed for parts of `MIN_EXACT_LAYERS` layers or more."""
+MIN_EXACT_LAYERS = 6
 _MAX_CHANGE = 0.04  # maximum change, as a share of the layer height
 FIRST_LAYER_CHANGES = (0.0, _MAX_CHANGE, 0.25)
-"""Shares by which the first layer may differ: a larger one only where a height is not reached with a smaller
-one. The first layer levels out the bed anyway, and without such changes some heights cannot be reached in
-whole micrometres."""
+"""Shares by which the first layer may differ. A larger share is used only where a smaller one does not reach
+the height. The first layer levels out the bed anyway, and without such changes some heights cannot be
+reached in whole micrometres."""
 _FIRST_LAYER_WEIGHT = 0.1  # weight of the first layer's change: it is one layer of many
 _SLACK_UM = 1  # tolerance for rounding
 
 
 @dataclass(frozen=True, slots=True)
 class LayerHeights:
-    """Heights of the first layer and of every other one, in mm, whole micrometres both."""
+    """Heights of the first layer and of every other one, in mm, both in whole micrometres."""
 
     first_mm: float
     other_mm: float
@@ -68,10 +68,10 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
         Maximum height of the first layer; 0 to leave it as it is.
     """
     first, other = _round_um(nominal.first_mm), _round_um(nominal.other_mm)
-    height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
+    height, tolerance = 1000 * height_mm, 1000 * MAX_HEIGHT_ERROR_MM - _SLACK_UM
     step = _round_down(other * _MAX_CHANGE)
 
-    def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
+    def list_candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
         """Yield candidates: error (um), change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
             layers_above = max(0, _round_down((height - first) / layer))
@@ -86,7 +86,7 @@ def fit_heights(height_mm: float, nominal: LayerHeights, *, max_first_mm: float)
     for spread in FIRST_LAYER_CHANGES if max_first_mm > 0 else FIRST_LAYER_CHANGES[:1]:
         low = math.ceil(first * (1 - spread))
         high = max(low, min(_round_down(first * (1 + spread)), _round_um(max_first_mm)))
-        best_error_um, _, first_um, layer = min(candidates(low, high))
+        best_error_um, _, first_um, layer = min(list_candidates(low, high))
         if best_error_um == 0:
             break
     return LayerHeights(first_um / 1000, layer / 1000)

@@ -117,15 +117,15 @@ def find_violations(
         Keys that a person has set: they are checked first, and even where Cura disables them.
     """
     for scope in Scope:
-        for key in {**dict.fromkeys(user_keys), **dict.fromkeys(resolver.keys(scope))}:
+        for key in {**dict.fromkeys(user_keys), **dict.fromkeys(resolver.list_keys(scope))}:
             for violation in _check_value(resolver, printer, scope, key):
                 if key in user_keys or violation.is_farm_limit or resolver.is_enabled(key):
                     yield violation
 
 
 def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: str) -> Iterator[Violation]:
-    setting = resolver.setting(key)
-    value = resolver.value(scope, key)
+    setting = resolver.find_setting(key)
+    value = resolver.compute_value(scope, key)
     if value is None and setting.default is None:
         return
     if not fits_type(setting, value):
@@ -136,7 +136,7 @@ def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: s
         return
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return
-    farm_bounds, cura_bounds = _find_farm_bounds(resolver, printer, key), resolver.bounds(scope, key)
+    farm_bounds, cura_bounds = _find_farm_bounds(resolver, printer, key), resolver.compute_bounds(scope, key)
     for (minimum, maximum), is_farm_limit in ((farm_bounds, True), (cura_bounds, False)):
         low, high = (-inf if minimum is None else minimum), (inf if maximum is None else maximum)
         if not low <= value <= high:
@@ -148,7 +148,7 @@ def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: s
 def _find_farm_bounds(
     resolver: Resolver, printer: PrinterModel, key: str
 ) -> tuple[float | None, float | None]:
-    nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
+    nozzle_mm = float(resolver.compute_value(Scope.EXTRUDER, "machine_nozzle_size"))
     match key:
         case "layer_height" | "layer_height_0":
             return None, LAYER_SHARE * nozzle_mm
@@ -162,7 +162,7 @@ def _find_farm_bounds(
             return None, _LINE_SHARE * nozzle_mm
         case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
             return None, _LINE_SHARE * nozzle_mm  # more would lie outside the part
-        case _ if key.endswith("_line_distance") and resolver.value(Scope.EXTRUDER, key) > 0:
+        case _ if key.endswith("_line_distance") and resolver.compute_value(Scope.EXTRUDER, key) > 0:
             return nozzle_mm / 2, None  # lines on top of each other
         case _ if "material_flow" in key or key == "ironing_flow":
             return None, _MAX_FLOW_PERCENT

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from slicing.errors import BadSetting
 
-SPACE = {"m": "http://www.ultimaker.com/material"}
+NAMESPACES = {"m": "http://www.ultimaker.com/material"}
 CURA_SETTING = "{http://www.ultimaker.com/cura}setting"
 
 # Names in material files, and the settings that they stand for (Cura 4.13, XmlMaterialProfile).
@@ -93,12 +93,12 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     BadSetting
         If the material is not for this printer, or its density is missing.
     """
-    settings = root.find("m:settings", SPACE)
+    settings = root.find("m:settings", NAMESPACES)
     values: dict[str, str] = {}
     compatible = True
     sections = [] if settings is None else [settings, *_list_printer_sections(settings, product, hotend)]
     for section in sections:
-        for entry in section.findall("m:setting", SPACE):
+        for entry in section.findall("m:setting", NAMESPACES):
             key, text = entry.get("key", ""), (entry.text or "").strip()
             if key == "hardware compatible":
                 compatible = text in ("yes", "unknown")
@@ -115,10 +115,10 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             "nozzle"
         )
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
-        value = root.findtext(f"m:{path}", namespaces=SPACE)
+        value = root.findtext(f"m:{path}", namespaces=NAMESPACES)
         if value:
             values[key] = value
-    density = root.findtext("m:properties/m:density", namespaces=SPACE)
+    density = root.findtext("m:properties/m:density", namespaces=NAMESPACES)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
     return Material(values, float(density), read_material_kind(root))
@@ -126,22 +126,22 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
 
 def _read_points(graph: ET.Element) -> list[list[float]]:
     """Read the points (flow, temperature) of a graph."""
-    points = graph.findall("m:point", SPACE)
+    points = graph.findall("m:point", NAMESPACES)
     return [[float(point.get(name, 0)) for name in ("flow", "temperature")] for point in points]
 
 
 def read_material_kind(root: ET.Element) -> str:
     """Read the kind of a material, like PLA: all colours and brands of it share their qualities."""
-    return root.findtext("m:metadata/m:name/m:material", default="", namespaces=SPACE)
+    return root.findtext("m:metadata/m:name/m:material", default="", namespaces=NAMESPACES)
 
 
 def _list_printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
     """Yield the sections of this printer, then of this nozzle in it: the later one wins."""
-    for machine in settings.findall("m:machine", SPACE):
-        products = {i.get("product") for i in machine.findall("m:machine_identifier", SPACE)}
+    for machine in settings.findall("m:machine", NAMESPACES):
+        products = {i.get("product") for i in machine.findall("m:machine_identifier", NAMESPACES)}
         if product in products:
             yield machine
-            yield from (h for h in machine.findall("m:hotend", SPACE) if h.get("id") == hotend)
+            yield from (h for h in machine.findall("m:hotend", NAMESPACES) if h.get("id") == hotend)
 
 
 def find_shrinkage_factors(kind: str) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from slicing.errors import BadSetting
 from slicing.settings.limits import find_reserved_reason
-from slicing.settings.material import CURA_SETTING, SPACE, read_material_kind
+from slicing.settings.material import CURA_SETTING, NAMESPACES, read_material_kind
 
 SUFFIX = ".xml.fdm_material"
 MAX_BYTES = 256 * 1024  # Cura's own have up to 40 KiB
@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]{0,60}")
 _KIND = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,30}")
 _DENSITY_G_CM3 = (0.1, 20.0)
 _DIAMETER_MM = (1.0, 4.0)
-_ROOT = f"{{{SPACE['m']}}}fdmmaterial"
+_ROOT = f"{{{NAMESPACES['m']}}}fdmmaterial"
 
 # Kinds of material whose profiles fit an own material of a kind for which Cura has none. [assumed]: they are
 # printed in much the same way; temperatures and cooling are those of the material's file.
@@ -105,7 +105,7 @@ def _check_properties(root: ET.Element) -> None:
     if not _KIND.fullmatch(read_material_kind(root)):
         raise BadSetting("needs its kind, like PETG, in metadata/name/material")
     for name, (minimum, maximum) in (("density", _DENSITY_G_CM3), ("diameter", _DIAMETER_MM)):
-        text = root.findtext(f"m:properties/m:{name}", default="", namespaces=SPACE)
+        text = root.findtext(f"m:properties/m:{name}", default="", namespaces=NAMESPACES)
         number = _parse_number(text)
         if number is None or not minimum <= number <= maximum:
             raise BadSetting(
@@ -121,10 +121,10 @@ def _check_settings(root: ET.Element) -> None:
             raise BadSetting(f"{key}: {reason}")
         if text.startswith("="):
             raise BadSetting(f"{key}: formulas are not read in a material file; write the value")
-    for point in root.iter(f"{{{SPACE['m']}}}point"):
+    for point in root.iter(f"{{{NAMESPACES['m']}}}point"):
         if None in (_parse_number(point.get("flow", "0")), _parse_number(point.get("temperature", "0"))):
             raise BadSetting("a point of its temperature graph is not two numbers")
-    for entry in root.iter(f"{{{SPACE['m']}}}setting"):
+    for entry in root.iter(f"{{{NAMESPACES['m']}}}setting"):
         if (entry.text or "").strip().startswith("="):
             raise BadSetting(f"{entry.get('key')}: formulas are not read in a material file; write the value")
 

@@ -11,7 +11,7 @@ from slicing.errors import BadSetting, DefinitionError
 from slicing.printer import PrinterModel
 from slicing.settings.definitions import parse_value
 from slicing.settings.engine_settings import (
-    SHRINKAGE,
+    SHRINKAGE_KEYS,
     EngineSettings,
     build_engine_settings,
     find_shrinkage_scale,
@@ -19,8 +19,8 @@ from slicing.settings.engine_settings import (
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerHeights, fit_heights
 from slicing.settings.limits import LAYER_SHARE, Violation, find_reserved_reason, find_violations
-from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORTED, HiddenLayers
-from slicing.settings.resolver import Layer, Place, Resolver
+from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORT_VALUES, HiddenLayers
+from slicing.settings.resolver import Layer, ProfileIndex, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
 
@@ -38,7 +38,8 @@ _STREAMED_VALUES: Mapping[str, Any] = {
 class SettingsRequest:
     """Choice of printer model, quality, material, nozzle and overrides.
 
-    `has_support`: print supports also with Cura's own qualities, which have none; `overrides` win over it.
+    `has_support` prints supports also with Cura's own qualities, which have none. `overrides` take
+    precedence.
     """
 
     printer: PrinterModel
@@ -58,7 +59,8 @@ class PartSettings:
     height_mm
         Height of the print.
     brim_width_mm
-        Its brim, 0 for none; never wider than the quality's, for which the part room is computed.
+        Width of its brim; 0 for none. It is never wider than the quality's, for which the part room is
+        computed.
     layer_0_expansion_mm
         Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
     bed_face_hidden, tops_hidden
@@ -73,11 +75,11 @@ class PartSettings:
     tops_hidden: bool = False
 
 
-ANY_PART = PartSettings()
+DEFAULT_PART = PartSettings()
 
 
 def resolve_settings(
-    request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
+    request: SettingsRequest, resources: Resources, part: PartSettings = DEFAULT_PART
 ) -> EngineSettings:
     """Resolve a request against Cura's files, for any part or for a given one; recent results are cached.
 
@@ -99,7 +101,7 @@ def resolve_settings(
     """
     request_key = _RequestKey.from_request(request)
     quality = FARM_QUALITIES.get(request.quality)
-    any_part = _resolve(resources, request_key, ANY_PART, None)
+    any_part = _resolve(resources, request_key, DEFAULT_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
         layer_heights = LayerHeights(any_part.layer_height_0_mm, any_part.layer_height_mm)
@@ -161,7 +163,9 @@ def _resolve(
             raise
         raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
     quality = FARM_QUALITIES.get(request_key.quality)
-    compensates = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
+    compensates = (
+        quality is not None and quality.compensates_shrinkage and {*SHRINKAGE_KEYS}.isdisjoint(user_keys)
+    )
     scale = find_shrinkage_scale(resolver, stacks.material.kind if compensates else "")
     settings = build_engine_settings(request_key.printer, resolver, stacks.material.density_g_cm3, scale)
     return settings if quality is None else _reduce_hidden_layers(settings, quality.hidden, part)
@@ -193,10 +197,13 @@ def _is_cura_value(violation: Violation, resources: Resources, request_key: _Req
     stacks = find_stacks(
         resources, request_key.printer.name, request_key.nozzle_mm, request_key.material, request_key.quality
     )
-    if request_key.material in resources.own_material_names() and violation.key in stacks.material.values:
+    if (
+        request_key.material in resources.list_own_material_names()
+        and violation.key in stacks.material.values
+    ):
         return False
     return bool(
-        _build_resolver(stacks, default_key, ANY_PART, None).value(violation.scope, violation.key)
+        _build_resolver(stacks, default_key, DEFAULT_PART, None).compute_value(violation.scope, violation.key)
         == violation.value
     )
 
@@ -218,7 +225,7 @@ def _build_resolver(
     stacks: Stacks, request_key: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
     """Add the user's layer to the stacks: values of quality, part and streaming, and overrides."""
-    user: dict[str, Any] = dict(SUPPORTED) if request_key.has_support else {}
+    user: dict[str, Any] = dict(SUPPORT_VALUES) if request_key.has_support else {}
     quality = FARM_QUALITIES.get(request_key.quality)
     if quality is not None:
         user |= quality.changes
@@ -227,10 +234,10 @@ def _build_resolver(
         **_STREAMED_VALUES,
         "machine_gcode_flavor": request_key.printer.code.flavor,
     }
-    layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
+    layers = {scope: {ProfileIndex.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in request_key.overrides:
-        setting = resolver.setting(key)
+        setting = resolver.find_setting(key)
         reason = find_reserved_reason(key)
         if reason is not None:
             raise BadSetting(f"{key}: {reason}")

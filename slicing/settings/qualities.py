@@ -8,7 +8,7 @@ from typing import Any
 
 from slicing.settings.formula import Formula
 
-SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
+SUPPORT_VALUES = {"support_enable": True, "support_type": "everywhere"}
 _BRIM_SETTINGS = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
@@ -51,7 +51,7 @@ class Quality:
 _PAPER = Quality(
     ("fast", "standard"),
     {
-        **SUPPORTED,
+        **SUPPORT_VALUES,
         **_BRIM_SETTINGS,
         "layer_height": 0.25,
         "infill_sparse_density": 5.0,
@@ -69,7 +69,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
     "glue": Quality(
         ("fast", "draft", "normal", "high", "standard", "super"),
         {
-            **SUPPORTED,
+            **SUPPORT_VALUES,
             **_BRIM_SETTINGS,
             # Half the nozzle, where Cura's fast profile has 0.15 mm: a quarter faster, and the seams of a
             # glued model are more visible than its layers.

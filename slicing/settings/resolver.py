@@ -1,4 +1,4 @@
-"""Cura's settings, resolved: two stacks of profiles over two definitions, and the formulas in them.
+"""Resolution of Cura's settings: two stacks of profiles over two definitions, and the formulas in them.
 
 The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
 
@@ -6,7 +6,8 @@ The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraForm
   through to the global one.
 - A setting that is not settable per extruder is always looked up in the global stack.
 - The global stack tries ``resolve`` (unless the user has set the value), then the extruder, if
-  ``limit_to_extruder`` says so, then its own value. In a definition a ``value`` beats any ``default_value``.
+  ``limit_to_extruder`` says so, then its own value. In a definition ``value`` takes precedence over
+  ``default_value``.
 - A formula's names are looked up in the same stack, even if the formula comes from the other.
 
 One extruder, as the Ultimaker 2 family has.
@@ -33,8 +34,8 @@ class Scope(StrEnum):
     EXTRUDER = "extruder"
 
 
-class Place(IntEnum):
-    """A profile's index in a stack, as Cura counts them (``_ContainerIndexes``)."""
+class ProfileIndex(IntEnum):
+    """Index of a profile in a stack, as Cura numbers them (``_ContainerIndexes``)."""
 
     USER = 0
     QUALITY = 3
@@ -50,25 +51,25 @@ class Resolver:
     machine, extruder
         The two definitions, merged.
     layers
-        The profiles of each stack, by their places.
+        The profiles of each stack, by their index.
     """
 
     def __init__(
         self,
         machine: Mapping[str, Setting],
         extruder: Mapping[str, Setting],
-        layers: Mapping[Scope, Mapping[Place, Layer]],
+        layers: Mapping[Scope, Mapping[ProfileIndex, Layer]],
     ) -> None:
         self._definitions = {Scope.GLOBAL: machine, Scope.EXTRUDER: extruder}
         self._layers = {scope: sorted(layers.get(scope, {}).items()) for scope in Scope}
         self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
         self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
         self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being computed
-        self._first_place = 0  # place at which the look-up begins
+        self._first_place = 0  # index at which the look-up begins
         self._functions: dict[str, Callable[..., Any]] = {
             "extruderValue": lambda _, key: self._compute_own_value(Scope.EXTRUDER, key),
             "extruderValues": lambda key: [self._compute_own_value(Scope.EXTRUDER, key)],
-            "resolveOrValue": lambda key: self.value(Scope.GLOBAL, key),
+            "resolveOrValue": lambda key: self.compute_value(Scope.GLOBAL, key),
             "defaultExtruderPosition": lambda: "0",
             # Cura 5's:
             "anyExtruderWithMaterial": lambda _: "0",
@@ -79,7 +80,7 @@ class Resolver:
             ),
         }
 
-    def setting(self, key: str) -> Setting:
+    def find_setting(self, key: str) -> Setting:
         """Find the definition of a key; raises BadSetting with similar keys if there is none."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         setting = machine.get(key) or extruder.get(key)
@@ -87,14 +88,14 @@ class Resolver:
             raise BadSetting(f"{key}: Cura has no such setting{suggest_names(key, (*machine, *extruder))}")
         return setting
 
-    def keys(self, scope: Scope) -> list[str]:
+    def list_keys(self, scope: Scope) -> list[str]:
         """List the keys that the engine needs: all of the machine's, or those that an extruder may set."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         if scope is Scope.GLOBAL:
             return list(machine)
         return [key for key in {**machine, **extruder} if self.is_per_extruder(key)]
 
-    def value(self, scope: Scope, key: str) -> Any:
+    def compute_value(self, scope: Scope, key: str) -> Any:
         """Compute the value of a setting in one of the stacks.
 
         Parameters
@@ -115,7 +116,7 @@ class Resolver:
             return (
                 self._compute_own_value(scope, key)
                 if self.is_per_extruder(key)
-                else self.value(Scope.GLOBAL, key)
+                else self.compute_value(Scope.GLOBAL, key)
             )
         setting = self._definitions[Scope.GLOBAL].get(key)
         if setting is None:
@@ -131,14 +132,14 @@ class Resolver:
             return self._compute_own_value(Scope.EXTRUDER, key)
         return self._compute_own_value(Scope.GLOBAL, key)
 
-    def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
+    def compute_bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
         """Compute the minimum and the maximum of a key by its definition; None for no limit."""
-        setting = self.setting(key)
+        setting = self.find_setting(key)
         return self._read_bound(scope, key, setting.minimum), self._read_bound(scope, key, setting.maximum)
 
     def is_enabled(self, key: str) -> bool:
         """Check whether a setting has an effect with the values of the others; Cura hides it otherwise."""
-        raw = self.setting(key).enabled
+        raw = self.find_setting(key).enabled
         try:
             return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
         except DefinitionError:  # a formula that only Cura's window needs
@@ -164,7 +165,7 @@ class Resolver:
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
 
     def _is_user_set(self, key: str) -> bool:
-        return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is Place.USER)
+        return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is ProfileIndex.USER)
 
     def _find_raw_value(self, scope: Scope, key: str) -> Any:
         """Find the first value or formula of a key in a stack, from the top down."""
@@ -179,10 +180,10 @@ class Resolver:
         raise KeyError(key)
 
     def _compute_value_below(self, place: int, scope: Scope, key: str) -> Any:
-        """Compute a value without the profiles above a place."""
+        """Compute a value without the profiles above an index."""
         outer, self._first_place = self._first_place, place
         try:
-            return self.value(scope, key)
+            return self.compute_value(scope, key)
         finally:
             self._first_place = outer
 
@@ -205,6 +206,6 @@ class Resolver:
 
     def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:
         try:
-            return evaluate_formula(formula, lambda name: self.value(scope, name), self._functions)
+            return evaluate_formula(formula, lambda name: self.compute_value(scope, name), self._functions)
         except DefinitionError as error:
             raise DefinitionError(f"{key}: {error}") from error

@@ -22,11 +22,11 @@ from slicing.settings.own_materials import SUFFIX, list_own_materials, read_own_
 OWN_MATERIALS_VARIABLE = "FARM_MATERIALS"
 """Environment variable with the folder of a person's own material files."""
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
-_ANY_MACHINE = "fdmprinter"
+_GENERIC_MACHINE = "fdmprinter"
 """Definition whose qualities are for all machines that have none of their own, with any material."""
 _ADVICE = "run 'farm setup', or set {}"
 _PROJECT_ROOT = Path(__file__).resolve().parents[2]
-INSTALLED = (
+INSTALLATION_FOLDER = (
     _PROJECT_ROOT / ".cura" / "resources"
     if (_PROJECT_ROOT / "pyproject.toml").is_file()
     else Path(sys.prefix) / "share" / "farm" / "cura"
@@ -62,7 +62,7 @@ def find_resources(environ: Mapping[str, str] = os.environ, own_materials: Path 
         If none of them has all the folders.
     """
     configured = environ.get("FARM_CURA_RESOURCES")
-    places = [Path(configured)] if configured else [INSTALLED, Path("/usr/share/cura/resources")]
+    places = [Path(configured)] if configured else [INSTALLATION_FOLDER, Path("/usr/share/cura/resources")]
     for place in places:
         if all((place / folder).is_dir() for folder in FOLDERS):
             folder = environ.get(OWN_MATERIALS_VARIABLE)
@@ -104,30 +104,30 @@ class Resources:
     root: Path
     own_materials: Path | None = None
 
-    def machine(self, model: str) -> Machine:
+    def read_machine(self, model: str) -> Machine:
         """Read a printer model by Cura's definition id. Raises BadSetting if there is none."""
         return _read_machine(self.root, model)
 
-    def profiles(self, kind: str, definition: str) -> tuple[Profile, ...]:
+    def read_profiles(self, kind: str, definition: str) -> tuple[Profile, ...]:
         """Read the profiles of a kind (``quality``, ``variants``) that a definition has, by file name."""
         return _read_profiles(self.root, kind, definition)
 
-    def material(self, name: str) -> ET.Element:
+    def read_material(self, name: str) -> ET.Element:
         """Read a material's XML. Raises BadSetting if there is none, or an own one is not usable."""
         return _read_material(self.root, self.own_materials, name)
 
-    def own_material_names(self) -> tuple[str, ...]:
+    def list_own_material_names(self) -> tuple[str, ...]:
         """List the names of a person's own materials. Raises BadSetting if their folder is not usable."""
         return tuple(_list_own_materials(self.root, self.own_materials))
 
-    def material_names(self) -> tuple[str, ...]:
+    def list_material_names(self) -> tuple[str, ...]:
         """List the names of all materials, own ones first."""
-        return (*self.own_material_names(), *_list_cura_materials(self.root))
+        return (*self.list_own_material_names(), *_list_cura_materials(self.root))
 
-    def material_kind(self, name: str) -> str | None:
+    def read_material_kind(self, name: str) -> str | None:
         """Read the kind of a material, like PLA; None if there is no such material."""
         try:
-            return read_material_kind(self.material(name))
+            return read_material_kind(self.read_material(name))
         except BadSetting:
             return None
 
@@ -172,7 +172,7 @@ def _read_machine(root: Path, model: str) -> Machine:
     return Machine(
         model=model,
         name=chain[-1]["name"],
-        quality_definition=metadata.get("quality_definition", model) if own_qualities else _ANY_MACHINE,
+        quality_definition=metadata.get("quality_definition", model) if own_qualities else _GENERIC_MACHINE,
         has_variants=bool(metadata.get("has_variants", False)),
         has_materials=own_qualities and bool(metadata.get("has_materials", False)),
         excluded_materials=frozenset(metadata.get("exclude_materials", ())),
@@ -191,7 +191,7 @@ def _read_profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...
         if path.is_dir():
             folder, pattern = path, "*.inst.cfg"
             break
-    if definition == _ANY_MACHINE:
+    if definition == _GENERIC_MACHINE:
         pattern = "*.inst.cfg"  # beside the folders
     profiles = []
     for path in sorted(folder.glob(pattern)):

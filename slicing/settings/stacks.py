@@ -11,12 +11,12 @@ from slicing.settings.formula import Formula
 from slicing.settings.material import Material, read_material
 from slicing.settings.own_materials import RELATED_NAMES
 from slicing.settings.qualities import FARM_QUALITIES
-from slicing.settings.resolver import Layer, Place, Scope
+from slicing.settings.resolver import Layer, ProfileIndex, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
-_GENERIC = ("generic_pla", "generic_pla_175")
+_GENERIC_MATERIALS = ("generic_pla", "generic_pla_175")
 _MAX_DEVIATION_MM = 0.5
-"""Cura offers a material for a printer where both diameters round to the same millimetre."""
+"""Maximum difference of the diameters: Cura compares them as whole millimetres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Stacks:
 
     machine: Machine
     material: Material
-    layers: Mapping[Scope, Mapping[Place, Layer]]
+    layers: Mapping[Scope, Mapping[ProfileIndex, Layer]]
 
 
 def find_stacks(
@@ -49,27 +49,27 @@ def find_stacks(
     BadSetting
         If the model, nozzle, material or quality does not exist or does not fit the others.
     """
-    machine = resources.machine(printer_model)
+    machine = resources.read_machine(printer_model)
     hotend, variant = _find_variant(machine, nozzle_mm, resources)
     material_profile = _read_material(machine, hotend, material, resources)
     global_profiles, quality_profile = _find_qualities(
         machine, hotend, material, material_profile.kind, quality, resources
     )
 
-    def layer(values: Mapping[str, str]) -> Layer:
+    def build_layer(values: Mapping[str, str]) -> Layer:
         return {
             key: _convert_value(machine, key, text) for key, text in values.items() if _is_known(machine, key)
         }
 
     extruder = {
-        Place.QUALITY: layer(quality_profile.values),
-        Place.MATERIAL: layer(material_profile.values),
-        Place.VARIANT: layer(variant),
+        ProfileIndex.QUALITY: build_layer(quality_profile.values),
+        ProfileIndex.MATERIAL: build_layer(material_profile.values),
+        ProfileIndex.VARIANT: build_layer(variant),
     }
     return Stacks(
         machine,
         material_profile,
-        {Scope.GLOBAL: {Place.QUALITY: layer(global_profiles.values)}, Scope.EXTRUDER: extruder},
+        {Scope.GLOBAL: {ProfileIndex.QUALITY: build_layer(global_profiles.values)}, Scope.EXTRUDER: extruder},
     )
 
 
@@ -102,7 +102,7 @@ def _convert_value(machine: Machine, key: str, text: str) -> object:
 def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
     """Find the nozzle's name and values; those of the definition if there are no profiles for nozzles."""
     if machine.has_variants:
-        profiles = resources.profiles("variants", machine.model)
+        profiles = resources.read_profiles("variants", machine.model)
         available = {
             p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"
         }
@@ -117,12 +117,12 @@ def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> t
 
 
 def _read_material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
-    root = resources.material(name)
+    root = resources.read_material(name)
     if name in machine.excluded_materials:
-        generic = next(pla for pla in _GENERIC if pla not in machine.excluded_materials)
+        generic = next(pla for pla in _GENERIC_MATERIALS if pla not in machine.excluded_materials)
         raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like {generic}")
     material = read_material(root, name, machine.name, hotend)
-    if name in resources.own_material_names():
+    if name in resources.list_own_material_names():
         _check_values(machine, material, name)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
     if abs(diameter_mm - machine.diameter_mm) > _MAX_DEVIATION_MM:
@@ -137,7 +137,7 @@ def _find_qualities(
     machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
 ) -> tuple[Profile, Profile]:
     """Find the global profile and the extruder's; a brand's material may use the profiles of its kind."""
-    profiles = resources.profiles("quality", machine.quality_definition)
+    profiles = resources.read_profiles("quality", machine.quality_definition)
     global_profiles = {
         p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"
     }
@@ -146,7 +146,9 @@ def _find_qualities(
         nozzle_profiles = [p for p in profiles if p.metadata.get("variant") == hotend]
         matching = [p for p in nozzle_profiles if p.metadata.get("material") == material]
         kinds = (
-            [kind, RELATED_NAMES.get(kind, kind)] if material in resources.own_material_names() else [kind]
+            [kind, RELATED_NAMES.get(kind, kind)]
+            if material in resources.list_own_material_names()
+            else [kind]
         )
         for material_kind in kinds:
             matching = matching or [
@@ -169,4 +171,4 @@ def _find_qualities(
 
 def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:
     """Check whether a quality's material is of a kind, like PLA."""
-    return material is not None and resources.material_kind(material) == kind
+    return material is not None and resources.read_material_kind(material) == kind

@@ -12,13 +12,13 @@ moments = st.floats(0, 4e9)
 @given(scale=st.floats(1, 1000), anchor_s=moments, wall_s=moments)
 def test_wall_and_farm_time_are_inverse_conversions(scale: float, anchor_s: float, wall_s: float):
     clock = Clock(scale, anchor_s)
-    assert clock.wall(clock.farm(wall_s)) == pytest.approx(wall_s, abs=1e-2)
-    assert clock.farm(anchor_s) == anchor_s
+    assert clock.to_wall_s(clock.to_farm_s(wall_s)) == pytest.approx(wall_s, abs=1e-2)
+    assert clock.to_farm_s(anchor_s) == anchor_s
 
 
 def test_clock_of_scale_one_equals_wall_time():
-    assert Clock().farm(12345.0) == 12345.0
-    assert Clock(60.0).wall_seconds(90.0) == 1.5
+    assert Clock().to_farm_s(12345.0) == 12345.0
+    assert Clock(60.0).to_wall_duration_s(90.0) == 1.5
 
 
 @pytest.mark.parametrize("step_s", [600.0, -600.0, 3e7])
@@ -41,7 +41,7 @@ def test_clock_step_of_the_host_is_applied_once(step_s: float, monkeypatch: pyte
     assert clock.now() - agent_clock.now() == pytest.approx(
         step_s, abs=1.0
     )  # the agent's clock does not follow
-    assert clock.wall(clock.now()) == pytest.approx(read_wall_s(), abs=60.0)
+    assert clock.to_wall_s(clock.now()) == pytest.approx(read_wall_s(), abs=60.0)
     monkeypatch.setattr(time, "time", host_time)
     assert clock.follow_host() == pytest.approx(-step_s, abs=1.0)
 

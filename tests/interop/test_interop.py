@@ -74,7 +74,7 @@ def stream(
         link.on_opened(clock.now())
         while not faults and not (is_connected and link.is_drained):
             assert time.monotonic() < until_s, f"it does not end: {link.streamed_lines} lines"
-            wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
+            wait_s = max(0.0, min(clock.to_wall_duration_s(link.deadline_s - clock.now()), 1.0))
             try:
                 data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
                 port.write(link.take())
@@ -168,7 +168,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
         while not context.ended:
             assert time.monotonic() < until_s, f"{context.phase}, {context.acknowledged_lines} lines"
             due_s = min(link.deadline_s, session.deadline_s) - clock.now()
-            wait_s = max(0.0, min(clock.wall_seconds(due_s), 1.0))
+            wait_s = max(0.0, min(clock.to_wall_duration_s(due_s), 1.0))
             data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
             now_s = clock.now()
             events = (link.receive(data, now_s) or ()) if data else ()

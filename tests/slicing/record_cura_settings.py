@@ -25,10 +25,15 @@ from types import ModuleType, SimpleNamespace
 PLUS, LONG_PLUS = "ultimaker2_plus", "ultimaker2_extended_plus"
 PLAIN, LONG, GO = "ultimaker2", "ultimaker2_extended", "ultimaker2_go"
 STREAMED = {"machine_gcode_flavor": "RepRap (Marlin/Sprinter)", "machine_firmware_retract": False}
-SUPPORTED = {"support_enable": True, "support_type": "everywhere", "adhesion_type": "brim", "brim_width": 8.0}
+SUPPORT_VALUES = {
+    "support_enable": True,
+    "support_type": "everywhere",
+    "adhesion_type": "brim",
+    "brim_width": 8.0,
+}
 PAPER = {
     **STREAMED,
-    **SUPPORTED,
+    **SUPPORT_VALUES,
     "layer_height": 0.25,
     "infill_sparse_density": 5.0,
     "infill_pattern": "zigzag",
@@ -37,7 +42,7 @@ PAPER = {
 }
 GLUE = {
     **STREAMED,
-    **SUPPORTED,
+    **SUPPORT_VALUES,
     "layer_height": "=round(max(extruderValues('machine_nozzle_size')) / 2, 2)",
     "infill_sparse_density": 10.0,
     "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
@@ -232,7 +237,7 @@ class Cura:
         container.setMetaDataEntry("type", name)
         return container
 
-    def profiles(self, kind, definition):
+    def list_profiles(self, kind, definition):
         return [
             self.profile(path, definition)
             for path in sorted((self.folder / kind).rglob("*.inst.cfg"))
@@ -254,14 +259,16 @@ class Cura:
         base = metadata.get("quality_definition", machine)
         qualities = [
             item
-            for item in self.profiles("quality", base)
+            for item in self.list_profiles("quality", base)
             if item.getMetaDataEntry("quality_type") == quality
         ]
         global_quality = next(item for item in qualities if item.getMetaDataEntry("global_quality") == "True")
         variant, own_quality = self.empty("variant"), global_quality
         kind = self.material(material, machine, hotend).getMetaDataEntry("material")
         if metadata.get("has_variants"):
-            variant = next(item for item in self.profiles("variants", machine) if item.getName() == hotend)
+            variant = next(
+                item for item in self.list_profiles("variants", machine) if item.getName() == hotend
+            )
             fitting_qualities = [item for item in qualities if item.getMetaDataEntry("variant") == hotend]
             own_quality = next(
                 (item for item in fitting_qualities if item.getMetaDataEntry("material") == material), None

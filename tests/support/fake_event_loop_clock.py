@@ -42,7 +42,7 @@ class FakeTime:
     def now(self):
         return self.now_s + self.ahead_s
 
-    def wall_seconds(self, farm_seconds):
+    def to_wall_duration_s(self, farm_seconds):
         return farm_seconds
 
     def follow_host(self):

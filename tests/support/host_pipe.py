@@ -50,4 +50,4 @@ class HostPipe:
         self.cut()
         end_service(self.places)
         for printer in printers:
-            kill_agent(self.places.agent(printer))
+            kill_agent(self.places.find_agent_folder(printer))

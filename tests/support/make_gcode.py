@@ -21,7 +21,7 @@ class TravelStopwatch:
     def wait(self, seconds):
         self._elapsed_s += seconds
 
-    def seconds(self, finish=False):
+    def measure_s(self, finish=False):
         return self._elapsed_s
 
 

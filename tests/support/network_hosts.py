@@ -82,7 +82,9 @@ class NetworkHosts:
 
     def kill_agents(self, name: str, printers: Sequence[str]) -> int:
         """Kill the agents of a host; return the number of those that ran."""
-        return sum(_kill(find_agent_pid(self.places[name].agent(printer))) for printer in printers)
+        return sum(
+            _kill(find_agent_pid(self.places[name].find_agent_folder(printer))) for printer in printers
+        )
 
     def list_processes(self) -> list[int]:
         """List the processes of all hosts, without their remote shells."""

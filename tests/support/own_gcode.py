@@ -53,9 +53,9 @@ def select_extrusions(moves):
 def check_rules(result):
     """Check a program by the rules for all programs of the farm, and return it."""
     program = read_program(result.gcode.splitlines(), ULTIMAKER2_PLUS)
-    assert all(ON_THE_LIST.match(line) for line in program.lines(0, program.count))
+    assert all(ON_THE_LIST.match(line) for line in program.read_lines(0, program.count))
     for heater in HeaterName:
-        assert program.target_c(heater, program.count) == 0
+        assert program.find_target_c(heater, program.count) == 0
     assert measure_retraction(program, program.count) == pytest.approx(20.0, abs=1e-3)
     assert program.home_line < program.extrusion_line < program.count
     assert program.time_s == pytest.approx(result.print_time_s, abs=1e-3)

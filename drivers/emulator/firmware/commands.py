@@ -133,7 +133,7 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
     for k in range(1, chords):
         part = k / chords
-        machine.linear(
+        machine.queue_linear_move(
             None,
             centre_x + radius_mm * math.cos(first + angle_rad * part),
             centre_y + radius_mm * math.sin(first + angle_rad * part),
@@ -141,7 +141,7 @@ def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
             start[3] + (target[3] - start[3]) * part,
             now_s,
         )
-    machine.linear(None, target[0], target[1], target[2], target[3], now_s)
+    machine.queue_linear_move(None, target[0], target[1], target[2], target[3], now_s)
     machine.relative, machine.relative_e = modes
 
 
@@ -217,21 +217,21 @@ def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
     """Execute ``M109``: reach the target, then stay within 3 degrees for 3 s; a report each second."""
     nozzle = machine.board.nozzle
     set_nozzle(machine, line, now_s)
-    is_heating = nozzle.temperature_c(now_s) < nozzle.target_c
+    is_heating = nozzle.compute_temperature_c(now_s) < nozzle.target_c
     report_s, arrival_s = now_s + REPORT_S, math.inf
     while True:
-        is_c, target_c = nozzle.temperature_c(now_s), nozzle.target_c
+        reading_c, target_c = nozzle.compute_temperature_c(now_s), nozzle.target_c
         if arrival_s == math.inf:
-            is_reached = is_c >= target_c - WINDOW_C if is_heating else is_c <= target_c + WINDOW_C
+            is_reached = reading_c >= target_c - WINDOW_C if is_heating else reading_c <= target_c + WINDOW_C
             if is_reached:
                 arrival_s = now_s
-        elif target_c > 0.0 and abs(is_c - target_c) > HYSTERESIS_C:
+        elif target_c > 0.0 and abs(reading_c - target_c) > HYSTERESIS_C:
             arrival_s = now_s
         if now_s >= arrival_s + RESIDENCY_S:
             break
         if now_s >= report_s:
             seconds_left = b"?" if arrival_s == math.inf else b"%d" % int(arrival_s + RESIDENCY_S - now_s)
-            machine.say(b"T:%.1f E:0 W:%b\n" % (is_c, seconds_left))
+            machine.say(b"T:%.1f E:0 W:%b\n" % (reading_c, seconds_left))
             report_s = now_s + REPORT_S
         if arrival_s < math.inf:
             next_s = arrival_s + RESIDENCY_S
@@ -248,10 +248,10 @@ def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
     bed = machine.board.bed
     set_bed(machine, line, now_s)
     report_s = now_s + REPORT_S
-    while machine.board.bed_c(now_s) < bed.target_c - WINDOW_C:
+    while machine.board.read_bed_c(now_s) < bed.target_c - WINDOW_C:
         if now_s >= report_s:
-            nozzle_c = machine.board.nozzle.temperature_c(now_s)
-            machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.bed_c(now_s)))
+            nozzle_c = machine.board.nozzle.compute_temperature_c(now_s)
+            machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.read_bed_c(now_s)))
             report_s = now_s + REPORT_S
         arrive_s = now_s + bed.compute_heating_s(bed.target_c - WINDOW_C, now_s)
         now_s = min(report_s, max(arrive_s, now_s + 0.001))
@@ -263,15 +263,15 @@ def format_temperatures(machine: Machine, now_s: float, decimals: int = 1) -> by
     nozzle, bed = machine.board.nozzle, machine.board.bed
     return b"ok T:%.*f /%.*f B:%.*f /%.*f @:%d B@:%d\n" % (
         decimals,
-        nozzle.temperature_c(now_s),
+        nozzle.compute_temperature_c(now_s),
         decimals,
         nozzle.target_c,
         decimals,
-        machine.board.bed_c(now_s),
+        machine.board.read_bed_c(now_s),
         decimals,
         bed.target_c,
-        nozzle.power(now_s),
-        bed.power(now_s),
+        nozzle.compute_power(now_s),
+        bed.compute_power(now_s),
     )
 
 
@@ -294,7 +294,7 @@ def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def report_card(machine: Machine, line: bytes, now_s: float) -> None:
-    progress = machine.sd_progress(now_s)
+    progress = machine.compute_sd_progress(now_s)
     machine.say(
         b"SD printing byte %d/%d\n" % progress if progress is not None else b"Not SD printing\nCard error:1\n"
     )
@@ -348,7 +348,7 @@ def set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
     machine.flow_factor = read_positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
 
 
-def allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
+def allow_cold_extrusion(machine: Machine, line: bytes, now_s: float) -> None:
     machine.extrude_min_c = read_value(line, b"S") or 0.0
 
 
@@ -358,7 +358,7 @@ def _drop_sign_of_zero(number: float) -> float:
 
 
 SHARED_G: Mapping[int, Command] = {2: move_arc, 3: move_arc, 4: dwell, 28: home, 92: set_position}
-"""G codes that every Marlin here executes alike."""
+"""G codes that all emulated firmwares execute in the same way."""
 
 SHARED_M: Mapping[int, Command] = {
     0: hang,
@@ -382,7 +382,7 @@ SHARED_M: Mapping[int, Command] = {
     205: set_limits,
     220: set_feed_factor,
     221: set_flow_factor,
-    302: allow_cold,
+    302: allow_cold_extrusion,
     400: finish,
 }
-"""M codes that every Marlin here executes alike."""
+"""M codes that all emulated firmwares execute in the same way."""

@@ -115,8 +115,8 @@ class EmulatedFirmware(Listener):
     def deadline_s(self, slack_s: float = 0.0) -> float:
         """Return the latest time for the next `feed`; infinite if nothing is due.
 
-        With a slack, oks may be sent so much later while the planner stays well filled: one wake-up serves
-        several moves, and no move is delayed.
+        With a slack, oks may be sent later by that time while the planner stays well filled: one wake-up
+        serves several moves, and no move is delayed.
         """
         due_s = self._find_alarm_s()
         if self.phase is Phase.RUNNING:
@@ -124,9 +124,9 @@ class EmulatedFirmware(Listener):
                 return min(due_s, self._asleep_until_s)
             if self.machine.waiting_moves:
                 planner = self.machine.planner
-                room_s = planner.free_s()
+                room_s = planner.compute_free_s()
                 if slack_s > 0.0:
-                    room_s = min(room_s + slack_s, planner.refill_s())
+                    room_s = min(room_s + slack_s, planner.compute_refill_s())
                 return min(due_s, room_s)
             if self._running is not None:
                 return min(due_s, self._resume_s)
@@ -193,7 +193,7 @@ class EmulatedFirmware(Listener):
                 self._ok_pending = False
                 self._acknowledge()
             if machine.waiting_moves:
-                free_s = planner.free_s()
+                free_s = planner.compute_free_s()
                 if free_s > now_s:
                     break
                 self._time_s = max(self._time_s, free_s)
@@ -300,7 +300,7 @@ class EmulatedFirmware(Listener):
             self.kill(now_s)
             return
         machine.trip_s = math.inf
-        self.board.heaters_off(now_s)
+        self.board.switch_heaters_off(now_s)
         if message:
             self._report_error(message)
         if not machine.is_stopped:
@@ -341,11 +341,11 @@ class EmulatedFirmware(Listener):
             case "zero_after":
                 board.set_nozzle(0.0, now_s)
             case "nozzle_dies_after" | "nozzle_burns_after":
-                board.nozzle.temperature_c(now_s)
+                board.nozzle.compute_temperature_c(now_s)
                 board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
                 self.machine.predict_trip(now_s)
             case "bed_dies_after" | "bed_burns_after":
-                board.bed.temperature_c(now_s)
+                board.bed.compute_temperature_c(now_s)
                 board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
             case "stop_after":
                 self.stop(self.dialect.fault_messages.nozzle_maxtemp, now_s)

@@ -20,7 +20,7 @@ from drivers.emulator.firmware.machine import Machine, read_value
 from drivers.emulator.firmware.planner import CAPACITY
 from drivers.emulator.firmware.receiver import Receiver
 from drivers.emulator.hardware.noise import Noise
-from drivers.gcode import checksum
+from drivers.gcode import compute_checksum
 
 _COMMAND = re.compile(rb"[GMT]")
 _WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
@@ -89,7 +89,7 @@ class Listener(ABC):
     def _read_plain_move(self) -> bool:
         """Read a well-formed numbered move as the slow path would; return False if that has to be taken."""
         receiver = self._receiver
-        move = receiver.move()
+        move = receiver.match_move()
         if move is None or self._affects_lines:
             return False
         n, f, x, y, z, e, check = move.groups()
@@ -97,7 +97,7 @@ class Listener(ABC):
         if (
             int(n) != self._last_number + 1
             or machine.is_stopped
-            or checksum(receiver.ring[: move.start(7) - 1]) != int(check)
+            or compute_checksum(receiver.ring[: move.start(7) - 1]) != int(check)
         ):
             return False
         receiver.ring = receiver.ring[move.end() :]
@@ -108,7 +108,7 @@ class Listener(ABC):
         if self.dialect.acknowledges_read_moves:
             self._output.append(wording.OK)
         machine.planner.advance(self._time_s)
-        machine.linear(
+        machine.queue_linear_move(
             None if f is None else float(f),
             None if x is None else float(x),
             None if y is None else float(y),
@@ -134,7 +134,7 @@ class Listener(ABC):
         """Fill the line buffer from the ring buffer."""
         capacity = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._is_busy())
         while len(self._buffer) < capacity and self.phase is Phase.RUNNING:
-            line = self._receiver.line()
+            line = self._receiver.take_line()
             if line is None:
                 return
             self._accept(line)
@@ -142,7 +142,7 @@ class Listener(ABC):
     def _accept(self, line: bytes) -> None:
         """Check number and checksum, and buffer the line or refuse it."""
         if self._affects_lines:
-            if self._sampler.swallows_ok():
+            if self._sampler.swallows_line():
                 return
             line = self._sampler.disturb(line)
         line = line.partition(b"\0")[0]
@@ -156,7 +156,7 @@ class Listener(ABC):
             if star < 0:
                 self._refuse(wording.NO_CHECKSUM)
                 return
-            if int(read_value(line, b"*") or 0.0) != checksum(line[:star]):
+            if int(read_value(line, b"*") or 0.0) != compute_checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
             if (n == self._stuck_number or self._sampler.refuses_line()) and b"M110" not in line:
@@ -169,7 +169,7 @@ class Listener(ABC):
             say = (
                 self._report_error if _COMMAND.search(line) else self._say
             )  # without a command it is a query
-            say(wording.line_error(wording.NO_LINE_NUMBER, self._last_number))
+            say(wording.format_line_error(wording.NO_LINE_NUMBER, self._last_number))
             return
         elif (urgent := self.dialect.urgent.get(int(read_value(line, b"M") or 0))) is not None:
             urgent(self.machine, self._time_s)
@@ -186,7 +186,7 @@ class Listener(ABC):
             self._trigger_due_faults()
 
     def _refuse(self, reason: bytes) -> None:
-        self._report_error(wording.line_error(reason, self._last_number))
+        self._report_error(wording.format_line_error(reason, self._last_number))
         self._request_resend()
 
     def _request_resend(self) -> None:

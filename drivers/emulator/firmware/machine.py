@@ -35,7 +35,7 @@ def read_value(line: bytes, letter: bytes) -> float | None:
 
 
 def read_positive(line: bytes, letter: bytes, default: float) -> float:
-    """Parse a number as `value` does; return `default` unless it is above 0."""
+    """Parse a number as `read_value` does; return `default` unless it is above 0."""
     number = read_value(line, letter)
     return number if number is not None and number > 0.0 else default
 
@@ -102,7 +102,7 @@ class Machine:
 
     def move(self, line: bytes, now_s: float) -> None:
         """Execute ``G0 G1`` as ``get_coordinates`` reads them: letters anywhere in the line."""
-        self.linear(
+        self.queue_linear_move(
             read_value(line, b"F"),
             read_value(line, b"X"),
             read_value(line, b"Y"),
@@ -111,7 +111,7 @@ class Machine:
             now_s,
         )
 
-    def linear(
+    def queue_linear_move(
         self,
         f: float | None,
         x: float | None,
@@ -168,7 +168,7 @@ class Machine:
     def _limit_extrusion(self, de: float, now_s: float) -> float:
         """Return the extrusion that the firmware allows: 0 if the nozzle is too cold or the move too long."""
         nozzle = self.board.nozzle
-        if nozzle.temperature_c(now_s) < self.extrude_min_c:
+        if nozzle.compute_temperature_c(now_s) < self.extrude_min_c:
             self.say(wording.COLD_EXTRUSION)
             return 0.0
         if abs(de) > EXTRUDE_MAX_MM:
@@ -187,7 +187,7 @@ class Machine:
         """Start to print a file on the SD card."""
         self._sd = file_bytes, now_s
 
-    def sd_progress(self, now_s: float) -> tuple[int, int] | None:
+    def compute_sd_progress(self, now_s: float) -> tuple[int, int] | None:
         """Return the printed bytes and the size of the file on the SD card; None if none is printed."""
         if self._sd is None:
             return None
@@ -201,7 +201,7 @@ class Machine:
         ends = [home[axis] or top[axis] for axis in range(3)]  # an endstop at the top is the limit
         x, y, z = (min(max(value, 0.0), end) for value, end in zip((x, y, z), ends, strict=True))
         self.board.head_mm = (x, y, z)
-        self.board.heaters_off(now_s)
+        self.board.switch_heaters_off(now_s)
 
     # --- heaters ---
 
@@ -216,7 +216,7 @@ class Machine:
         """Predict the time at which the nozzle will trigger a temperature fault."""
         nozzle = self.board.nozzle
         self.trip_s = math.inf
-        if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):
+        if nozzle.dead and nozzle.target_c >= nozzle.compute_temperature_c(now_s):
             self.trip_s, self.trip_message = now_s + DEAD_HEATER_S, self.fault_messages.dead_heater
         elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
             self.trip_s = now_s + nozzle.compute_heating_s(NOZZLE_MAX_C, now_s)

@@ -30,7 +30,7 @@ _IDENTITY = (
 )
 
 
-def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
+def format_banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
     """Format the text after ``start`` at every boot; `levelled` as in `Faults`."""
     head = (
         b"echo:Marlin 2.0.9.1\n"
@@ -39,10 +39,10 @@ def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
         b"echo: Free Memory: 2417  PlannerBufferBytes: 1344\n"
         b"echo:V83 stored settings retrieved (583 bytes; crc 51963)\n"
     )
-    return head + settings(limits, levelled)
+    return head + format_settings(limits, levelled)
 
 
-def settings(limits: Limits, levelled: int = 0) -> bytes:
+def format_settings(limits: Limits, levelled: int = 0) -> bytes:
     """Format the answer to ``M503``, also sent at boot (``MarlinSettings::report``)."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -73,7 +73,7 @@ def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(settings(machine.limits, machine.board.faults.levelled))
+    machine.say(format_settings(machine.limits, machine.board.faults.levelled))
 
 
 def _identify(machine: Machine, line: bytes, now_s: float) -> None:
@@ -134,7 +134,7 @@ MARLIN2 = Dialect(
         112: lambda machine, now_s: machine.stop(b"", now_s),
         410: lambda machine, now_s: machine.quick_stop(now_s),
     },
-    banner=banner,
+    banner=format_banner,
     late_banner=b"echo:No media\n",
     report=partial(format_temperatures, decimals=2),
     buffer_lines=4,

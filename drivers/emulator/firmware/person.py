@@ -23,7 +23,7 @@ def set_bed(firmware: EmulatedFirmware, target_c: float, now_s: float) -> None:
 def move(firmware: EmulatedFirmware, z_mm: float, now_s: float) -> None:
     """Raise or lower the bed."""
     firmware.feed(b"", now_s)
-    firmware.machine.linear(1200.0, None, None, z_mm, None, now_s)
+    firmware.machine.queue_linear_move(1200.0, None, None, z_mm, None, now_s)
 
 
 def print_sd(firmware: EmulatedFirmware, now_s: float) -> None:
@@ -31,4 +31,4 @@ def print_sd(firmware: EmulatedFirmware, now_s: float) -> None:
     set_nozzle(firmware, SD_NOZZLE_C, now_s)
     set_bed(firmware, SD_BED_C, now_s)
     firmware.machine.start_sd_print(SD_FILE_BYTES, now_s)
-    firmware.machine.linear(9000.0, 100.0, 100.0, 20.0, None, now_s)
+    firmware.machine.queue_linear_move(9000.0, 100.0, 100.0, 20.0, None, now_s)

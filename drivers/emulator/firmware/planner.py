@@ -108,7 +108,7 @@ class Planner:
     def __len__(self) -> int:
         return len(self._blocks)
 
-    def free_s(self) -> float:
+    def compute_free_s(self) -> float:
         """Return the time at which one more move fits: minus infinity, or the end of the executing move."""
         return self._end_s if len(self._blocks) >= CAPACITY else -math.inf
 
@@ -126,7 +126,7 @@ class Planner:
             else:
                 self.idle_since_s = self._end_s
 
-    def refill_s(self) -> float:
+    def compute_refill_s(self) -> float:
         """Return a time at which the full queue still holds three quarters of its moves."""
         return self._end_s + sum([block.mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
 

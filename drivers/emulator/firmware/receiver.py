@@ -1,4 +1,4 @@
-"""Split bytes into lines, as ``get_command`` does, from a ring buffer that drops what does not fit. Pure.
+"""Receiver that splits bytes into lines as ``get_command`` does; its ring buffer drops excess bytes. Pure.
 
 A line also ends after 95 characters. In the Ultimaker 2, a line also ends at a ``:``, and a ``;`` drops its
 line and the next one (docs/explanation/ultimaker2-serial.md, section 1.5).
@@ -42,14 +42,14 @@ class Receiver:
         """Empty the ring buffer, as the firmware does at each error."""
         self.ring = b""
 
-    def move(self) -> re.Match[bytes] | None:
+    def match_move(self) -> re.Match[bytes] | None:
         """Match a well-formed numbered move at the front without removing it: N, F, X, Y, Z, E, checksum."""
         if self._partial or self._comment:
             return None
         match = _MOVE.match(self.ring)
         return match if match is not None and match.end() <= LINE_BYTES else None
 
-    def line(self) -> bytes | None:
+    def take_line(self) -> bytes | None:
         """Remove the next line and return it without its end; None if none is complete."""
         while self.ring:
             if not self._partial and not self._comment:

@@ -27,7 +27,7 @@ IDENTITY = (
 )
 
 
-def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
+def format_banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
     """Format the text after ``start`` at every boot; `levelled` as in `Faults`."""
     head = (
         "echo:Marlin 1.0.0\n"
@@ -37,10 +37,10 @@ def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
         "echo: Free Memory: 2055  PlannerBufferBytes: 1232\n"
         "echo:Stored settings retrieved\n"
     )
-    return head.encode() + settings(limits, levelled)
+    return head.encode() + format_settings(limits, levelled)
 
 
-def settings(limits: Limits, levelled: int = 0) -> bytes:
+def format_settings(limits: Limits, levelled: int = 0) -> bytes:
     """Format the answer to ``M503``, which also ends the banner."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -69,7 +69,7 @@ def identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(settings(machine.limits, machine.board.faults.levelled))
+    machine.say(format_settings(machine.limits, machine.board.faults.levelled))
 
 
 ULTIMAKER2 = Dialect(
@@ -102,7 +102,7 @@ ULTIMAKER2 = Dialect(
         stuck_endstop=b"Error:Endstop still pressed after backing off. Endstop stuck?\n",
     ),
     urgent={},
-    banner=banner,
+    banner=format_banner,
     late_banner=b"echo:SD init fail\n",
     report=format_temperatures,
     buffer_lines=8,

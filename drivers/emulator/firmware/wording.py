@@ -31,7 +31,7 @@ class FaultMessages:
     stuck_endstop: bytes
 
 
-def line_error(problem: bytes, last_line: int) -> bytes:
+def format_line_error(problem: bytes, last_line: int) -> bytes:
     return b"Error:%b, Last Line: %d\n" % (problem, last_line)
 
 

@@ -71,9 +71,9 @@ class EmulatedBoard:
         self.bed_clear = True
         self.changes += 1
 
-    def bed_c(self, now_s: float) -> float:
+    def read_bed_c(self, now_s: float) -> float:
         """Return the reading of the bed's sensor."""
-        return SHORTED_C if self.bed_shorted else self.bed.temperature_c(now_s)
+        return SHORTED_C if self.bed_shorted else self.bed.compute_temperature_c(now_s)
 
     def set_nozzle(self, target_c: float, now_s: float) -> None:
         self.nozzle.set_target(target_c, now_s)
@@ -85,6 +85,6 @@ class EmulatedBoard:
             self.bed.burns = target_c > 0.0  # its controller reads a cold bed
         self.changes += 1
 
-    def heaters_off(self, now_s: float) -> None:
+    def switch_heaters_off(self, now_s: float) -> None:
         self.set_nozzle(0.0, now_s)
         self.set_bed(0.0, now_s)

@@ -18,11 +18,11 @@ class Heater:
     model
         Gain and time constant.
     period_s
-        0: an ideal controller (the nozzle's PID): full power up to the target, then exactly the power that
-        holds it. Above 0: switched on or off once per period (the bed: 5 s,
+        0 for an ideal controller (the nozzle's PID): full power up to the target, then exactly the power that
+        holds it. Above 0, the heater is switched on or off once per period (the bed: 5 s,
         docs/explanation/ultimaker2-serial.md, section 1.2).
     dead
-        The element gives no heat; the sensor works.
+        True if the element gives no heat; the sensor works.
 
     Attributes
     ----------
@@ -55,10 +55,10 @@ class Heater:
 
     def set_target(self, target_c: float, now_s: float) -> None:
         """Set the target; 0 is off."""
-        self.temperature_c(now_s)
+        self.compute_temperature_c(now_s)
         self.target_c = target_c
 
-    def temperature_c(self, now_s: float) -> float:
+    def compute_temperature_c(self, now_s: float) -> float:
         """Compute the temperature at a time that is not before that of the last call."""
         if now_s > self._time_s:
             if self.burns:
@@ -71,9 +71,9 @@ class Heater:
             self._time_s = now_s
         return self._temperature_c
 
-    def power(self, now_s: float) -> int:
+    def compute_power(self, now_s: float) -> int:
         """Compute the power, 0 to 127, as ``M105`` reports it."""
-        temperature_c = self.temperature_c(now_s)
+        temperature_c = self.compute_temperature_c(now_s)
         if self._period_s > 0.0:
             return FULL_POWER if self._is_on and self.target_c > 0.0 else 0
         if self.target_c <= AMBIENT_C or temperature_c > self.target_c:
@@ -85,12 +85,12 @@ class Heater:
     def compute_heating_s(self, temperature_c: float, now_s: float) -> float:
         """Compute the seconds at full power to reach a temperature; infinite if it is out of reach."""
         if self.dead:
-            return math.inf if self.temperature_c(now_s) < temperature_c else 0.0
-        return self.model.compute_heating_s(temperature_c, self.temperature_c(now_s), AMBIENT_C)
+            return math.inf if self.compute_temperature_c(now_s) < temperature_c else 0.0
+        return self.model.compute_heating_s(temperature_c, self.compute_temperature_c(now_s), AMBIENT_C)
 
     def compute_cooling_s(self, temperature_c: float, now_s: float) -> float:
         """Compute the seconds without power to cool to a temperature; infinite if it is out of reach."""
-        start_c = self.temperature_c(now_s)
+        start_c = self.compute_temperature_c(now_s)
         if start_c <= temperature_c:
             return 0.0
         if temperature_c <= AMBIENT_C:

@@ -13,27 +13,27 @@ class Wire:
 
     def __init__(self, baud_rate: int) -> None:
         self._byte_s = BYTE_BITS / baud_rate
-        self._under_way: deque[tuple[float, bytes]] = deque()
+        self._in_transit: deque[tuple[float, bytes]] = deque()
         self._free_s = -math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
         """Send bytes after those in transit."""
         if data:
             self._free_s = max(self._free_s, now_s) + len(data) * self._byte_s
-            self._under_way.append((self._free_s, data))
+            self._in_transit.append((self._free_s, data))
 
     def take(self, now_s: float) -> bytes:
         """Return the bytes that have arrived by now."""
         arrived_bytes = []
-        while self._under_way and self._under_way[0][0] <= now_s:
-            arrived_bytes.append(self._under_way.popleft()[1])
+        while self._in_transit and self._in_transit[0][0] <= now_s:
+            arrived_bytes.append(self._in_transit.popleft()[1])
         return b"".join(arrived_bytes)
 
     def due_s(self) -> float:
         """Return the arrival time of the next bytes; infinite if none are in transit."""
-        return self._under_way[0][0] if self._under_way else math.inf
+        return self._in_transit[0][0] if self._in_transit else math.inf
 
     def cut(self) -> None:
         """Drop all bytes in transit."""
-        self._under_way.clear()
+        self._in_transit.clear()
         self._free_s = -math.inf

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from drivers.errors import DriverError
-from drivers.locks import AGENT_LOCK, is_held
-from drivers.ports import NET
+from drivers.locks import AGENT_LOCK, is_locked
+from drivers.ports import NET_PREFIX
 from drivers.printers import PROFILES, find_firmware
 from farm.cli.client import Client
 from farm.cli.display import print_json
@@ -38,9 +38,9 @@ def discover(
     if commission is not None:
         _commission(places, sections, commission, yes)
         return
-    from drivers.discovery import list_plugged  # slow to load
+    from drivers.discovery import list_plugged_devices  # slow to load
 
-    rows = list_plugged((section.name, section.port) for section in sections if section.host is None)
+    rows = list_plugged_devices((section.name, section.port) for section in sections if section.host is None)
     if json:
         ports = [
             {
@@ -102,7 +102,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
     section = next(
         (section for section in sections if place == section.name or _is_same_port(place, section)), None
     )
-    if section is None and not place.startswith(("/", NET)):
+    if section is None and not place.startswith(("/", NET_PREFIX)):
         names = " ".join(section.name for section in sections)
         raise NoSuchThing(
             f"there is no printer {place}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
@@ -118,7 +118,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
         print(f"This resets the board of {place}, which ends a print from its SD card.")
         typer.confirm("Is the printer idle?", abort=True)
     try:
-        if section is not None and is_held(places.state.agent(section.name) / AGENT_LOCK):
+        if section is not None and is_locked(places.state.agent(section.name) / AGENT_LOCK):
             commission_by_agent(places.state.agent(section.name))
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return

@@ -19,7 +19,7 @@ from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from decompose.options import PIN_FIT_MM, ConnectorOptions
-from drivers.locks import hold
+from drivers.locks import acquire_lock
 from farm.cli.display import open_console, print_json
 from farm.cli.display.decomposition import summarise_decomposition
 from farm.cli.notices import print_notice
@@ -267,7 +267,7 @@ def worker(
         memory_gb,
     )
     options.folder.mkdir(parents=True, exist_ok=True)
-    if hold(options.folder / "lock") is None:  # until this process ends
+    if acquire_lock(options.folder / "lock") is None:  # until this process ends
         raise Refused(f"another worker uses {options.folder}: give each its own --folder")
     with translate_errors():
         asyncio.run(serve_tasks(options, warm))

@@ -38,7 +38,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
     _check_own_materials(resources)
     key = "model"
     try:
-        resources.machine(section.model)
+        resources.read_machine(section.model)
         key = "material"
         printer = build_slicing_printer(PROFILES[section.model])
         named_material = choose_material(section.material, printer, section.nozzle_mm, resources)
@@ -58,7 +58,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
 def _check_own_materials(resources: Resources) -> None:
     """Read every own material, so that an error in one is reported before it is used."""
     try:
-        for name in resources.own_material_names():
-            resources.material(name)
+        for name in resources.list_own_material_names():
+            resources.read_material(name)
     except BadSetting as error:
         raise FieldError(str(error), "fleet", "materials") from error

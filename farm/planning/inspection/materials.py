@@ -73,7 +73,7 @@ def _normalise(name: str) -> str:
 
 def list_kinds(resources: Resources) -> dict[str, str]:
     """Return the kind of each material, by the name of its file."""
-    return {name: resources.material_kind(name) or "" for name in resources.material_names()}
+    return {name: resources.read_material_kind(name) or "" for name in resources.list_material_names()}
 
 
 def choose_material(
@@ -157,7 +157,7 @@ def _describe_printable(
     printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
 ) -> str:
     """List the kinds that a printer can print: Cura's generic ones, and a person's own."""
-    own_names = resources.own_material_names()
+    own_names = resources.list_own_material_names()
     names = [name for name in kinds if name.startswith(_GENERIC) or name in own_names]
     printable = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}
     if not printable:

@@ -193,7 +193,7 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
 def _list_notices(accepted_gcode: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
     """List the changes, and warn if the file seems to be sliced for another material."""
     notices = list(accepted_gcode.notices)
-    filament_type, kind = accepted_gcode.filament_type, find_resources().material_kind(section.material)
+    filament_type, kind = accepted_gcode.filament_type, find_resources().read_material_kind(section.material)
     if (
         filament_type is not None
         and kind is not None
@@ -319,15 +319,15 @@ class FirmwareTime:
         """Add a move to a position in mm."""
         planner = self._planner
         if len(planner) >= CAPACITY:
-            self._now_s = planner.free_s()
+            self._now_s = planner.compute_free_s()
             planner.advance(self._now_s)
         planner.add((x, y, z, e), speed_mm_s, self._now_s)
 
     def wait(self, seconds: float) -> None:
         """Add a pause after all moves."""
-        self._now_s = self.seconds(finish=True) + seconds
+        self._now_s = self.measure_s(finish=True) + seconds
 
-    def seconds(self, finish: bool = False) -> float:
+    def measure_s(self, finish: bool = False) -> float:
         """Return the time so far; with `finish`, until the last move has ended."""
         while finish and len(self._planner):
             self._now_s = self._planner.end_s

@@ -17,7 +17,7 @@ _BLOCK = re.compile(rb"(\w+_BLOCK)_(START|END)\Z|(\w+_config) = (begin|end)\Z")
 _SETTINGS = re.compile(rb"SETTING_3 (.*)\Z", re.DOTALL)
 _ESCAPED = re.compile(r"\\(.)")
 
-_CLOSING: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
+_CLOSING_MARKS: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
     (re.compile(generator, re.IGNORECASE), re.compile(mark, re.IGNORECASE))
     for generator, mark in (
         (rb"Generated with Cura_SteamEngine|FLAVOR:\s*UltiGCode", rb"End of Gcode|CURA_PROFILE_STRING:"),
@@ -98,7 +98,7 @@ class Completeness:
         """Check whether the closing mark comes after line `last_print`; None if the slicer has none."""
         return None if self._closing_mark is None else self._closing_line > last_print
 
-    def find_reason(self, last: bytes, number: int, last_print: int) -> str | None:
+    def describe_incompleteness(self, last: bytes, number: int, last_print: int) -> str | None:
         """Return the reason why a file cannot be complete; None if it looks complete.
 
         Parameters
@@ -130,7 +130,7 @@ class Completeness:
         return None
 
     def _identify_slicer(self, comment: bytes) -> None:
-        for generator, mark in _CLOSING:
+        for generator, mark in _CLOSING_MARKS:
             if (name := generator.match(comment)) is not None:
                 self._closing_mark, self._slicer_name = mark, name[0].strip()
                 return

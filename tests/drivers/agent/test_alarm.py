@@ -147,7 +147,7 @@ def test_request_is_in_the_journal_before_the_command_runs(tmp_path: Path, mark:
 
 def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
-    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
+    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
     for _ in range(2):  # and not by the one after that
         agent = Agent(tmp_path, relay(mark))
@@ -160,7 +160,7 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
 
 def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
-    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
+    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.dump_record())
     agent = Agent(tmp_path, relay(mark))
     agent.recorder.record_changes()
     agent.wait_for_outcome()
@@ -254,7 +254,7 @@ def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
-    rig.firmware.board.nozzle.temperature_c(rig.now_s)
+    rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
     step_until(agent, rig, lambda: agent.board.session is None)
     assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None

@@ -1,4 +1,4 @@
-from drivers.agent.idle_watch import HEATED, MOVED, SD_PRINT, IdleWatch
+from drivers.agent.idle_watch import HEATED_REASON, MOVED_REASON, SD_PRINT, IdleWatch
 from drivers.errors import Fault
 from drivers.link.replies import Report
 
@@ -16,7 +16,7 @@ def test_moved_position_is_detected_when_reported_twice():
         ]
         doubts = [doubt for understood, doubt in verdicts]
         assert all(understood for understood, _ in verdicts)
-        assert doubts == [None, None, None, None, None, MOVED, None, None, MOVED]
+        assert doubts == [None, None, None, None, None, MOVED_REASON, None, None, MOVED_REASON]
 
 
 def test_garbled_first_answer_is_not_a_move():
@@ -26,7 +26,7 @@ def test_garbled_first_answer_is_not_a_move():
         watch.judge_answer(text)[1]
         for text in (FED_POSITION, HOME, HOME, HOME, MOVED_POSITION, MOVED_POSITION)
     ]
-    assert answers == [None, None, None, None, None, MOVED]
+    assert answers == [None, None, None, None, None, MOVED_REASON]
 
 
 def test_move_after_the_first_answer_is_detected():
@@ -35,7 +35,7 @@ def test_move_after_the_first_answer_is_detected():
     assert [watch.judge_answer(text)[1] for text in (HOME, MOVED_POSITION, MOVED_POSITION)] == [
         None,
         None,
-        MOVED,
+        MOVED_REASON,
     ]
 
 
@@ -64,7 +64,7 @@ def test_manually_heated_nozzle_is_detected_but_a_garbled_report_is_ignored():
     cold_report, hot_report = Report(21.0, 0.0, 21.0, 0.0), Report(21.0, 180.0, 21.0, 0.0)
     assert [
         watch.judge_report(r)[0] for r in (cold_report, hot_report, cold_report, hot_report, hot_report)
-    ] == [None, None, None, None, HEATED]
+    ] == [None, None, None, None, HEATED_REASON]
 
 
 def test_rising_heater_is_stuck_on_and_cooling_heater_is_not():

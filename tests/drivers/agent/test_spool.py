@@ -23,7 +23,7 @@ def test_spool_keeps_a_checked_copy(tmp_path: Path):
     spool.drop("p-1")
     spool.drop("p-1")
     assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
-    assert program.lines(0, 1) == [b"G28"]  # a running print keeps its open file
+    assert program.read_lines(0, 1) == [b"G28"]  # a running print keeps its open file
     source.write_bytes(b"M0\n")
     with pytest.raises(BadGcode, match="knob"):
         spool.take("p-1", source, hashlib.sha256(b"M0\n").hexdigest())
@@ -58,11 +58,11 @@ def test_file_is_received_in_pieces_over_the_socket(tmp_path: Path):
     with pytest.raises(AgentError, match="follow"):
         spool.put("p-1", 128, b"G28\n")
     spool.put("p-1", 192, text[192:])
-    program = spool.take("p-1", spool.part("p-1"), hashlib.sha256(text).hexdigest())
+    program = spool.take("p-1", spool.make_part_path("p-1"), hashlib.sha256(text).hexdigest())
     assert program.count == 100
     spool.put("p-2", 0, b"left")
     Spool(tmp_path, ULTIMAKER2_PLUS)
-    assert not spool.part("p-2").exists()
+    assert not spool.make_part_path("p-2").exists()
     with pytest.raises(AgentError):
         spool.put("../p", 0, b"")
 
@@ -75,7 +75,7 @@ def test_overwritten_copy_is_not_printed(tmp_path: Path):
     )
     (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
     with pytest.raises(UnreadableFile):
-        program.lines(0, 1)
+        program.read_lines(0, 1)
 
 
 def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
@@ -87,6 +87,6 @@ def test_files_of_all_other_prints_are_deleted(tmp_path: Path):
     spool.put("p-2", 0, b"G28\n")  # an upload that was never started
     spool.take("p-3", source, sha256)
     assert [path.name for path in (tmp_path / "spool").iterdir()] == ["p-3.gcode"]
-    assert printing_path.lines(0, 1) == [b"G28"]
+    assert printing_path.read_lines(0, 1) == [b"G28"]
     spool.keep_only(None)
     assert not list((tmp_path / "spool").iterdir())

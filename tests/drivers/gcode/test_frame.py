@@ -13,7 +13,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.firmware.listener import Phase
 from drivers.emulator.firmware.machine import read_value
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import add_frame, add_frames, checksum, remove_frame
+from drivers.gcode import add_frame, add_frames, compute_checksum, remove_frame
 from drivers.gcode.frame import LINE_BYTES, compute_running_checksums
 from drivers.gcode.line import is_plain_move
 from drivers.printers import PROFILES
@@ -62,7 +62,7 @@ def draw_numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int,
     command = b"G1"
     for letter in draw(st.lists(st.sampled_from(letters), min_size=1, unique=True).map(sorted)):
         command += b" %c%d." % (letter, draw(st.integers(-300, 99_999)))
-        collision = checksum(b"N%d %b" % (number, command[:-1]))
+        collision = compute_checksum(b"N%d %b" % (number, command[:-1]))
         blank = collision ^ ord(" ")
         decimals = st.from_regex(rb"\A[0-9]{0,6}\Z")
         sums = st.sampled_from([b"%d" % collision, b"%03d" % collision, b"%06d" % collision, b"%d" % blank])
@@ -103,12 +103,12 @@ def test_frame_holds_its_command_and_fits(line):
     assert remove_frame(frame) == command
     text, _, message = frame.removesuffix(b"\n").rpartition(b"*")
     assert text.split() == [b"N%d" % number, *command.split()]
-    assert int(message) == checksum(text)
+    assert int(message) == compute_checksum(text)
     assert len(frame) <= LINE_BYTES + 1
 
 
 def test_blank_is_inserted_only_where_needed():
-    assert checksum(b"N4 G1 X10 Y112") == 30
+    assert compute_checksum(b"N4 G1 X10 Y112") == 30
     assert add_frame(4, COLLIDING_MOVE).startswith(b"N4 G1 X10  Y112.30 E4.5*")
     assert add_frame(5, COLLIDING_MOVE).startswith(b"N5 G1 X10 Y112.30 E4.5*")
 
@@ -118,9 +118,9 @@ def test_few_lines_need_a_blank(number, x_um, e_10nm):
     command = b"G1 X%.3f E%.5f" % (x_um / 1000, e_10nm / 1e5)
     assert is_plain_move(command)
     line = b"N%d %b" % (number, command)
-    plain_line = b"%b*%d\n" % (line, checksum(line))
+    plain_line = b"%b*%d\n" % (line, compute_checksum(line))
     collides = any(
-        checksum(line[:index]) == int(line[index + 1 :].split()[0])
+        compute_checksum(line[:index]) == int(line[index + 1 :].split()[0])
         for index, byte in enumerate(line)
         if byte == ord(".")
     )
@@ -154,7 +154,7 @@ def test_blank_is_inserted_in_a_line_among_many(number, data):
     commands = []
     for index in range(number, number + data.draw(st.integers(1, 8))):
         command = b"G1 X10 Y%d" % data.draw(st.integers(0, 200))
-        commands.append(b"%b.%d E4.5" % (command, checksum(b"N%d %b" % (index, command))))
+        commands.append(b"%b.%d E4.5" % (command, compute_checksum(b"N%d %b" % (index, command))))
     frames = add_frames(number, commands)
     assert all(b"  Y" in frame for frame in frames)
     assert [remove_frame(frame) for frame in frames] == commands

@@ -41,29 +41,29 @@ M140 S0
 
 def test_comments_blanks_and_queries_are_not_sent():
     p = program(SLICED_GCODE)
-    assert p.lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
+    assert p.read_lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
     assert p.count == 11
-    assert not any(b";" in line or b"M105" in line for line in p.lines(0, p.count))
+    assert not any(b";" in line or b"M105" in line for line in p.read_lines(0, p.count))
 
 
 def test_heating_lines_are_listed_with_their_targets():
     p = program(SLICED_GCODE)
     waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
-    assert p.target_c(HeaterName.NOZZLE, 0) is None
-    assert p.target_c(HeaterName.NOZZLE, 4) == 210.0
-    assert p.target_c(HeaterName.NOZZLE, p.count) == 0.0
+    assert p.find_target_c(HeaterName.NOZZLE, 0) is None
+    assert p.find_target_c(HeaterName.NOZZLE, 4) == 210.0
+    assert p.find_target_c(HeaterName.NOZZLE, p.count) == 0.0
 
 
 def test_progress_is_linear_in_time_within_a_layer():
     p = program(SLICED_GCODE)
     assert p.home_line == 1
     assert p.extrusion_line == 5
-    assert p.progress_at(0).seconds == 0.0
-    assert p.progress_at(7).seconds == 10.0
-    assert p.progress_at(8).seconds == 20.0
-    assert p.progress_at(p.count).seconds == 30.0
-    assert [p.progress_at(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
+    assert p.compute_progress(0).seconds == 0.0
+    assert p.compute_progress(7).seconds == 10.0
+    assert p.compute_progress(8).seconds == 20.0
+    assert p.compute_progress(p.count).seconds == 30.0
+    assert [p.compute_progress(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
     assert p.layers == 2
 
 
@@ -100,9 +100,9 @@ def test_marks_hold_time_layer_height_and_feature():
         Mark(8, pytest.approx(17.5), 1, 0.47, None),
         Mark(9, 20.0, 1, 0.47, None),
     )
-    assert p.progress_at(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
-    assert p.progress_at(0) == Mark(0, 0.0)
-    assert p.progress_at(p.count).seconds == p.time_s == 20.0
+    assert p.compute_progress(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
+    assert p.compute_progress(0) == Mark(0, 0.0)
+    assert p.compute_progress(p.count).seconds == p.time_s == 20.0
 
 
 NOTES = st.one_of(
@@ -126,11 +126,11 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
     if not commands:
         return
     p = program("\n".join(lines))
-    assert [line.decode() for line in p.lines(0, p.count)] == commands
+    assert [line.decode() for line in p.read_lines(0, p.count)] == commands
     marks = [(mark.line, mark.seconds) for mark in p.timeline]
     assert marks == sorted(marks)
     assert len({line for line, _ in marks}) == len(marks)
-    times_s = [p.progress_at(line).seconds for line in range(p.count + 1)]
+    times_s = [p.compute_progress(line).seconds for line in range(p.count + 1)]
     assert times_s == sorted(times_s)
     assert times_s[-1] == p.time_s == max((s for _, s in marks), default=0.0)
 
@@ -201,9 +201,9 @@ def test_file_without_a_command_is_refused():
 def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], start: int, stop: int):
     lines = [b"G1 X%d" % v for v in values]
     p = read_program((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
-    assert p.lines(start, stop) == lines[start:stop]
+    assert p.read_lines(start, stop) == lines[start:stop]
     assert p.count == len(lines)
-    times_s = [p.progress_at(n).seconds for n in range(0, p.count + 1, 50)]
+    times_s = [p.compute_progress(n).seconds for n in range(0, p.count + 1, 50)]
     assert times_s == sorted(times_s)
 
 
@@ -219,12 +219,12 @@ def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], star
     ],
 )
 def test_readable_lines_are_rewritten_in_one_form(line: str, sent_line: bytes):
-    assert program(line + "\n").lines(0, 1) == [sent_line]
+    assert program(line + "\n").read_lines(0, 1) == [sent_line]
 
 
 def test_display_texts_are_dropped():
     p = program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
-    assert p.lines(0, p.count) == [b"G28"]
+    assert p.read_lines(0, p.count) == [b"G28"]
 
 
 _NUMBERS = [
@@ -264,10 +264,12 @@ def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str
     expected = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in expected)
     assert 0.0 <= measure_retraction(p, line_count, (10.0, 10.0, 1.0, 1.0)) < 1e9
-    mark = p.progress_at(line_count)
-    assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(line_count), p.time_s))
-    sent_lines = p.lines(0, p.count)
-    assert program("\n".join(line.decode() for line in sent_lines)).lines(0, p.count) == sent_lines
+    mark = p.compute_progress(line_count)
+    assert all(
+        abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.compute_highest_mm(line_count), p.time_s)
+    )
+    sent_lines = p.read_lines(0, p.count)
+    assert program("\n".join(line.decode() for line in sent_lines)).read_lines(0, p.count) == sent_lines
     assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent_lines)
 
 
@@ -277,7 +279,7 @@ def test_any_bytes_are_read_or_refused(data: bytes):
         p = read_program(io.BytesIO(data), ULTIMAKER2_PLUS)
     except BadGcode:
         return
-    assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in p.lines(0, p.count))
+    assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in p.read_lines(0, p.count))
 
 
 def test_heating_lines_are_found_in_every_notation():
@@ -323,7 +325,7 @@ def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str
     highest_mm = 0.0
     for n, line in enumerate(lines):
         assert (p.is_relative(n), p.is_e_relative(n)) == (relative, relative_e)
-        assert highest_mm <= p.highest_mm(n) <= highest_mm + 1.0
+        assert highest_mm <= p.compute_highest_mm(n) <= highest_mm + 1.0
         relative = {"G91": True, "G90": False}.get(line, relative)
         relative_e = {"M83": True, "M82": False}.get(line, relative_e)
         if line.startswith("G1 Z") and not relative:

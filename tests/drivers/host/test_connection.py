@@ -46,7 +46,7 @@ def test_echo_of_several_streams_and_a_message():
     messages: list[bytes] = []
 
     async def echo(stream: MuxStream) -> None:
-        reader, writer = stream.pair()
+        reader, writer = stream.make_pair()
         while data := await reader.read(5000):
             writer.write(data)
             await writer.drain()
@@ -105,7 +105,7 @@ def test_writer_waits_for_a_reader_that_does_not_read_and_others_do_not():
         for _, writer in (slow, fast, *streams.values()):
             writer.close()
 
-    run_pair(scenario, lambda s, name: streams.update({name: s.pair()}))
+    run_pair(scenario, lambda s, name: streams.update({name: s.make_pair()}))
 
 
 def test_reason_of_the_other_end_is_the_error_of_the_reader():

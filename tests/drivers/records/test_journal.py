@@ -74,7 +74,7 @@ def test_board_state_is_written_whole_under_its_first_names(tmp_path):
     state = BoardState.model_validate(
         {"look": "smoke", "doubt": "moved", "hot": True, "reset_verified": "/dev/a"}
     )
-    Journal(path).write(1.0, **state.record())
+    Journal(path).write(1.0, **state.dump_record())
     record = json.loads(path.read_text())
     assert record == {
         "at_s": 1.0,
@@ -109,7 +109,7 @@ def test_alarm_is_written_and_read_under_its_first_names(tmp_path):
     alarm = Journal(path).state.alarm
     assert alarm == Alarm(text="hot", at_s=1.0, power_off_requested=True) and alarm.is_pending
     cut_alarm = alarm.model_copy(update={"outcome": "off"})
-    Journal(path).write(2.0, alarm=cut_alarm.record())
+    Journal(path).write(2.0, alarm=cut_alarm.dump_record())
     last_record = json.loads(path.read_text().splitlines()[-1])
     assert last_record["alarm"] == {"text": "hot", "at_s": 1.0, "asked": True, "said": "off", "over": False}
 
@@ -125,7 +125,7 @@ _records = st.fixed_dictionaries(
     optional={
         "print": st.none() | _snapshots.map(lambda snapshot: snapshot.model_dump(mode="json")),
         "filament": st.sampled_from([filament.value for filament in m.Filament]),
-        "alarm": st.none() | st.just(Alarm(text="hot", at_s=4.0).record()),
+        "alarm": st.none() | st.just(Alarm(text="hot", at_s=4.0).dump_record()),
         "look": st.none() | st.just("smoke"),
         "hot": st.booleans(),
         "identity": st.none() | st.just("serial-7"),
@@ -139,7 +139,7 @@ def test_shortened_journal_restores_the_same_state(records: list[dict[str, objec
     for record in records:
         old_state.apply(record)
     new_state = JournalState()
-    for record in old_state.records():
+    for record in old_state.list_records():
         new_state.apply(json.loads(json.dumps(record)))
     assert new_state == old_state
 

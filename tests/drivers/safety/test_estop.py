@@ -23,7 +23,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.firmware import ULTIMAKER2
-from drivers.locks import AGENT_LOCK, find_holder, hold, is_held, kill_holder, write_pid
+from drivers.locks import AGENT_LOCK, acquire_lock, find_holder, is_locked, kill_holder, write_pid
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
 from drivers.safety import StopResult, StopTarget, estop, heater_watch, list_targets, stop_printer
@@ -255,18 +255,18 @@ def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
 def test_lock_names_its_holder(tmp_path: Path):
     path = tmp_path / AGENT_LOCK
     assert find_holder(path) is None
-    lock = hold(path)
+    lock = acquire_lock(path)
     assert lock is not None
     write_pid(lock)
-    assert is_held(path) and hold(path) is None
+    assert is_locked(path) and acquire_lock(path) is None
     assert find_holder(path) == os.getpid()
     size = path.stat().st_size
     path.write_text("[1")
     assert find_holder(path) is None
     os.close(lock)
-    assert not is_held(path)
+    assert not is_locked(path)
     path.write_text("1" * size)
-    lock = hold(path)
+    lock = acquire_lock(path)
     assert lock is not None
     assert find_holder(path) is None  # no signature yet
     write_pid(lock)

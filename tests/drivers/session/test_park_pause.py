@@ -121,7 +121,7 @@ def test_head_clears_the_highest_part_without_layer_comments(layers: bool):
 
 @pytest.mark.parametrize("steps", range(12))
 def test_pause_during_cooling_extrudes_no_cold_filament(steps: int):
-    ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
+    ends = Rig().program.read_lines(0, 10_000).index(b"M104 S0")
     rig = Rig().run_until_printing(ends - 2)
     for _ in range(steps):
         rig.step()

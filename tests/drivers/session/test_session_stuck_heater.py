@@ -107,7 +107,7 @@ def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     request_time_s(rig)
-    assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
+    assert rig.firmware.board.nozzle.compute_temperature_c(rig.now_s) < 80.0
 
 
 def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
@@ -126,7 +126,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     suspicion = rig.session.context.suspicion
     assert suspicion is not None
     if not burns:
-        rig.firmware.board.nozzle.temperature_c(rig.now_s)
+        rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
         rig.firmware.board.nozzle.burns = False
     rig.link.on_closed()
     rig.session = Session(

@@ -30,7 +30,7 @@ class Clock:
     def now(self):
         return NOW_S
 
-    def wall_seconds(self, span_s):
+    def to_wall_duration_s(self, span_s):
         return span_s
 
 

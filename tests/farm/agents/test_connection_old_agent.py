@@ -12,7 +12,7 @@ import pytest
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.errors import AgentTooOld
-from drivers.locks import AGENT_LOCK, hold
+from drivers.locks import AGENT_LOCK, acquire_lock
 from drivers.remote import AgentClient
 from farm.agents.manager import AgentManager
 from farm.config import Fleet
@@ -121,7 +121,7 @@ def run_with_agent(
             await links.close()
             server.close()
 
-    descriptor = hold(home / AGENT_LOCK)  # the agent is alive
+    descriptor = acquire_lock(home / AGENT_LOCK)  # the agent is alive
     assert descriptor is not None
     try:
         asyncio.run(run())

@@ -41,11 +41,11 @@ def test_readings_of_a_printer_are_copied_to_its_view():
     readings = {"heaters_off": True, "board_resets": 3}
     assert set(readings) == set(m.PrinterReadings.model_fields)
     snapshot_view = convert_snapshot(snapshot(**readings))
-    assert snapshot_view.readings() == readings
+    assert snapshot_view.dump_readings() == readings
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": "m", "port": "/dev/a"}]})
     books, _ = apply(ev.PrinterAdded(at_s=0.0, printer="a", bed="clear"), Books())
     context = ViewContext(fleet, books, {"a": snapshot_view}, StateFolder(Path("/state")), 0.0)
-    assert describe_printer(context, fleet.printer("a"), None).readings() == readings
+    assert describe_printer(context, fleet.printer("a"), None).dump_readings() == readings
 
 
 def test_bed_is_reported_by_emulators_only():

@@ -345,7 +345,7 @@ def test_names_of_farm_and_printer_never_leave_the_folder():
 
 def test_request_to_a_bridge_survives_serialisation():
     request = BridgeRequest(BridgeTask.STOP, "test", StartFile("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
-    assert BridgeRequest.parse(request.line()) == request
+    assert BridgeRequest.parse(request.serialise()) == request
     for line in (b"", b"{}", b'{"do": "dance", "farm": "x", "start": {}}', json.dumps([1]).encode()):
         with pytest.raises(AgentError):
             BridgeRequest.parse(line)

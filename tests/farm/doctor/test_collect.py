@@ -7,7 +7,7 @@ import sqlite3
 import pytest
 from typer.testing import CliRunner
 
-from drivers.locks import AGENT_LOCK, hold
+from drivers.locks import AGENT_LOCK, acquire_lock
 from farm.cli.main import app
 from farm.doctor import Level, check_installation, collect_facts
 from farm.paths import Places, StateFolder
@@ -70,7 +70,7 @@ def test_missing_and_invalid_books_are_reported(places):
 
 
 def test_silent_agent_is_a_problem(places):
-    lock = hold(places.state.agent("um2-01") / AGENT_LOCK)
+    lock = acquire_lock(places.state.agent("um2-01") / AGENT_LOCK)
     try:
         (agent,) = (finding for finding in findings(places, "agents") if finding.text.startswith("um2-01:"))
     finally:

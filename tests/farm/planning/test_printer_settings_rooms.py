@@ -20,9 +20,9 @@ def resources():
 
 @pytest.mark.parametrize("model", sorted(BEDS))
 def test_beds_and_clips_equal_those_of_cura(resources, model):
-    settings, profile = resources.machine(model).settings, BEDS[model]
+    settings, profile = resources.read_machine(model).settings, BEDS[model]
     assert profile.model == model
-    assert profile.title == resources.machine(model).name
+    assert profile.title == resources.read_machine(model).name
     assert profile.bed_mm == (settings["machine_width"].default, settings["machine_depth"].default)
     assert profile.height_mm == settings["machine_height"].default
     areas = {
@@ -34,7 +34,7 @@ def test_beds_and_clips_equal_those_of_cura(resources, model):
 
 def test_printer_without_a_heated_bed_is_only_sliced_for(resources):
     heated_models = {
-        model for model in BEDS if resources.machine(model).settings["machine_heated_bed"].default
+        model for model in BEDS if resources.read_machine(model).settings["machine_heated_bed"].default
     }
     assert set(PROFILES) == heated_models
 

@@ -5,7 +5,7 @@ import pytest
 from slicing.errors import BadSetting, DefinitionError
 from slicing.settings.definitions import fits_type, merge_definitions, parse_value
 from slicing.settings.formula import Formula
-from slicing.settings.resolver import Place, Resolver, Scope
+from slicing.settings.resolver import ProfileIndex, Resolver, Scope
 
 
 def make_entry(kind="float", **fields):
@@ -54,43 +54,45 @@ TRAIN = {"settings": {"nozzle": make_entry(default_value=0.4)}}
 def make_resolver(user=(), extruder=(), global_values=()):
     user = dict(user)
     layers = {
-        Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(global_values)},
-        Scope.EXTRUDER: {Place.USER: user, Place.MATERIAL: dict(extruder)},
+        Scope.GLOBAL: {ProfileIndex.USER: user, ProfileIndex.QUALITY: dict(global_values)},
+        Scope.EXTRUDER: {ProfileIndex.USER: user, ProfileIndex.MATERIAL: dict(extruder)},
     }
     return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([TRAIN]), layers)
 
 
 def test_formula_of_a_parent_beats_a_plain_value_of_a_child():
-    assert make_resolver().value(Scope.EXTRUDER, "warmth") == 50
+    assert make_resolver().compute_value(Scope.EXTRUDER, "warmth") == 50
 
 
 def test_extruder_falls_through_to_the_machine():
-    assert make_resolver().value(Scope.EXTRUDER, "width") == 0.5
-    assert make_resolver(extruder={"width": 0.6}).value(Scope.EXTRUDER, "child") == 6
-    assert make_resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
+    assert make_resolver().compute_value(Scope.EXTRUDER, "width") == 0.5
+    assert make_resolver(extruder={"width": 0.6}).compute_value(Scope.EXTRUDER, "child") == 6
+    assert make_resolver(extruder={"width": 0.6}).compute_value(Scope.GLOBAL, "child") == 5
 
 
 def test_setting_that_is_not_per_extruder_has_the_global_value():
     assert (
-        make_resolver(extruder={"height": 9.0}, global_values={"height": 0.2}).value(Scope.EXTRUDER, "height")
+        make_resolver(extruder={"height": 9.0}, global_values={"height": 0.2}).compute_value(
+            Scope.EXTRUDER, "height"
+        )
         == 0.2
     )
 
 
 def test_resolve_uses_the_extruder_unless_the_value_is_set():
-    assert make_resolver(extruder={"warmth": 70.0}).value(Scope.GLOBAL, "bed") == 70.0
-    assert make_resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
+    assert make_resolver(extruder={"warmth": 70.0}).compute_value(Scope.GLOBAL, "bed") == 70.0
+    assert make_resolver(user={"bed": 45.0}).compute_value(Scope.GLOBAL, "bed") == 45.0
 
 
 @pytest.mark.parametrize(("number", "value"), [("0", 0.7), (-1, 0.7), ("-1", 0.5)])
 def test_limited_setting_has_the_value_of_its_extruder_if_any(number, value):
     limited_resolver = make_resolver(extruder={"width": 0.7}, global_values={"nr": number})
-    assert limited_resolver.value(Scope.GLOBAL, "limited") == value
+    assert limited_resolver.compute_value(Scope.GLOBAL, "limited") == value
 
 
 def test_value_of_the_user_precedes_a_formula():
     assert (
-        make_resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).value(
+        make_resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).compute_value(
             Scope.EXTRUDER, "width"
         )
         == 1.0
@@ -98,17 +100,17 @@ def test_value_of_the_user_precedes_a_formula():
 
 
 def test_resolve_may_refer_to_itself_once():
-    assert make_resolver().value(Scope.GLOBAL, "self") == 2
+    assert make_resolver().compute_value(Scope.GLOBAL, "self") == 2
 
 
 def test_circular_formula_is_an_error():
     with pytest.raises(DefinitionError, match="depends on itself"):
-        make_resolver().value(Scope.EXTRUDER, "loop")
+        make_resolver().compute_value(Scope.EXTRUDER, "loop")
 
 
 def test_unknown_keys_name_the_nearest():
     with pytest.raises(BadSetting, match="heigth: Cura has no such setting; did you mean height"):
-        make_resolver().setting("heigth")
+        make_resolver().find_setting("heigth")
 
 
 @pytest.mark.parametrize(
@@ -124,7 +126,7 @@ def test_unknown_keys_name_the_nearest():
     ],
 )
 def test_values_are_read_by_type(key, raw, value):
-    parsed_value = parse_value(make_resolver().setting(key), raw)
+    parsed_value = parse_value(make_resolver().find_setting(key), raw)
     assert parsed_value == value
     assert type(parsed_value) is type(value)
 
@@ -148,16 +150,16 @@ def test_values_are_read_by_type(key, raw, value):
 )
 def test_values_of_another_type_are_refused(key, raw):
     with pytest.raises(BadSetting, match=key):
-        parse_value(make_resolver().setting(key), raw)
+        parse_value(make_resolver().find_setting(key), raw)
 
 
 def test_limits_are_computed():
-    assert make_resolver(user={"height": 0.25}).bounds(Scope.EXTRUDER, "width") == (None, 10.5)
-    assert make_resolver().bounds(Scope.GLOBAL, "height") == (0.001, None)
+    assert make_resolver(user={"height": 0.25}).compute_bounds(Scope.EXTRUDER, "width") == (None, 10.5)
+    assert make_resolver().compute_bounds(Scope.GLOBAL, "height") == (0.001, None)
 
 
 def test_only_the_extruders_own_keys_are_listed_for_it():
-    keys = make_resolver().keys(Scope.EXTRUDER)
+    keys = make_resolver().list_keys(Scope.EXTRUDER)
     assert "nozzle" in keys
     assert "width" in keys
     assert not {"height", "group", "bed"} & set(keys)
@@ -177,8 +179,8 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
 def test_cura_5_formula_reads_the_value_below_its_profile(formula, value):
     user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
     below = make_resolver(user=user, extruder={"width": 2.0}, global_values={"height": 0.2})
-    assert below.value(Scope.EXTRUDER, "warmth") == value
-    assert below.value(Scope.EXTRUDER, "width") == 3.0  # and only there
+    assert below.compute_value(Scope.EXTRUDER, "warmth") == value
+    assert below.compute_value(Scope.EXTRUDER, "width") == 3.0  # and only there
 
 
 def test_scope_of_a_setting_follows_its_definition():
@@ -188,9 +190,9 @@ def test_scope_of_a_setting_follows_its_definition():
     machine = merge_definitions([ROOT, extra])
 
     def counts(key, **user):
-        return Resolver(machine, merge_definitions([TRAIN]), {Scope.EXTRUDER: {Place.USER: user}}).is_enabled(
-            key
-        )
+        return Resolver(
+            machine, merge_definitions([TRAIN]), {Scope.EXTRUDER: {ProfileIndex.USER: user}}
+        ).is_enabled(key)
 
     assert not counts("child")
     assert counts("child", flag=True, width=2.0)
@@ -210,6 +212,6 @@ def test_scope_of_a_setting_follows_its_definition():
     ],
 )
 def test_computed_value_has_the_type_of_its_setting(key, valid_value, invalid_value):
-    setting = make_resolver().setting(key)
+    setting = make_resolver().find_setting(key)
     assert all(fits_type(setting, value) for value in valid_value)
     assert not any(fits_type(setting, value) for value in invalid_value)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from slicing.plate import slice_plate
 from slicing.settings import PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.layer_heights import (
-    CERTAIN_LAYERS,
-    EXACT_MM,
+    MAX_HEIGHT_ERROR_MM,
+    MIN_EXACT_LAYERS,
     LayerHeights,
     compute_printed_height_mm,
     fit_heights,
@@ -42,10 +42,11 @@ def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height
 @given(st.floats(0.0, 1.0), cases)
 def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
     nozzle_mm, heights = case
-    lowest_mm = CERTAIN_LAYERS * heights.other_mm
+    lowest_mm = MIN_EXACT_LAYERS * heights.other_mm
     height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
     assert (
-        abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
+        abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm)
+        <= MAX_HEIGHT_ERROR_MM
     )
 
 
@@ -56,7 +57,7 @@ def test_first_layer_changes_only_if_the_others_cannot_reach_the_height(height_m
     result = fit(height_mm, nozzle_mm, heights)
     heights_alone = fit_heights(height_mm, heights, max_first_mm=0.0)
     assert heights_alone.first_mm == heights.first_mm
-    if abs(compute_printed_height_mm(height_mm, heights_alone) - height_mm) <= EXACT_MM - 0.002:
+    if abs(compute_printed_height_mm(height_mm, heights_alone) - height_mm) <= MAX_HEIGHT_ERROR_MM - 0.002:
         assert result == heights_alone
     elif abs(result.first_mm / heights.first_mm - 1) > 0.04 + 1e-9:
         first_um = round(1000 * heights.first_mm)
@@ -88,7 +89,7 @@ def list_reached(heights, low_um, high_um):
     for layer in range(int(np.ceil(0.96 * other_um)), int(1.04 * other_um) + 1):
         for top in range(0, count, layer):
             near[max(0, top + low_um - 20) : top + high_um + 21] = True
-    return near[CERTAIN_LAYERS * other_um :]
+    return near[MIN_EXACT_LAYERS * other_um :]
 
 
 @given(st.floats(0.01, HIGHEST_MM), cases)
@@ -96,7 +97,7 @@ def test_fitting_never_increases_the_height_error(height_mm, case):
     nozzle_mm, heights = case
     plain_error_mm = abs(compute_printed_height_mm(height_mm, heights) - height_mm)
     assert abs(compute_printed_height_mm(height_mm, fit(height_mm, nozzle_mm, heights)) - height_mm) <= max(
-        plain_error_mm, EXACT_MM
+        plain_error_mm, MAX_HEIGHT_ERROR_MM
     )
 
 
@@ -113,7 +114,7 @@ def test_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
     settings = resolve_settings(SettingsRequest(UM2_PLUS), resources, part)
     box = trimesh.creation.box((8, 8, height_mm))
     assert slice_plate(request_for(box, settings=settings)).height_mm == pytest.approx(
-        height_mm, abs=EXACT_MM
+        height_mm, abs=MAX_HEIGHT_ERROR_MM
     )
 
 

@@ -63,7 +63,9 @@ def test_settings_of_the_program_are_reserved(resources, key, value, reason):
 
 
 def test_few_settings_of_qualities_are_reserved(resources):
-    keys = {key for quality in resources.profiles("quality", "ultimaker2_plus") for key in quality.values}
+    keys = {
+        key for quality in resources.read_profiles("quality", "ultimaker2_plus") for key in quality.values
+    }
     assert {key for key in keys if find_reserved_reason(key)} == {"acceleration_enabled", "jerk_enabled"}
 
 
@@ -142,7 +144,7 @@ def test_material_too_hot_for_the_printer_is_reported_and_printable_colder(resou
 
 
 def test_limits_hold_for_every_key_that_heats(resources):
-    machine = resources.machine("ultimaker2_plus")
+    machine = resources.read_machine("ultimaker2_plus")
     numbers = (SettingType.FLOAT, SettingType.INT)
     temperature_keys = [
         s.key for s in machine.settings.values() if "temperature" in s.key and s.type in numbers
@@ -167,7 +169,7 @@ ANY_TEXT = st.one_of(
 @given(st.data())
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data):
-    machine = resources.machine("ultimaker2_plus")
+    machine = resources.read_machine("ultimaker2_plus")
     key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
     request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(ANY_TEXT)})
     try:

@@ -24,7 +24,7 @@ def lines_mm(settings, width_mm):
 
 
 def test_quality_paper_has_the_settings_of_the_paper(resources, settings_of):
-    if "material_shrinkage_percentage_xy" in resources.machine("ultimaker2_plus").settings:
+    if "material_shrinkage_percentage_xy" in resources.read_machine("ultimaker2_plus").settings:
         pytest.skip("the figures are those of Cura 4.13")
     s = settings_of("paper")
     assert (len(s.global_), len(s.extruder)) == (575, 458)  # the extruder's 457, and support_enable

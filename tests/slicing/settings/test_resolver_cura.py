@@ -11,7 +11,7 @@ import pytest
 from slicing.errors import EngineMissing
 from slicing.settings import Resources, find_resources
 from slicing.settings.formula import Formula
-from slicing.settings.resolver import Place, Resolver, Scope
+from slicing.settings.resolver import ProfileIndex, Resolver, Scope
 from slicing.settings.stacks import find_stacks
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
@@ -55,11 +55,11 @@ def test_every_setting_equals_that_of_cura(version, number):
         key: Formula(value[1:]) if isinstance(value, str) and value.startswith("=") else value
         for key, value in user.items()
     }
-    layers = {scope: {Place.USER: changes, **profiles} for scope, profiles in stacks.layers.items()}
+    layers = {scope: {ProfileIndex.USER: changes, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for scope in Scope:
         values = {key: row[number] for key, row in recording[scope].items() if row[number] is not None}
-        resolved = {key: str(resolver.value(scope, key)) for key in resolver.keys(scope)}
+        resolved = {key: str(resolver.compute_value(scope, key)) for key in resolver.list_keys(scope)}
         assert resolved.keys() == values.keys()
         assert {
             key: (resolved[key], value)

@@ -93,7 +93,7 @@ def test_reset_keeps_physical_state_only(host: Host) -> None:
     fed_mm = host.board.filament_mm
     host.firmware.reset(host.now_s)
     assert 0 < host.board.filament_mm < 40 and host.board.filament_mm >= fed_mm
-    assert host.board.nozzle.target_c == 0.0 and host.board.nozzle.temperature_c(host.now_s) > 200.0
+    assert host.board.nozzle.target_c == 0.0 and host.board.nozzle.compute_temperature_c(host.now_s) > 200.0
     assert not host.firmware.machine.is_homed
     assert host.board.head_mm == pytest.approx((100, 100, 100))
     host.wait(5.0)
@@ -131,7 +131,7 @@ def test_mute_board_continues_to_heat_until_it_is_reset() -> None:
     host.send("M104 S210")
     assert host.send_burst("G4 P0") == []
     assert host.send_burst("M105") == [] and host.wait(600.0) == []
-    assert host.board.nozzle.temperature_c(host.now_s) == pytest.approx(210.0)
+    assert host.board.nozzle.compute_temperature_c(host.now_s) == pytest.approx(210.0)
     assert host.firmware.phase is Phase.MUTE
     host.firmware.reset(host.now_s)
     assert host.wait(2.0)[0] == "start"

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
-from drivers.gcode import checksum
+from drivers.gcode import compute_checksum
 from firmware_host import Host, add_number
 
 
@@ -140,7 +140,7 @@ def test_lost_oks_do_not_affect_other_lines() -> None:
 @given(st.binary(max_size=96))
 @settings(deadline=None)
 def test_folded_checksum_is_the_xor_of_all_bytes(line: bytes) -> None:
-    assert checksum(line) == reduce(xor, line, 0)
+    assert compute_checksum(line) == reduce(xor, line, 0)
 
 
 @given(st.lists(st.binary(max_size=60), max_size=20))

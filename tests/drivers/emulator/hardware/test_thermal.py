@@ -17,8 +17,8 @@ BED = PROFILES["ultimaker2_plus"].bed
 
 def test_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
     heater = Heater(NOZZLE)
-    assert heater.temperature_c(0.0) == heater.temperature_c(1e5) == AMBIENT_C
-    assert heater.power(1e5) == 0
+    assert heater.compute_temperature_c(0.0) == heater.compute_temperature_c(1e5) == AMBIENT_C
+    assert heater.compute_power(1e5) == 0
 
 
 @given(target_c=st.floats(50, 260))
@@ -26,11 +26,11 @@ def test_nozzle_reaches_its_target_at_the_modelled_time_and_holds_it(target_c: f
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
     needed_s = NOZZLE.compute_heating_s(target_c)
-    assert heater.power(0.0) == FULL_POWER
-    assert heater.temperature_c(needed_s * 0.99) < target_c
-    assert heater.temperature_c(needed_s + 1e-6) == pytest.approx(target_c)
-    assert heater.temperature_c(needed_s + 5000.0) == pytest.approx(target_c)
-    assert 0 < heater.power(needed_s + 5000.0) < FULL_POWER
+    assert heater.compute_power(0.0) == FULL_POWER
+    assert heater.compute_temperature_c(needed_s * 0.99) < target_c
+    assert heater.compute_temperature_c(needed_s + 1e-6) == pytest.approx(target_c)
+    assert heater.compute_temperature_c(needed_s + 5000.0) == pytest.approx(target_c)
+    assert 0 < heater.compute_power(needed_s + 5000.0) < FULL_POWER
 
 
 @given(steps=st.lists(st.floats(0.01, 50), min_size=1, max_size=40))
@@ -42,9 +42,9 @@ def test_temperature_is_independent_of_the_sampling_rate(steps: list[float]) -> 
         now_s = 0.0
         for step_s in steps:
             now_s += step_s
-            sampled_heater.temperature_c(now_s)
-        assert sampled_heater.temperature_c(now_s) == pytest.approx(
-            other_heater.temperature_c(now_s), abs=1e-6
+            sampled_heater.compute_temperature_c(now_s)
+        assert sampled_heater.compute_temperature_c(now_s) == pytest.approx(
+            other_heater.compute_temperature_c(now_s), abs=1e-6
         )
 
 
@@ -54,8 +54,8 @@ def test_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
     now_s = BED.compute_heating_s(60.0) + 10.0
     states = set()
     while now_s < 3000.0:
-        assert heater.temperature_c(now_s) == pytest.approx(60.0, abs=1.0)
-        states.add(heater.power(now_s))
+        assert heater.compute_temperature_c(now_s) == pytest.approx(60.0, abs=1.0)
+        states.add(heater.compute_power(now_s))
         now_s += 1.0
     assert states == {0, FULL_POWER}
 
@@ -64,27 +64,27 @@ def test_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
 def test_unpowered_heater_cools_to_room_temperature(target_c: float, wait_s: float) -> None:
     heater = Heater(NOZZLE)
     heater.set_target(target_c, 0.0)
-    top_c = heater.temperature_c(5000.0)
+    top_c = heater.compute_temperature_c(5000.0)
     heater.set_target(0.0, 5000.0)
     to_c = AMBIENT_C + (top_c - AMBIENT_C) / 2
     needed_s = heater.compute_cooling_s(to_c, 5000.0)
     assert needed_s == pytest.approx(NOZZLE.tau_s * math.log(2))
-    assert AMBIENT_C <= heater.temperature_c(5000.0 + wait_s) < top_c
-    assert heater.power(5000.0 + wait_s) == 0
+    assert AMBIENT_C <= heater.compute_temperature_c(5000.0 + wait_s) < top_c
+    assert heater.compute_power(5000.0 + wait_s) == 0
 
 
 def test_lower_target_is_approached_from_above_and_then_held() -> None:
     heater = Heater(NOZZLE)
     heater.set_target(240.0, 0.0)
-    heater.temperature_c(2000.0)
+    heater.compute_temperature_c(2000.0)
     heater.set_target(180.0, 2000.0)
-    assert heater.temperature_c(2001.0) > 180.0
-    assert heater.temperature_c(4000.0) == pytest.approx(180.0)
+    assert heater.compute_temperature_c(2001.0) > 180.0
+    assert heater.compute_temperature_c(4000.0) == pytest.approx(180.0)
 
 
 def test_dead_element_never_warms() -> None:
     heater = Heater(BED, period_s=5.0, dead=True)
     heater.set_target(60.0, 0.0)
-    assert heater.temperature_c(3000.0) == pytest.approx(AMBIENT_C)
-    assert heater.power(3000.0) == FULL_POWER
+    assert heater.compute_temperature_c(3000.0) == pytest.approx(AMBIENT_C)
+    assert heater.compute_power(3000.0) == FULL_POWER
     assert heater.compute_heating_s(60.0, 3000.0) == math.inf

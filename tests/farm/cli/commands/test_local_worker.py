@@ -20,7 +20,7 @@ def test_worker_without_an_engine_says_what_to_do(tmp_path, monkeypatch):
 
 def test_folder_of_another_worker_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(locks, "_WAIT_S", 0.0)
-    other_lock = locks.hold(tmp_path / "lock")
+    other_lock = locks.acquire_lock(tmp_path / "lock")
     with pytest.raises(Refused, match="give each its own --folder"):
         local.worker(SCHEDULER, folder=tmp_path)
     os.close(other_lock)
