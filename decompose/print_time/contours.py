@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from decompose.arrays import Bools, Floats, Ints
+from decompose.arrays import Floats, Ints
 from decompose.jit import jit
+from decompose.print_time.surfaces import Surfaces, measure_surfaces
 
 RISING_SHARE = 1.5
 """Width by which skin goes on under a wall that rises from it, over the width of the walls that stand at an
@@ -52,45 +53,84 @@ def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float,
     skin_cos, ring_cos
         Of `CostModel`.
     """
-    corners = vertices[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled_areas = np.linalg.norm(cross, axis=1)
-    normals = cross / np.maximum(doubled_areas, 1e-300)[:, None]
-    heights = normals @ up
-    upright = doubled_areas / 2.0 * np.sqrt(np.maximum(0.0, 1.0 - heights**2))
-    ring = heights > ring_cos
-    steep = ring & (heights <= skin_cos)
-    first, second = _pair_edges(faces, len(vertices), np.abs(heights) > skin_cos)
-    lengths = _sum_rims_mm(vertices, faces, normals, up, np.stack([first, second], axis=1))
-    return Contours(*lengths, float(upright[ring].sum()), float((doubled_areas / 2.0 * heights)[steep].sum()))
+    surfaces = measure_surfaces(vertices, faces)
+    edges = _pair_half_edges(faces, len(vertices))
+    return Contours(
+        *_sum_rims_mm(vertices, faces, surfaces.normals, up, edges, skin_cos),
+        *_sum_slopes_mm2(surfaces, up, skin_cos, ring_cos),
+    )
 
 
-def _pair_edges(faces: Ints, vertices: int, flat: Bools) -> tuple[Ints, Ints]:
-    """Pair the half-edges (k,), as three times the face plus the corner, of edges between flat and steep."""
-    next_corners = np.roll(faces, -1, axis=1)
-    keys = (
-        np.minimum(faces, next_corners).astype(np.int64) * vertices + np.maximum(faces, next_corners)
-    ).ravel()
-    order = np.argsort(keys, kind="stable")
-    same = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
-    first, second = order[same], order[same + 1]
-    rim = flat[first // 3] != flat[second // 3]
-    flat_first = flat[first // 3][rim]
-    first, second = first[rim], second[rim]
-    return np.where(flat_first, first, second), np.where(flat_first, second, first)
+@jit
+def _pair_half_edges(faces: Ints, vertices: int) -> Ints:
+    """Pair the half-edges (k, 2) of each edge between faces (m, 3), as three times the face plus the corner.
+
+    Half-edges are kept by the lower of their vertices until the other one of their edge follows.
+    """
+    start = np.zeros(vertices + 1, np.int64)
+    for i in range(len(faces)):
+        for corner in range(3):
+            start[min(faces[i, corner], faces[i, (corner + 1) % 3]) + 1] += 1
+    for vertex in range(vertices):
+        start[vertex + 1] += start[vertex]
+    ends = start[:-1].copy()
+    kept, pairs = np.zeros((start[-1], 2), np.int64), np.zeros((start[-1], 2), np.int64)
+    count = 0
+    for i in range(len(faces)):
+        for corner in range(3):
+            a, b = faces[i, corner], faces[i, (corner + 1) % 3]
+            low, high = min(a, b), max(a, b)
+            place = start[low]
+            while place < ends[low] and kept[place, 0] != high:
+                place += 1
+            if place < ends[low]:
+                pairs[count, 0], pairs[count, 1] = kept[place, 1], 3 * i + corner
+                count += 1
+            else:
+                ends[low] += 1
+            kept[place, 0], kept[place, 1] = high, 3 * i + corner
+    return pairs[:count].copy()
+
+
+@jit
+def _sum_slopes_mm2(surfaces: Surfaces, up: Floats, skin_cos: float, ring_cos: float) -> tuple[float, float]:
+    """Sum the areas of `Contours` in mm2: rings of infill, and steep tops; up: (3,)."""
+    rings, steep_tops = 0.0, 0.0
+    for i in range(len(surfaces.areas_mm2)):
+        n = 0.0
+        for axis in range(3):
+            n += surfaces.normals[i, axis] * up[axis]
+        if n > ring_cos:
+            rings += surfaces.areas_mm2[i] * np.sqrt(max(0.0, 1.0 - n * n))
+            if n <= skin_cos:
+                steep_tops += surfaces.areas_mm2[i] * n
+    return rings, steep_tops
 
 
 @jit
 def _sum_rims_mm(
-    vertices: Floats, faces: Ints, normals: Floats, up: Floats, edges: Ints
+    vertices: Floats, faces: Ints, normals: Floats, up: Floats, edges: Ints, skin_cos: float
 ) -> tuple[float, float]:
-    """Sum the rims at half-edges (k, 2) of a flat face and a steep one beside it: with and without sign."""
+    """Sum the rims at edges, pairs (k, 2) of half-edges, of a face with skin and a steep one beside it.
+
+    Returns
+    -------
+    tuple
+        `rim_mm` and `ends_mm` of `Contours`.
+    """
     signed, total = 0.0, 0.0
+    skin = np.zeros(len(faces), np.bool_)
+    for i in range(len(faces)):
+        skin[i] = abs(normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]) > skin_cos
     for e in range(len(edges)):
-        flat, steep = edges[e, 0] // 3, edges[e, 1] // 3
-        corner = edges[e, 0] % 3
+        first, second = edges[e]
+        if skin[first // 3] == skin[second // 3]:
+            continue
+        if skin[second // 3]:
+            first, second = second, first
+        flat, steep, corner = first // 3, second // 3, first % 3
         a, b = faces[flat, corner], faces[flat, (corner + 1) % 3]
-        apex = faces[steep, (edges[e, 1] % 3 + 2) % 3]
+        apex = faces[steep, (second % 3 + 2) % 3]
         rise, square, outside, n_flat, n_steep = 0.0, 0.0, 0.0, 0.0, 0.0
         for axis in range(3):
             along = vertices[b, axis] - vertices[a, axis]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 
@@ -177,8 +178,7 @@ class CostModel:
 
     def prices(self) -> Prices:
         """Return the coefficients as a record for compiled code, one float64 a field, by their names."""
-        record: Prices = np.array([astuple(self)], dtype=_PRICES)[0]
-        return record
+        return _make_record(self)
 
     def price_s(self, additive: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats) -> float:
         """Price a part in one pose by its `ADDITIVE` features (5,) and width, depth, height (3,) in mm."""
@@ -188,6 +188,14 @@ class CostModel:
 
 
 _PRICES = np.dtype([(item.name, np.float64) for item in fields(CostModel)])
+
+
+@lru_cache(maxsize=64)
+def _make_record(cost: CostModel) -> Prices:
+    """Make the record of a cost; kept, because it takes as long as many prices."""
+    record: Prices = np.array([astuple(cost)], dtype=_PRICES)[0]
+    record.setflags(write=False)
+    return record
 
 
 @jit

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from decompose.arrays import Bools, Floats
 from decompose.jit import jit
+from decompose.print_time.surfaces import Surfaces
 
 LEVEL_COS = 0.999  # minimum downward part of the normal of a face that lies on the bed: within 2.6 degrees
 ON_BED_MM = 0.15
@@ -47,26 +46,23 @@ class HiddenFaces(NamedTuple):
         return saved_mm2 + (top_share * self.cut_top_mm2 if self.are_tops_hidden else 0.0)
 
 
-def find_hidden_faces(triangles: Floats, cut: Bools, skin_cos: float) -> HiddenFaces:
-    """Find the hidden faces of a closed mesh (m, 3, 3) in mm, standing on z = 0; cut: (m,)."""
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    doubled_areas = np.linalg.norm(cross, axis=1)
-    keep = doubled_areas > 0.0
-    normals = cross[keep] / doubled_areas[keep, None]
-    surfaces = (normals, doubled_areas[keep] / 2.0, triangles[keep].mean(axis=1))
-    return HiddenFaces(*measure_hidden_faces(surfaces, cut[keep], np.array([0.0, 0.0, 1.0]), 0.0, skin_cos))
+def find_hidden_faces(
+    surfaces: Surfaces, cut: Bools, up: Floats, bed_mm: float, skin_cos: float
+) -> HiddenFaces:
+    """Find the hidden faces of a closed mesh in a pose; see `measure_hidden_faces`."""
+    return HiddenFaces(*measure_hidden_faces(surfaces, cut, up, bed_mm, skin_cos))
 
 
 @jit
 def measure_hidden_faces(
-    faces: tuple[Floats, Floats, Floats], cut: Bools, up: Floats, bed_mm: float, skin_cos: float
+    surfaces: Surfaces, cut: Bools, up: Floats, bed_mm: float, skin_cos: float
 ) -> tuple[float, float, float, float]:
     """Measure the areas of `HiddenFaces` in a pose.
 
     Parameters
     ----------
-    faces
-        Unit normals (m, 3), areas (m,) in mm2 and centres (m, 3) in mm, float64.
+    surfaces
+        Of the mesh.
     cut
         (m,) bool, true for faces that are cuts.
     up
@@ -76,7 +72,7 @@ def measure_hidden_faces(
     skin_cos
         Of `CostModel`.
     """
-    normals, areas, centres = faces
+    normals, areas, centres = surfaces
     cut_bed, seen_bed, cut_top, seen_top = 0.0, 0.0, 0.0, 0.0
     for i in range(len(areas)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]

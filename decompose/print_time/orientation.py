@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -22,9 +22,11 @@ from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
 from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_features
 from decompose.print_time.pose_prices import POSE_ROTATIONS, sum_pose_features
+from decompose.print_time.surfaces import measure_surfaces
 from decompose.printers import PrinterRoom
 
 HULL_FACETS, FLAT_FACES = 24, 12  # maximum number of candidates of each kind, the largest first
+SAME = 1000  # reciprocal of the difference of the coordinates of directions that are taken as the same
 DISTINCT_DEG = 2.0  # minimum angle between two candidates
 MAX_MEASURED = 24  # maximum number of measured candidates, in the order of their prices
 ESTIMATE_COLUMNS = 1_500  # approximate number of columns for an estimate
@@ -58,11 +60,11 @@ def find_best_pose(
     Pose or None
         None if no pose fits.
     """
-    rotations = find_fitting_rotations(vertices, faces, printers)
+    hull = build_hull(vertices)
+    rotations = _orient_all(list_directions(vertices, faces, hull), hull, printers)
     if not len(rotations):
         return None
-    hull = _select_hull_points(vertices)
-    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull, cut)
+    features, extents = sum_pose_features(vertices, faces, rotations, cost, hull.points, cut)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     min_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     max_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
@@ -73,7 +75,7 @@ def find_best_pose(
         if best is not None and best.rank[:3] == (0, 0.0, 0.0):
             if min_s[i] >= best.price_s or measured_count >= MAX_MEASURED:
                 continue
-            support_s = _estimate_support_s(vertices, faces, hull, rotations[i], cost)
+            support_s = _estimate_support_s(vertices, faces, hull.points, rotations[i], cost)
             if min_s[i] + CERTAIN_SUPPORT_SHARE * support_s >= best.price_s:
                 continue
         pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
@@ -93,9 +95,14 @@ def find_fitting_rotations(vertices: Floats, faces: Ints, printers: Sequence[Pri
     printers
         Printers to fit; empty for a printer without limits.
     """
-    hull = _select_hull_points(vertices)
-    found_rotations = [_orient(up, hull, printers) for up in list_directions(vertices, faces)]
-    return np.array([r for r in found_rotations if r is not None]).reshape(-1, 3, 3)
+    hull = build_hull(vertices)
+    return _orient_all(list_directions(vertices, faces, hull), hull, printers)
+
+
+def _orient_all(directions: Floats, hull: Hull, printers: Sequence[PrinterRoom]) -> Floats:
+    """Find the rotation of each direction up (k, 3) that fits every printer, where there is one (m, 3, 3)."""
+    rotations = [_orient(up, hull.points, printers) for up in directions]
+    return np.array([rotation for rotation in rotations if rotation is not None]).reshape(-1, 3, 3)
 
 
 def _estimate_support_s(
@@ -107,18 +114,37 @@ def _estimate_support_s(
     return cost.price_support_s(columns.support_mm3, columns.support_side_mm2, columns.towers_mm)
 
 
-def list_directions(vertices: Floats, faces: Ints) -> Floats:
-    """List directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
-    corners = vertices[faces]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
-    directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
+class Hull(NamedTuple):
+    """Convex hull of a part.
+
+    Attributes
+    ----------
+    points
+        (h, 3) vertices that span it, in mm; all of the part if they span no volume.
+    facets
+        (f, 3) area vectors of its facets in mm2, outward; none if it has no volume.
+    """
+
+    points: Floats
+    facets: Floats
+
+
+def build_hull(vertices: Floats) -> Hull:
+    """Build the convex hull of vertices (n, 3) in mm."""
     try:
         hull = ConvexHull(vertices)
-        a, b, c = (vertices[hull.simplices[:, i]] for i in range(3))
-        facets = np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None] / 2.0 * hull.equations[:, :3]
     except QhullError:
-        facets = np.zeros((0, 3))
-    for normals, max_count in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
+        return Hull(vertices, np.zeros((0, 3)))
+    areas_mm2 = measure_surfaces(vertices, hull.simplices.astype(np.int64)).areas_mm2
+    return Hull(vertices[hull.vertices], areas_mm2[:, None] * hull.equations[:, :3])
+
+
+def list_directions(vertices: Floats, faces: Ints, hull: Hull) -> Floats:
+    """List directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
+    surfaces = measure_surfaces(vertices, faces)
+    areas = surfaces.areas_mm2[:, None] * surfaces.normals
+    directions = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
+    for normals, max_count in ((hull.facets, HULL_FACETS), (areas, FLAT_FACES)):
         directions = _add_distinct(
             directions, -_find_flat_directions(normals), max_count, math.cos(math.radians(DISTINCT_DEG))
         )
@@ -153,20 +179,14 @@ def _find_flat_directions(areas: Floats) -> Floats:
     areas = areas[size > 0.0]
     if not len(areas):
         return areas
-    _, group = np.unique(np.round(areas / size[size > 0.0, None], 3), axis=0, return_inverse=True)
+    x, y, z = np.rint(areas / size[size > 0.0, None] * SAME).astype(np.int64).T
+    _, group = np.unique(((x + SAME) * (2 * SAME + 1) + y + SAME) * (2 * SAME + 1) + z, return_inverse=True)
     sums = np.zeros((group.max() + 1, 3))
     np.add.at(sums, group.reshape(-1), areas)
     size = np.linalg.norm(sums, axis=1)
     sums = sums[np.argsort(-np.round(size, 6), kind="stable")]
     directions: Floats = sums / np.linalg.norm(sums, axis=1, keepdims=True)
     return directions
-
-
-def _select_hull_points(points: Floats) -> Floats:
-    """Select the points of (n, d) that span their convex hull; all if they span no volume."""
-    with suppress(QhullError):
-        points = points[ConvexHull(points).vertices]
-    return points
 
 
 def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
@@ -179,9 +199,7 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
     if len(axis):
         x, y = POSE_ROTATIONS[axis[0], :2]
     else:
-        x = np.cross(up, np.eye(3)[np.abs(up).argmin()])
-        x /= np.linalg.norm(x)
-        y = np.cross(up, x)
+        x, y = _choose_bed_axes(up)
     flat = hull @ np.array([x, y]).T
     height = float(np.ptp(hull @ up))
     outline = find_convex_outline(flat)
@@ -192,6 +210,23 @@ def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
         if all(printer.fits(width, depth, height) for printer in printers):
             return np.vstack([_turn_plane(angle) @ np.array([x, y]), up])
     return None
+
+
+@jit
+def _choose_bed_axes(up: Floats) -> tuple[Floats, Floats]:
+    """Choose two unit vectors (3,) of the bed, at right angles to a unit vector up (3,)."""
+    across = 0
+    for axis in range(1, 3):
+        if abs(up[axis]) < abs(up[across]):
+            across = axis
+    x, y = np.zeros(3), np.zeros(3)
+    b, c = (across + 1) % 3, (across + 2) % 3
+    length = np.sqrt(up[b] ** 2 + up[c] ** 2)
+    x[b], x[c] = up[c] / length, -up[b] / length
+    for axis in range(3):
+        b, c = (axis + 1) % 3, (axis + 2) % 3
+        y[axis] = up[b] * x[c] - up[c] * x[b]
+    return x, y
 
 
 def _turn_plane(angle: float) -> Floats:

@@ -16,6 +16,7 @@ from decompose.print_time.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
 from decompose.print_time.recipe import ADDITIVE
+from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls
 
 LATERAL = ADDITIVE.index("lateral_mm2")
@@ -153,7 +154,8 @@ def measure_from_features(
     width, depth, height = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
-    hidden_faces = find_hidden_faces(triangles, mesh.cut, cost.skin_cos)
+    surfaces, up = measure_surfaces(mesh.vertices, mesh.faces), np.ascontiguousarray(rotation[2])
+    hidden_faces = find_hidden_faces(surfaces, mesh.cut, up, float(lo[2]), cost.skin_cos)
     saved_share = hidden_faces.compute_saved_share(cost.hidden_bed_share, cost.hidden_top_share)
     sheets = Sheets(cost.skins_mm * (1.0 - saved_share), cost.layer_mm, cost.skin_cos)
     columns = measure_columns(triangles, mesh.cut, cost.overhang_cos)
@@ -166,7 +168,7 @@ def measure_from_features(
         brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
         joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
-    contours = measure_contours(mesh.vertices, mesh.faces, rotation[2], cost.skin_cos, cost.ring_cos)
+    contours = measure_contours(mesh.vertices, mesh.faces, up, cost.skin_cos, cost.ring_cos)
     pose_cost = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(
         to_model=to_model,

@@ -11,8 +11,9 @@ import numpy as np
 from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel
-from decompose.print_time.hidden_faces import HiddenFaces, measure_hidden_faces
+from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.recipe import ADDITIVE
+from decompose.print_time.surfaces import Surfaces, measure_surfaces, sum_volume_mm3
 
 SKIN = ADDITIVE.index("skin_mm2")
 
@@ -43,14 +44,14 @@ POSE_ROTATIONS: Floats = np.array([_build_pose_rotation(pose) for pose in range(
 
 @jit
 def _sum_surfaces(
-    faces: tuple[Floats, Floats, Floats], up: Floats, bed_mm: float, cosines: tuple[float, float]
+    surfaces: Surfaces, up: Floats, bed_mm: float, cosines: tuple[float, float]
 ) -> tuple[float, float, float, float]:
     """Sum the `ADDITIVE` features of faces, without the volume.
 
     Parameters
     ----------
-    faces
-        Unit normals (m, 3), areas (m,) in mm2 and centres (m, 3) in mm.
+    surfaces
+        Of the faces.
     up
         (3,) unit vector.
     bed_mm
@@ -58,7 +59,7 @@ def _sum_surfaces(
     cosines
         `skin_cos` and `overhang_cos` of `CostModel`.
     """
-    normals, areas, centres = faces
+    normals, areas, centres = surfaces
     skin_cos, overhang_cos = cosines
     lateral, skin, slope, column = 0.0, 0.0, 0.0, 0.0
     for i in range(len(areas)):
@@ -97,26 +98,19 @@ def sum_pose_features(
     cut
         (m,) faces that are cuts; None for none.
     """
-    corners = vertices[faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled_areas = np.linalg.norm(cross, axis=1)
-    keep = doubled_areas > 0.0
-    corners, cross, doubled_areas = corners[keep], cross[keep], doubled_areas[keep]
-    normals, areas, centres = cross / doubled_areas[:, None], doubled_areas / 2.0, corners.mean(axis=1)
+    surfaces = measure_surfaces(vertices, faces)
     saves = cut is not None and bool(cut.any()) and cost.hidden_bed_share + cost.hidden_top_share > 0.0
-    cuts = cut[keep] if cut is not None else np.zeros(0, np.bool_)
     features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
-    features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
+    features[:, 0] = sum_volume_mm3(surfaces)
     cosines = (cost.skin_cos, cost.overhang_cos)
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
         rotated_vertices = (vertices if hull is None else hull) @ rotation.T
         bottom = rotated_vertices.min(axis=0)
         extents[i] = rotated_vertices.max(axis=0) - bottom
         up, bed_mm = rotation[2], float(bottom[2])
-        surfaces = (normals, areas, centres)
         features[i, 1:] = _sum_surfaces(surfaces, up, bed_mm, cosines)
-        if saves:
-            hidden_faces = HiddenFaces(*measure_hidden_faces(surfaces, cuts, up, bed_mm, cost.skin_cos))
+        if saves and cut is not None:
+            hidden_faces = find_hidden_faces(surfaces, cut, up, bed_mm, cost.skin_cos)
             saved_mm2 = hidden_faces.compute_saved_skin_mm2(cost.hidden_bed_share, cost.hidden_top_share)
             features[i, SKIN] = max(0.0, features[i, SKIN] - saved_mm2)
     return features, extents

@@ -18,7 +18,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Pose, Recipe, find_best_pose, measure_pose
-from decompose.print_time.orientation import list_directions
+from decompose.print_time.orientation import build_hull, list_directions
 from decompose.printers import PrinterRoom
 
 COST = CostModel.from_recipe(Recipe())
@@ -177,7 +177,7 @@ def test_part_without_a_fitting_pose_is_reported() -> None:
 def test_flat_sides_are_candidates_in_any_orientation() -> None:
     solid = rotate_solid(make_inverted_pyramid())
     vertices, faces = solid.arrays()
-    ups = list_directions(vertices, faces)
+    ups = list_directions(vertices, faces, build_hull(vertices))
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
