@@ -19,6 +19,7 @@ from farm.compute.cluster.cluster_state import (
     Place,
     RunningTask,
     choose_place,
+    describe_place,
 )
 from farm.compute.cluster.installation import Installation, read_installation
 from farm.compute.cluster.relocation import dump, load
@@ -228,7 +229,8 @@ class ClusterPool:
             self._lost_since_s = self._read_clock_s()
         place = choose_place(self._lost_s())
         if place is not previous_place:
-            log.warning("cluster %s: %s", self._scheduler, place)
+            level = logging.INFO if place is Place.CLUSTER else logging.WARNING
+            log.log(level, "%s", describe_place(place, self._scheduler))
         if place is Place.HERE:
             self._close_event.set()
         else:

@@ -83,6 +83,18 @@ class ClusterState:
         return problems
 
 
+def describe_place(place: Place, scheduler: str) -> str:
+    """Describe a change of place for the log."""
+    if place is Place.CLUSTER:
+        return f"tasks run on the workers of {scheduler}"
+    reason = f"no worker of {scheduler} can be used"
+    if place is Place.WAITING:
+        return f"{reason}: tasks wait for one"
+    return (
+        f"{reason} for {PATIENCE_S:.0f} s: tasks run on this host; see that the scheduler and its workers run"
+    )
+
+
 def choose_place(lost_s: float) -> Place:
     """Choose where new work runs, from the seconds since the cluster had a usable worker."""
     if lost_s <= 0.0:

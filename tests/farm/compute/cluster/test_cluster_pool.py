@@ -1,6 +1,7 @@
 """Tasks on a Dask cluster in this process: files, versions, errors, cancelled tasks, lost workers."""
 
 import asyncio
+import logging
 from dataclasses import replace
 
 import pytest
@@ -140,7 +141,7 @@ class LostLink:
         await asyncio.Event().wait()
 
 
-def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source):
+def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source, caplog):
     """Abandon a task in progress then, and send later ones to the cluster once it has a worker."""
     now_s = 0.0
 
@@ -155,6 +156,7 @@ def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path
             lambda: now_s,
         )
         (link,), workers = links, (ClusterWorker("w1", "tls://b:1", 1),)
+        caplog.set_level(logging.INFO, "farm.compute.cluster.cluster_pool")
         link.on_workers(workers)
         run_task = asyncio.ensure_future(pool.run(work.copy, source, tmp_path / "out"))
         while not link.tasks:
@@ -173,6 +175,11 @@ def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path
         await pool.run(work.copy, source, tmp_path / "again")  # lost three times, then run on this computer
         assert len(local_pool.calls) == 2 and len(link.tasks) == 4
         assert len({name for name, _ in link.tasks}) == 4
+        scheduler, notices = pool.state.scheduler, [(r.levelname, r.message) for r in caplog.records]
+        assert ("WARNING", f"no worker of {scheduler} can be used: tasks wait for one") in notices
+        assert [level for level, text in notices if text == f"tasks run on the workers of {scheduler}"] == [
+            "INFO"
+        ] * 2
 
     asyncio.run(main())
 
