@@ -2,9 +2,8 @@
 
 from farm.control.access import LINK_S, MAX_SESSION_S, AppKeyRequests, KeyCommands, SessionCommands, find_key
 from farm.control.controller import Controller
-from farm.control.dry_runs import PAGE_PATIENCE_S, DryRuns
 from farm.control.effects import FarmEffects
-from farm.control.job_commands import JobCommands, abort_prints, find_successor
+from farm.control.job_commands import PAGE_PATIENCE_S, DryRuns, JobCommands, abort_prints, find_successor
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands

@@ -46,7 +46,9 @@ class PrinterCommands:
     def refuse_unattended(self, printers: Iterable[str]) -> None:
         """Raise Refused if one of the printers may not print now because nobody is present."""
         now_s = self._controller.clock.now()
-        fleet_printers = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
+        fleet_printers = [
+            p for name in printers if (p := self._controller.situations.printer(name)) is not None
+        ]
         reasons = [
             reason
             for printer in fleet_printers

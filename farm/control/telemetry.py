@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
-from farm.model import AgentSnapshot, Link, Print, Temperatures
-from farm.scheduling import Situation, may_start_now, summarise_availability
+from farm.model import AgentSnapshot, Link, Temperatures
+from farm.scheduling import FleetPrinter, StartRules, may_start_now, summarise_availability
 from farm.state import (
     Books,
     detect_alarm,
@@ -189,8 +189,10 @@ def read_snapshot(
 def list_unconfirmed_instructions(
     books: Books,
     snapshots: Mapping[str, AgentSnapshot],
-    printer: str | None,
-    find_situation: Callable[[str], Situation],
+    names: Iterable[str] | None,
+    find_printer: Callable[[str], FleetPrinter | None],
+    rules: StartRules,
+    now_s: float,
 ) -> Iterator[ev.AnyInstruction]:
     """Yield the instructions that, by their latest snapshots, the agents of open prints have not carried out.
 
@@ -203,30 +205,30 @@ def list_unconfirmed_instructions(
         The committed books.
     snapshots
         Latest snapshot of each agent, by printer.
-    printer
-        The printer whose open print is looked at; None: all.
-    find_situation
-        Finds the current situation of a printer, which is in it if it is still enabled.
+    names
+        The printers whose open prints are looked at; None: all.
+    find_printer
+        Describes a printer; None if it is no longer enabled.
+    rules, now_s
+        Hours, and seconds since the epoch.
     """
-    attempts = books.open_prints() if printer is None else [books.open_print_on(printer)]
+    attempts = books.open_prints() if names is None else map(books.open_print_on, names)
     for attempt in [candidate for candidate in attempts if candidate is not None]:
         snapshot = snapshots.get(attempt.printer)
-        if snapshot is not None:
-            yield from _list_unconfirmed(attempt, snapshot, books, find_situation(attempt.printer))
-
-
-def _list_unconfirmed(
-    attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
-) -> Iterator[ev.AnyInstruction]:
-    printer = situation.fleet.get(attempt.printer)
-    if printer is not None:
-        ends_by_s = situation.rules.ends_by_s(printer, situation.now_s)
-    else:
-        ends_by_s = None if snapshot.print is None else snapshot.print.ends_by_s
-    for instruction in list_pending_instructions(attempt, snapshot, ends_by_s):
-        starts = isinstance(instruction, ev.SendStart)
-        if not starts or (books.outage is None and may_start_now(attempt, books, situation)):
-            yield instruction
+        if snapshot is None:
+            continue
+        printer = find_printer(attempt.printer)
+        if printer is not None:
+            ends_by_s = rules.ends_by_s(printer, now_s)
+        else:
+            ends_by_s = None if snapshot.print is None else snapshot.print.ends_by_s
+        for instruction in list_pending_instructions(attempt, snapshot, ends_by_s):
+            if not isinstance(instruction, ev.SendStart) or (
+                books.outage is None
+                and printer is not None
+                and may_start_now(attempt, books, printer, rules, now_s)
+            ):
+                yield instruction
 
 
 class _Comparison:

@@ -20,8 +20,8 @@ from farm.scheduling.assignment import (
     MAX_STARTS,
     Assignment,
     assign_plates,
-    divide_starts,
     find_holds,
+    select_possible,
 )
 from farm.scheduling.forecast import Slot, compute_seconds_on, forecast_prints, make_idle
 from farm.scheduling.forecast_cache import ForecastCache
@@ -86,7 +86,6 @@ __all__ = [
     "derive_plate_requirements",
     "describe_capabilities",
     "describe_plates",
-    "divide_starts",
     "estimate_remaining_s",
     "find_filament_shortage",
     "find_holds",
@@ -102,6 +101,7 @@ __all__ = [
     "make_idle",
     "may_start_now",
     "parse_moment_s",
+    "select_possible",
     "summarise_availability",
     "takes_spare",
     "update_ends",

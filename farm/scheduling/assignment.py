@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from farm.model import Hold
@@ -49,39 +49,22 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     return [Assignment(plate.id, name) for name, plate in pairs]
 
 
-def divide_starts(
-    assignments: Sequence[Assignment], situation: Situation, limit: int
-) -> tuple[list[Assignment], Sequence[Assignment]]:
-    """Divide assignments into those to start now and the later ones.
-
-    Parameters
-    ----------
-    assignments
-        Found in this situation, or earlier: what is no longer possible is dropped.
-    limit
-        Largest number to start now.
-
-    Returns
-    -------
-    starts, later
-        Assignments that are possible in this situation, and those that were not looked at.
-    """
-    if not assignments:
-        return [], ()
+def select_possible(assignments: Iterable[Assignment], situation: Situation) -> list[Assignment]:
+    """Select the assignments of an earlier situation that are all possible in this one."""
     free, fleet = {p.name for p in situation.free}, situation.fleet
     waiting = {plate.id: plate for plate in situation.waiting}
-    limit, started_by_job = min(limit, _count_allowed_starts(situation)), Counter[int]()
+    limit, started_by_job = _count_allowed_starts(situation), Counter[int]()
     starts: list[Assignment] = []
-    for position, assignment in enumerate(assignments):
+    for assignment in assignments:
         if len(starts) >= limit:
-            return starts, assignments[position:]
+            break
         plate = waiting.get(assignment.plate)
         if plate is None or assignment.printer not in free or plate.places == started_by_job[plate.job]:
             continue
         if _can_take(situation, fleet[assignment.printer], plate):
             starts.append(assignment)
             started_by_job[plate.job] += 1
-    return starts, ()
+    return starts
 
 
 def _can_take(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) -> bool:

@@ -32,6 +32,7 @@ def may_hold_back(books: Books, job: Job) -> bool:
 
 def find_plate_holds(
     books: Books,
+    jobs: Iterable[Job],
     printers: Iterable[PrinterSection],
     now_s: float,
     may_hold: Callable[[Books, Job], bool] = may_hold_back,
@@ -42,6 +43,8 @@ def find_plate_holds(
     ----------
     books
         All jobs, plates, prints and printers.
+    jobs
+        The jobs whose plates are looked at.
     printers
         The printers of `fleet.yaml`.
     now_s
@@ -55,7 +58,7 @@ def find_plate_holds(
         The reason of each such plate, by its id.
     """
     holds = {}
-    printing_jobs = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
+    printing_jobs = [job for job in jobs if job.state is JobState.PRINTING]
     unreported_printers = ""
     if any(job.restored for job in printing_jobs):
         names = (section.name for section in printers if section.enabled)

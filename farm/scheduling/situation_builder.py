@@ -27,6 +27,7 @@ from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.plate_queue import JobPlates, PlateQueue
 from farm.scheduling.situation import Situation
+from farm.scheduling.start_rules import StartRules
 from farm.state import Books, PlateState
 
 BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
@@ -171,7 +172,7 @@ class SituationBuilder:
 
     def __init__(self, build_volumes: BuildVolumes) -> None:
         self._build_volumes = build_volumes
-        self._printers: dict[str, tuple[tuple[object, ...], FleetPrinter]] = {}
+        self._printers: dict[str, _CachedPrinter] = {}
         self._fleet: Fleet | None = None
         self._sections: dict[str, PrinterSection] = {}  # the enabled ones of that fleet, by name
         self._jobs: dict[int, tuple[object, _JobDescription]] = {}
@@ -184,15 +185,22 @@ class SituationBuilder:
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
-        sections = self._list_enabled(fleet).values()
-        return tuple([self._describe(section, books, snapshots.get(section.name)) for section in sections])
+        sections, named = self._list_enabled(fleet), self._find_named(books)
+        return tuple(
+            [
+                self._describe(section, books, snapshots.get(name), name in named)
+                for name, section in sections.items()
+            ]
+        )
 
     def printer(
         self, fleet: Fleet, name: str, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> FleetPrinter | None:
         """Describe one printer; None if it is disabled or unknown."""
         section = self._list_enabled(fleet).get(name)
-        return None if section is None else self._describe(section, books, snapshots.get(name))
+        if section is None:
+            return None
+        return self._describe(section, books, snapshots.get(name), name in self._find_named(books))
 
     def _list_enabled(self, fleet: Fleet) -> dict[str, PrinterSection]:
         if fleet is not self._fleet:
@@ -200,26 +208,27 @@ class SituationBuilder:
             self._sections = {section.name: section for section in fleet.printers if section.enabled}
         return self._sections
 
-    def _describe(self, section: PrinterSection, books: Books, report: AgentSnapshot | None) -> FleetPrinter:
+    def _describe(
+        self, section: PrinterSection, books: Books, report: AgentSnapshot | None, is_named: bool
+    ) -> FleetPrinter:
         entry, attempt = books.printer(section.name), books.open_print_on(section.name)
-        available = None if report is None else summarise_availability(report)
-        is_named = section.name in self._find_named(books)
-        cached_inputs, description = self._printers.get(section.name, ((), None))
+        cached = self._printers.get(section.name)
         if (
-            description is not None
-            and cached_inputs[0] is section
-            and cached_inputs[1] is entry
-            and cached_inputs[2] is attempt
-            and cached_inputs[3] == available
-            and cached_inputs[4] == is_named
+            cached is not None
+            and cached.section is section
+            and cached.entry is entry
+            and cached.attempt is attempt
+            and cached.is_named is is_named
+            and (cached.report is report or _are_alike(cached.report, report))
         ):
-            return description
+            cached.report = report
+            return cached.description
         description = _describe_printer(section, books, report, attempt, self._build_volumes)
         if is_named:
             description = replace(
                 description, capabilities=replace(description.capabilities, named=section.name)
             )
-        self._printers[section.name] = (section, entry, attempt, available, is_named), description
+        self._printers[section.name] = _CachedPrinter(section, entry, attempt, report, is_named, description)
         return description
 
     def _find_named(self, books: Books) -> frozenset[str]:
@@ -256,12 +265,31 @@ class SituationBuilder:
         return description
 
 
+@dataclass(slots=True)
+class _CachedPrinter:
+    """Description of a printer, with what it was made from; the report is the latest that gives the same."""
+
+    section: PrinterSection
+    entry: Printer
+    attempt: Print | None
+    report: AgentSnapshot | None
+    is_named: bool
+    description: FleetPrinter
+
+
 @dataclass(frozen=True, slots=True)
 class _JobDescription:
     """Waiting plates of a job, and whether the job's state may hold one back."""
 
     waiting: JobPlates
     may_hold_back: bool
+
+
+def _are_alike(first: AgentSnapshot | None, second: AgentSnapshot | None) -> bool:
+    """Return whether two snapshots of a printer are the same to the scheduler."""
+    if first is None or second is None:
+        return first is second
+    return summarise_availability(first) == summarise_availability(second)
 
 
 def summarise_availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
@@ -319,17 +347,16 @@ def count_spares(books: Books) -> dict[int, int]:
     return {job.id: job.options.spares for job in jobs if job.options.spares}
 
 
-def may_start_now(attempt: Print, books: Books, situation: Situation) -> bool:
+def may_start_now(
+    attempt: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
+) -> bool:
     """Return whether hours allow a start that its agent has not confirmed yet.
 
     The agent may have been unreachable: a start that was allowed in the evening may not be at night.
     """
-    printer = situation.fleet.get(attempt.printer)
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
-    if printer is None:
-        return False
-    start = situation.rules.find_start(plate, printer, situation.now_s)
-    return start.at_s is not None and start.at_s <= situation.now_s
+    start = rules.find_start(plate, printer, now_s)
+    return start.at_s is not None and start.at_s <= now_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,12 +375,10 @@ class PrintLimits:
     ends_by_s: float | None
 
 
-def find_print_limits(attempt: Print, books: Books, situation: Situation) -> PrintLimits:
+def find_print_limits(
+    attempt: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
+) -> PrintLimits:
     """Find the latest start and end of a print that may start now."""
-    printer = situation.fleet.get(attempt.printer)
-    if printer is None:
-        return PrintLimits(None, None)
-    rules, now_s = situation.rules, situation.now_s
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
     latest_s = rules.latest_start_s(plate, printer, now_s)
     return PrintLimits(None if math.isinf(latest_s) else latest_s, rules.ends_by_s(printer, now_s))

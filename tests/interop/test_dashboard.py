@@ -141,7 +141,7 @@ def test_times_in_sentences_and_charts_are_in_the_reader_s_zone(tmp_path):
     async def act(farm, browser, base):
         start = TextTime(text="Tue 22:15", at="2023-11-14T22:15:00+00:00")
         hold = Hold(code=HoldCode.START_TIME, text="its job starts Tue 22:15", times=(start,))
-        farm.controller.plate_holds = lambda: {"1/01": hold}
+        farm.controller.scheduler.find_plate_holds = lambda: {"1/01": hold}
         pages = {}
         for zone in ("UTC", "Asia/Tokyo"):
             await browser.call("Emulation.setTimezoneOverride", timezoneId=zone)

@@ -116,8 +116,8 @@ def describe_farm(services: Services) -> api.Status:
     controller = services.controller
     context = controller.build_view_context(services.state)
     fleet = controller.fleet
-    reservations = controller.list_reservations()
-    obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
+    reservations = controller.scheduler.list_reservations()
+    obstacles = {printer.name: printer.obstacle() for printer in controller.situations.printers()}
     return api.Status(
         daemon=services.daemon_view(context),
         todo=list_tasks(context),

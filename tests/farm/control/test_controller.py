@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from farm.control import controller as module
+from farm.control import scheduler
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.model import (
     AgentPrint,
@@ -278,7 +278,7 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
         runs.append(1)
         return assign_plates(situation)
 
-    monkeypatch.setattr(module, "assign_plates", count_call)
+    monkeypatch.setattr(scheduler, "assign_plates", count_call)
 
     def report(step, link=Link.BUSY, state=PrintState.PRINTING):
         message = AgentPrint(

@@ -66,7 +66,7 @@ def list_deadline_texts(farm):
 
 def test_print_gets_its_latest_start_and_end(farm):
     attempt = farm.controller.books.open_print_on("a")
-    span = farm.controller.print_limits(attempt.id)
+    span = farm.controller.situations.find_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
     assert span.not_after_s == pytest.approx(STOP - needed_s)
     assert span.ends_by_s == STOP
@@ -103,7 +103,7 @@ def test_late_start_is_refused_and_its_plate_waits(farm):
         farm.controller.books.printer("a").bed is Bed.CLEAR
         and farm.controller.books.printer("a").attention_reason is None
     )
-    (hold,) = farm.controller.plate_holds().values()
+    (hold,) = farm.controller.scheduler.find_plate_holds().values()
     assert "from Mon 08:00" in hold.text
     farm.controller.clock.now_s = parse_time("2026-11-23 08:00")
     farm.controller.handle()
@@ -200,7 +200,7 @@ def test_hours_and_start_times_follow_a_clock_step(tmp_path):
         2, Plan(later_event.parts, later_event.plates, later_event.repairs, 1.0, 500.0, 100.0, None)
     )
     farm.ready("b")
-    assert farm.controller.plate_holds()["2/01"].code is HoldCode.START_TIME
+    assert farm.controller.scheduler.find_plate_holds()["2/01"].code is HoldCode.START_TIME
     farm.controller.clock.now_s += 2 * 3600.0
     farm.controller.on_clock_set(2 * 3600.0)
     assert farm.controller.books.open_print_on("b").plate == "2/01"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.control import controller as module
+from farm.control import controller, scheduler
 from farm.model import JobOptions, Link, PrintState
 from farm.planning import Plan
 from farm.state.storage import StoreError
@@ -13,8 +13,8 @@ from recording_controller import MODEL, Farm
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
     """Make a planned job of two parts on a fleet of two printers, which counts as large."""
-    monkeypatch.setattr(module, "LARGE_FLEET", 1)
-    monkeypatch.setattr(module, "MAX_STARTS", 1)
+    monkeypatch.setattr(controller, "LARGE_FLEET", 1)
+    monkeypatch.setattr(scheduler, "MAX_STARTS", 1)
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     farm.controller.tick()
@@ -68,7 +68,7 @@ def test_a_start_that_was_left_for_later_is_dropped_once_it_is_impossible(farm):
 
 
 def test_starts_that_cannot_be_written_together_leave_the_books_as_they_were(farm, monkeypatch):
-    monkeypatch.setattr(module, "MAX_STARTS", 2)
+    monkeypatch.setattr(scheduler, "MAX_STARTS", 2)
     farm.ready("a", "b")
     books, commit = farm.controller.books, farm.store.commit
 

@@ -188,7 +188,7 @@ def test_restored_job_waits_for_every_printer_in_use(tmp_path):
     farm = approve_job(restore_farm(tmp_path))
     farm.report("a")
     farm.clear_bed("a", FilamentState.PARKED)
-    (hold,) = farm.controller.plate_holds().values()
+    (hold,) = farm.controller.scheduler.find_plate_holds().values()
     assert hold.code is HoldCode.PRINTER_UNREPORTED
     assert "b may have printed it" in hold.text
     farm.printers.begin_maintenance("b", "it burnt down", "ann")

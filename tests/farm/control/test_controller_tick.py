@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from farm.control import controller as module
+from farm.control import scheduler
 from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
 from farm.state import events as ev
@@ -37,8 +37,8 @@ def calls(monkeypatch):
         results.append(situation.now_s)
         return assign_plates(situation)
 
-    assign_plates = module.assign_plates
-    monkeypatch.setattr(module, "assign_plates", count_call)
+    assign_plates = scheduler.assign_plates
+    monkeypatch.setattr(scheduler, "assign_plates", count_call)
     return results
 
 
@@ -64,7 +64,9 @@ def test_tick_without_a_change_does_not_schedule(farm, calls):
     for seconds in range(1, 3600):
         tick(farm, NIGHT + seconds)
     assert calls == []
-    assert [hold.code for hold in farm.controller.plate_holds().values()] == [HoldCode.QUIET_HOURS]
+    assert [hold.code for hold in farm.controller.scheduler.find_plate_holds().values()] == [
+        HoldCode.QUIET_HOURS
+    ]
 
 
 def test_tick_at_the_end_of_quiet_hours_starts_the_plate(farm, calls):
@@ -117,7 +119,9 @@ def test_plate_of_a_single_lost_printer_is_reassigned(farm, calls):
     farm.controller.handle(
         ev.PrintEnded(at_s=MORNING, print_id=lost_print.id, started_s=MORNING, ended_s=MORNING, **end_fields)
     )
-    assert [hold.code for hold in farm.controller.plate_holds().values()] == [HoldCode.JUST_LOST]
+    assert [hold.code for hold in farm.controller.scheduler.find_plate_holds().values()] == [
+        HoldCode.JUST_LOST
+    ]
     tick(farm, MORNING + 10.0)
     assert farm.controller.books.open_print_on("b") is None
     tick(farm, MORNING + 11.0)

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from farm.control.dry_runs import PAGE_PATIENCE_S, PATIENCE_S, DryRuns
+from farm.control.job_commands import PAGE_PATIENCE_S, PATIENCE_S, DryRuns
 from farm.errors import Refused
 from farm.model import JobOptions, JobState
 from farm.planning.plan import Plan

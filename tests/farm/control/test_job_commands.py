@@ -64,7 +64,9 @@ def plan_for(number, state, plates=2):
 
 def describe_night_of(farm, state, number):
     controller = farm.controller
-    return describe_timeline(controller.build_view_context(state), number, controller.expected_situation())
+    return describe_timeline(
+        controller.build_view_context(state), number, controller.situations.build_expected()
+    )
 
 
 def starts(farm):
@@ -167,7 +169,7 @@ def test_reel_survives_a_restart_and_short_reels_start_nothing(farm, state, tmp_
     number = submit(farm, material="generic_pla")
     assert farm.effects.plans == [(number, ["a"], 1)]
     farm.controller.on_plan(number, plan_for(number, state, plates=1))
-    hold = farm.controller.plate_holds().get(f"{number}/01")
+    hold = farm.controller.scheduler.find_plate_holds().get(f"{number}/01")
     assert hold.code is HoldCode.REEL_TOO_SHORT
     assert "a has 4 g, it needs 8 g" in hold.text
     farm.store.close()
@@ -213,7 +215,9 @@ def test_job_with_a_start_time_is_planned_at_once_and_starts_then(farm, state):
     later_job = submit(farm, at=start_at)
     assert farm.effects.plans == [(later_job, ["a", "b"], 1)]
     farm.controller.on_plan(later_job, plan_for(later_job, state))
-    assert {hold.code for hold in farm.controller.plate_holds().values()} == {HoldCode.START_TIME}
+    assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
+        HoldCode.START_TIME
+    }
     farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
     farm.clock_s = farm.controller.books.job(later_job).not_before_s
     farm.controller.tick()
@@ -305,7 +309,7 @@ def test_spares_are_kept_in_unattended_hours_only(tmp_path, state):
         farm.controller.on_plan(first_job, plan_for(first_job, state, plates=1))
         submit(farm, "s")
         kept_spares[period] = [names for number, names, _ in farm.effects.plans if number != first_job]
-        assert farm.controller.list_reservations().get("b") == (
+        assert farm.controller.scheduler.list_reservations().get("b") == (
             "job 2" if period == "day" else "a failed part (--spares)"
         )
     assert kept_spares == {"day": [["b"]], "night": [["a", "b"]]}
@@ -322,7 +326,8 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
     printing_plates = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
     assert printing_plates == {"a": numbers[1], "b": numbers[1]}  # it was approved first
     waiting_plates = [
-        farm.controller.plate_holds().get(name).code for name in farm.controller.books.job(numbers[0]).plates
+        farm.controller.scheduler.find_plate_holds().get(name).code
+        for name in farm.controller.books.job(numbers[0]).plates
     ]
     assert waiting_plates == [HoldCode.PRINTER_BUSY] * 2
 

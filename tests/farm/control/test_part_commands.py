@@ -105,7 +105,7 @@ def test_paused_job_starts_no_plate(farm):
     ends(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
-    assert farm.controller.plate_holds().get("1/03").code is HoldCode.PAUSED
+    assert farm.controller.scheduler.find_plate_holds().get("1/03").code is HoldCode.PAUSED
     farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.open_print_on("a").plate == "1/03"
     assert farm.parts.pause(1, "p03", True, "ann") == "a"
@@ -134,7 +134,7 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
     ends(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
-    hold = farm.controller.plate_holds().get("1/03")
+    hold = farm.controller.scheduler.find_plate_holds().get("1/03")
     assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
     farm.store.close()
     farm = Farm(tmp_path)  # also over a restart
@@ -147,7 +147,7 @@ def test_paused_waiting_part_is_not_assigned(farm, tmp_path):
 def test_resumed_job_resumes_its_paused_parts(farm):
     farm.parts.pause(1, "p03", True, "ann")
     farm.jobs.pause(1, False, "ann")
-    assert farm.controller.plate_holds().get("1/03").code is not HoldCode.PAUSED
+    assert farm.controller.scheduler.find_plate_holds().get("1/03").code is not HoldCode.PAUSED
     farm.jobs.pause(1, True, "ann")
     with pytest.raises(Refused, match="job 1 is paused: `farm resume 1`"):
         farm.parts.pause(1, "p03", False, "ann")
@@ -191,13 +191,15 @@ def test_outage_blocks_starts_until_confirmed(farm):
     now_s = farm.controller.clock.now()
     ends(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
     farm.clear_bed("a")
-    assert farm.controller.plate_holds().get("1/01").code is HoldCode.JUST_LOST
+    assert farm.controller.scheduler.find_plate_holds().get("1/01").code is HoldCode.JUST_LOST
     assert farm.controller.books.open_print_on("a").plate == "1/03"
     ends(farm, "a")
     ends(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
     for name in "ab":
         farm.clear_bed(name)
-    assert {farm.controller.plate_holds().get(name).code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
+    assert {farm.controller.scheduler.find_plate_holds().get(name).code for name in ("1/01", "1/02")} == {
+        HoldCode.OUTAGE
+    }
     (item,) = list_tasks(farm.view_context(STATE))
     assert (item.code, item.printers) == ("outage", ["a", "b"])
     farm.controller.clock = Clock(2.0, now_s - 60.0)  # a minute later
@@ -223,7 +225,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     for name in "ab":
         ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
     assert farm.controller.books.outage is not None
-    assert farm.controller.plate_holds().get("2/01") is None  # no event would remove it again
+    assert farm.controller.scheduler.find_plate_holds().get("2/01") is None  # no event would remove it again
 
 
 def test_refused_start_uses_no_filament(farm):
@@ -252,7 +254,7 @@ def test_part_stopped_by_estop_waits_for_a_person(farm, say):
         farm.clear_bed("b")
     farm.controller.handle()
     assert farm.controller.books.open_print_on("b") is None
-    hold = farm.controller.plate_holds().get("1/01")
+    hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
     [task] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in task.text and "`farm resume 1/p01`" in task.text

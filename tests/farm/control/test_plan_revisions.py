@@ -70,7 +70,9 @@ def test_job_is_planned_again_for_more_printers_and_starts_only_then(farm):
     connect_at_once(farm)
     assert farm.effects.plans[1:] == [(1, list("abcdefgh"), 1)]
     assert printing(farm) == {}
-    assert {hold.code for hold in farm.controller.plate_holds().values()} == {HoldCode.BEING_REPLANNED}
+    assert {hold.code for hold in farm.controller.scheduler.find_plate_holds().values()} == {
+        HoldCode.BEING_REPLANNED
+    }
     assert farm.controller.books.jobs[1].state is JobState.PRINTING  # with its times, as before
     farm.controller.on_plan(1, make_plan(1, [3.0] * 6, "cdefgh"))
     job = farm.controller.books.jobs[1]

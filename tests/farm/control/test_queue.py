@@ -74,12 +74,12 @@ def test_moved_job_gets_the_next_free_printer_and_forecast(farm, tmp_path):
     ends_before = ends()
     assert ends_before[1] <= ends_before[2] <= ends_before[3]
     move(farm, 3, "first")
-    waiting_plates = list(farm.controller.expected_situation().waiting)
+    waiting_plates = list(farm.controller.situations.build_expected().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
     farm.store.close()
     restarted_farm = Farm(tmp_path)  # the order is in the books
     assert list_queue(restarted_farm) == [3, 1, 2]
-    waiting_plates = list(restarted_farm.controller.expected_situation().waiting)
+    waiting_plates = list(restarted_farm.controller.situations.build_expected().waiting)
     assert [plate.job for plate in waiting_plates[:3]] == [3, 3, 3]
 
 
@@ -87,7 +87,11 @@ def test_another_start_is_set_and_taken_back(farm):
     start_at = datetime.fromtimestamp(farm.controller.clock.now() + 7200.0, farm.controller.fleet.zone)
     farm.jobs.reschedule(3, start_at.isoformat(" "), "ann")
     assert farm.controller.books.job(3).not_before_s == pytest.approx(farm.controller.clock.now() + 7200.0)
-    hold_codes = {hold.code for name, hold in farm.controller.plate_holds().items() if name.startswith("3/")}
+    hold_codes = {
+        hold.code
+        for name, hold in farm.controller.scheduler.find_plate_holds().items()
+        if name.startswith("3/")
+    }
     assert hold_codes == {HoldCode.START_TIME}
     farm.jobs.reschedule(3, "now", "ann")
     assert farm.controller.books.job(3).not_before_s is None

@@ -244,13 +244,12 @@ def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, f
     assert assignment.assign_plates(moment) == expected
 
 
-@given(plates, ready_printers, printers, st.integers(1, 4))
-def test_starts_are_divided_into_portions_of_what_is_possible(waiting_plates, fleet, later_fleet, limit):
+@given(plates, ready_printers, printers)
+def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet, later_fleet):
     moment, later_moment = (make_situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet))
     assignments = assignment.assign_plates(moment)
-    starts, later_situation = assignment.divide_starts(assignments, moment, limit)
-    assert [*starts, *later_situation] == assignments and len(starts) <= limit
-    possible, _ = assignment.divide_starts(assignments, later_moment, len(assignments) + 1)
+    assert assignment.select_possible(assignments, moment) == assignments
+    possible = assignment.select_possible(assignments, later_moment)
     free_names = {p.name for p in later_moment.free}
     assert all(item in assignments and item.printer in free_names for item in possible)
     places = {plate.job: plate.places for plate in waiting_plates if plate.places is not None}

@@ -64,9 +64,9 @@ def test_cached_description_equals_a_new_one(steps, away):
         new_builder = SituationBuilder(list_bed_boxes)
         assert builder.waiting(books) == new_builder.waiting(books)
         assert builder.printers(FLEET, books, snapshots) == new_builder.printers(FLEET, books, snapshots)
-        holds = find_plate_holds(books, SECTIONS, 210.0)
-        assert find_plate_holds(books, SECTIONS, 210.0, builder.may_hold_back) == holds
-        all_values = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
+        holds = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0)
+        assert find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, builder.may_hold_back) == holds
+        all_values = find_plate_holds(books, books.jobs.values(), SECTIONS, 210.0, lambda *_: True)
         assert all_values == holds
         away = not away
 

@@ -28,14 +28,14 @@ def printer_pages(pages: PageContext) -> APIRouter:
     fleet = controller.fleet.fleet
 
     async def show(reader: Reader, name: str, note: Note | None = None) -> str:
-        context, printer = controller.build_view_context(services.state), controller.fleet_printer(name)
+        context, printer = controller.build_view_context(services.state), controller.situations.printer(name)
         page = describe_printer_page(
             context,
             name,
             controller.telemetry.list_temperatures(name, context.now_s),
             services.streams.log.read_upkeep(name, _MAX_UPKEEP),
             None if printer is None else printer.obstacle(),
-            controller.list_reservations().get(name),
+            controller.scheduler.list_reservations().get(name),
         )
         return render_printer(page, fleet, reader, note)
 

@@ -37,7 +37,10 @@ def fleet_routes(pages: PageContext) -> APIRouter:
     fleet = controller.fleet.fleet
 
     async def render_timeline_page(reader: Reader, query: TimelineQuery, note: Note | None = None) -> str:
-        context, situation = controller.build_view_context(services.state), controller.expected_situation()
+        context, situation = (
+            controller.build_view_context(services.state),
+            controller.situations.build_expected(),
+        )
         problem, change = None, None
         try:
             change = find_change(context, query)

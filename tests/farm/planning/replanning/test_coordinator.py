@@ -75,7 +75,7 @@ def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     fails(farm, "a", "1/01")
     ((plate, printers, decomposition),) = farm.effects.replans
     assert (plate, printers, decomposition) == ("1/01", ["b", "c", "d"], True)
-    hold = farm.controller.plate_holds().get("1/01")
+    hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.BEING_RECUT
     assert "b, c and d" in hold.text
     assert printing(farm) == {}
@@ -169,7 +169,7 @@ def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     fails(farm, "a", "1/01")  # its bed is inspected in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
-    assert farm.controller.plate_holds().get("1/01") is not None
+    assert farm.controller.scheduler.find_plate_holds().get("1/01") is not None
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 11.0))
     assert printing(farm) == {"b": "1/01-2"}
     assert farm.controller.books.jobs[1].parts == ("1/p01",)

@@ -156,7 +156,7 @@ def make_gallery(farm, text="reason", name="bracket"):
         snapshot = AgentSnapshot(printer=printer, link=link, reason=text, alarm=alarm, **heat)
         farm.controller.telemetry.store(snapshot, NOW_S)
     holds = dict(zip(books.jobs[1].plates, (Hold(code=code, text=text) for code in HoldCode), strict=True))
-    farm.controller.plate_holds = lambda: holds
+    farm.controller.scheduler.find_plate_holds = lambda: holds
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,163 @@
+"""Runs of the scheduler: plates start, are replanned, and jobs are planned, each as far as possible now."""
+
+from __future__ import annotations
+
+import math
+import uuid
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+
+from farm.control.effects import Effect
+from farm.control.job_planning import JobPlanning
+from farm.control.situations import Situations
+from farm.model import Hold
+from farm.planning.replanning import ReplanCoordinator
+from farm.scheduling import (
+    MAX_STARTS,
+    Assignment,
+    Situation,
+    assign_plates,
+    find_holds,
+    find_next_change_s,
+    select_possible,
+)
+from farm.state import events as ev
+
+CommitTogether = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
+"""Commits events in one transaction, and returns the resulting effects."""
+
+
+class Scheduler:
+    """Decides in each situation which plates start, are replanned, and which jobs are planned.
+
+    A run assigns plates to all printers that are free. Many of them start in portions: the farm listens
+    between two. Later portions are those of the same run, as far as each start is still possible; all else
+    waits for the next run.
+
+    Parameters
+    ----------
+    situations
+        The present situations.
+    planning, replanning
+        Jobs that are planned, and plates that are replanned.
+    commit_together
+        Commits the events of decisions.
+
+    Attributes
+    ----------
+    next_change_s
+        Farm time of the next run; minus infinity: at the next tick; infinity: only an event changes anything.
+    """
+
+    def __init__(
+        self,
+        situations: Situations,
+        planning: JobPlanning,
+        replanning: ReplanCoordinator,
+        commit_together: CommitTogether,
+    ) -> None:
+        self.next_change_s = -math.inf
+        self._situations, self._commit_together = situations, commit_together
+        self._planning, self._replanning = planning, replanning
+        self._later_starts: Sequence[Assignment] = ()  # of the last run
+
+    @property
+    def has_later_starts(self) -> bool:
+        """Return whether the last run has left starts for later."""
+        return bool(self._later_starts)
+
+    def run(self) -> Iterator[Effect]:
+        """Start a portion of the plates of the last run that remain; else begin the next run.
+
+        Yields the effects of each decision once it is committed.
+        """
+        starts = self._take_later_starts()
+        if starts:
+            yield from self._start(starts)
+        else:
+            yield from self._begin_run()
+
+    def _begin_run(self) -> Iterator[Effect]:
+        situations = self._situations
+        held_back = situations.find_held_back()
+        complete_situation = situations.build(held_back)
+        yield from self._replanning.recut_failures(situations.books, complete_situation)
+        situation = complete_situation.without(self._replanning.holds())
+        find_reservations = partial(self._find_reservations, situation)
+        revisions = self._planning.revisions
+        yield from revisions.revise(situations.books, situation, find_reservations)
+        # A job that is planned again keeps its place: no other takes its printers meanwhile.
+        revision_holds = revisions.holds(situations.books, situation.now_s)
+        assignments = [a for a in self._assign(situation) if a.plate not in revision_holds]
+        situation = situation.without(revision_holds)
+        starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
+        yield from self._start(starts)
+        if self._later_starts:
+            return
+        if starts:
+            situation = situation.without({start.plate for start in starts})
+            situation = situation.with_printers(situations.printers())
+        yield from self._replanning.reslice_waiting(situations.books, situation)
+        yield from self._admit_jobs(situation)
+        if not starts:  # a start changes which printers are reserved: the next tick schedules
+            self.next_change_s = self._find_next_change_s(situation, held_back)
+
+    def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:
+        revised_s = self._planning.revisions.next_change_s
+        other_times_s = (self._situations.startup_end_s, self._replanning.next_search_s, revised_s)
+        return find_next_change_s(situation, self._situations.books, held_back, other_times_s)
+
+    def _take_later_starts(self) -> list[Assignment]:
+        """Take the next portion of the starts that the last run has left, without those impossible now."""
+        while self._later_starts:
+            portion = self._later_starts[:MAX_STARTS]
+            self._later_starts = self._later_starts[MAX_STARTS:]
+            situation = self._situations.build_for(portion)
+            holds = self._replanning.holds() | self._planning.revisions.holds(
+                self._situations.books, situation.now_s
+            )
+            starts = select_possible(portion, situation.without(holds))
+            if starts:
+                return starts
+        return []
+
+    def _start(self, starts: Sequence[Assignment]) -> Iterator[Effect]:
+        """Start plates; the next tick goes on."""
+        now_s = self._situations.now_s
+        if starts:
+            self.next_change_s = now_s
+        yield from self._commit_together(
+            ev.PlateAssigned(at_s=now_s, plate=start.plate, printer=start.printer, print_id=uuid.uuid4().hex)
+            for start in starts
+        )
+
+    def _assign(self, situation: Situation) -> list[Assignment]:
+        """Assign plates to printers; jobs that have not started get none reserved for a replan."""
+        return self._replanning.without_reserved(self._situations.books, assign_plates(situation))
+
+    def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
+        books, is_starting = self._situations.books, self._situations.is_starting()
+        reserved_printers = self._replanning.reserved_printers
+        for event, order in self._planning.admit(books, situation, reserved_printers, is_starting):
+            yield from self._commit_together([event])
+            if order is not None:
+                self._planning.begin(order, event.at_s)
+                yield order
+
+    def _find_reservations(self, situation: Situation) -> dict[str, str]:
+        reserved_printers = self._replanning.reserved_printers
+        return self._planning.find_reservations(self._situations.books, situation, reserved_printers)
+
+    def find_plate_holds(self) -> dict[str, Hold]:
+        """Find the present hold of each waiting plate."""
+        situations = self._situations
+        revision_holds = self._planning.revisions.holds(situations.books, situations.now_s)
+        held_back = situations.find_held_back() | self._replanning.holds()
+        situation = situations.build_shown(held_back)
+        return held_back | find_holds(situation, self._assign(situation)) | revision_holds
+
+    def list_reservations(self) -> dict[str, str]:
+        """Return the free printers that are reserved, each with its purpose."""
+        situation = self._situations.build(self._situations.find_held_back())
+        assigned_plates = {assignment.plate for assignment in self._assign(situation)}
+        return self._find_reservations(situation.without(assigned_plates))

@@ -1,0 +1,151 @@
+"""Situations of the farm at the present time, from its fleet, its books and the agents' latest snapshots."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Protocol
+
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.control.telemetry import Telemetry
+from farm.model import Hold, HoldCode, Job, JobState
+from farm.scheduling import (
+    Assignment,
+    BuildVolumes,
+    FleetPrinter,
+    PrintLimits,
+    Situation,
+    SituationBuilder,
+    StartRules,
+    count_spares,
+    find_plate_holds,
+    find_print_limits,
+    update_ends,
+)
+from farm.state import Books
+
+PATIENCE_S = 30.0
+"""Wall seconds in which printers are expected to connect after the farm has started."""
+
+
+class FarmState(Protocol):
+    """State of the farm, as the controller has it."""
+
+    @property
+    def clock(self) -> Clock: ...
+
+    @property
+    def fleet(self) -> Fleet: ...
+
+    @property
+    def books(self) -> Books: ...
+
+    @property
+    def rules(self) -> StartRules: ...
+
+    @property
+    def telemetry(self) -> Telemetry: ...
+
+    @property
+    def started_s(self) -> float: ...
+
+
+class Situations:
+    """Makes situations of the present state of a farm.
+
+    Parameters
+    ----------
+    farm
+        The state, which changes.
+    build_volumes
+        Function that returns the boxes in which a printer can print.
+    """
+
+    def __init__(self, farm: FarmState, build_volumes: BuildVolumes) -> None:
+        self._farm, self._builder = farm, SituationBuilder(build_volumes)
+
+    @property
+    def now_s(self) -> float:
+        return self._farm.clock.now()
+
+    @property
+    def books(self) -> Books:
+        """Return the committed books."""
+        return self._farm.books
+
+    @property
+    def startup_end_s(self) -> float:
+        return self._farm.started_s + PATIENCE_S * self._farm.clock.scale
+
+    def is_starting(self) -> bool:
+        """Return whether the farm has just started: printers that do not answer yet are still expected."""
+        return self.now_s < self.startup_end_s
+
+    def find_held_back(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
+        """Return the holds of the plates that are excluded from assignment, of some jobs or of all."""
+        farm = self._farm
+        jobs = farm.books.jobs.values() if jobs is None else jobs
+        return find_plate_holds(
+            farm.books, jobs, farm.fleet.printers, self.now_s, self._builder.may_hold_back
+        )
+
+    def build(self, held_back: Mapping[str, Hold]) -> Situation:
+        """Return the present situation, with all waiting plates except those held back."""
+        farm = self._farm
+        return Situation(
+            waiting=self._builder.waiting(farm.books),
+            printers=self.printers(),
+            rules=farm.rules,
+            now_s=self.now_s,
+            time_scale=farm.clock.scale,
+            spares=count_spares(farm.books),
+        ).without(held_back)
+
+    def build_for(self, assignments: Collection[Assignment]) -> Situation:
+        """Return the present situation of the jobs and printers of assignments, which costs little.
+
+        All printers are in it if their number that heats up is limited. It keeps no spares: an assignment
+        that was possible does not become impossible because of them.
+        """
+        farm, books = self._farm, self._farm.books
+        numbers = dict.fromkeys(books.plates[assignment.plate].job for assignment in assignments)
+        jobs = [job for job in map(books.jobs.__getitem__, numbers) if job.state is JobState.PRINTING]
+        names = [assignment.printer for assignment in assignments]
+        printers = self.printers() if farm.rules.max_heating is not None else self._list_printers(names)
+        waiting = self._builder.waiting_of(books, jobs).without(self.find_held_back(jobs))
+        return Situation(waiting, printers, farm.rules, self.now_s, farm.clock.scale)
+
+    def build_shown(self, held_back: Mapping[str, Hold]) -> Situation:
+        """Return the present situation with the ends of running prints that people see."""
+        return update_ends(self.build(held_back), self.books, self._farm.telemetry.snapshots)
+
+    def build_expected(self) -> Situation:
+        """Return the situation for the forecast, without plates that are paused."""
+        codes, held_back = (HoldCode.PAUSED, HoldCode.STOPPED), self.find_held_back()
+        return self.build_shown({name: hold for name, hold in held_back.items() if hold.code in codes})
+
+    def prepare(self) -> None:
+        """Describe all printers and plates, so that the first run costs little more than later ones."""
+        waiting = self.build(self.find_held_back()).waiting
+        _ = waiting.planned, waiting.demands  # each job keeps its own
+
+    def printers(self) -> tuple[FleetPrinter, ...]:
+        """Describe the enabled printers to the scheduler."""
+        farm = self._farm
+        return self._builder.printers(farm.fleet, farm.books, farm.telemetry.snapshots)
+
+    def printer(self, name: str) -> FleetPrinter | None:
+        """Describe a printer to the scheduler; None if it is disabled or unknown."""
+        farm = self._farm
+        return self._builder.printer(farm.fleet, name, farm.books, farm.telemetry.snapshots)
+
+    def _list_printers(self, names: Collection[str]) -> tuple[FleetPrinter, ...]:
+        return tuple([printer for name in names if (printer := self.printer(name)) is not None])
+
+    def find_limits(self, print_id: str) -> PrintLimits:
+        """Find the time limits of a print from the attended and quiet hours."""
+        attempt = self.books.prints[print_id]
+        printer = self.printer(attempt.printer)
+        if printer is None:
+            return PrintLimits(None, None)
+        return find_print_limits(attempt, self.books, printer, self._farm.rules, self.now_s)
