@@ -1,13 +1,19 @@
 """Large fleet: one scheduling run for all reports of an interval, and starts spread over several ticks."""
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
 
 from farm.control import controller, scheduler
-from farm.model import JobOptions, Link, PrintState
+from farm.model import AgentPrint, JobOptions, Link, PrintState
 from farm.planning import Plan
+from farm.state import events as ev
 from farm.state.storage import StoreError
 from make_books import make_plan_event
-from recording_controller import MODEL, Farm
+from recording_controller import MODEL, PLUS, Farm
 
 
 @pytest.fixture
@@ -84,3 +90,112 @@ def test_starts_that_cannot_be_written_together_leave_the_books_as_they_were(far
     monkeypatch.setattr(farm.store, "commit", commit)
     farm.controller.tick()
     assert list_starts(farm) == ["a", "b"]
+
+
+def plan_jobs(farm, plates):
+    """Submit and plan one job for each number of plates; no printer is ready yet."""
+    for number, count in enumerate(plates, 1):
+        farm.jobs.submit(str(number) * 8, "m.stl", MODEL, JobOptions(printers=count % 3 or None), "ann")
+        event = make_plan_event(number, count)
+        plan = Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None)
+        farm.controller.handle(ev.PlanningStarted(at_s=1.0, job=number))
+        farm.controller.on_plan(number, plan)
+
+
+def make_farm(folder, plates, printers):
+    farm = Farm(Path(folder), models=(PLUS,) * printers)
+    plan_jobs(farm, plates)
+    farm.ready(*farm.controller.fleet.names)
+    return farm
+
+
+def list_pairs(farm):
+    return sorted((attempt.plate, attempt.printer) for attempt in farm.controller.books.open_prints())
+
+
+@pytest.fixture
+def large(monkeypatch):
+    monkeypatch.setattr(controller, "LARGE_FLEET", 1)
+
+
+fleets = st.lists(st.integers(1, 4), min_size=1, max_size=4), st.integers(2, 8)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@given(*fleets, st.integers(1, 4))
+def test_portions_start_what_one_run_starts(large, plates, printers, portion):
+    """Decide the same in portions as at once, although each portion looks at its own jobs only."""
+    pairs = []
+    for max_starts in (portion, 100):
+        with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+            patch.setattr(scheduler, "MAX_STARTS", max_starts)
+            farm = make_farm(folder, plates, printers)
+            for _ in range(20):
+                farm.controller.tick()
+            pairs.append(list_pairs(farm))
+            farm.store.close()
+    assert pairs[0] == pairs[1] and pairs[0]
+
+
+CHANGES = {
+    "its printer is absent": lambda farm, start: farm.ready(start.printer, link=Link.ABSENT, agent_pid=None),
+    "its bed is unknown": lambda farm, start: farm.ready(
+        start.printer, bed_unknown_reason="its board was reset"
+    ),
+    "an alarm": lambda farm, start: farm.ready(start.printer, alarm="it gets hotter"),
+    "a fault": lambda farm, start: farm.ready(start.printer, link=Link.FAULT, reason="stopped by estop"),
+    "maintenance": lambda farm, start: farm.printers.begin_maintenance(start.printer, "its nozzle", "ann"),
+    "its job is paused": lambda farm, start: farm.jobs.pause(int(start.plate[0]), True, "ann"),
+    "its job is cancelled": lambda farm, start: farm.jobs.cancel(int(start.plate[0]), "ann"),
+    "its part is cancelled": lambda farm, start: farm.parts.cancel(
+        int(start.plate[0]), start.plate.replace("/", "/p"), "ann"
+    ),
+    "the farm is shut down": lambda farm, start: setattr(farm.controller, "stopping", True),
+}
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@given(*fleets, st.sampled_from(sorted(CHANGES)), st.data())
+def test_start_that_a_change_between_two_portions_forbids_is_dropped(large, plates, printers, change, data):
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scheduler, "MAX_STARTS", 1)
+        farm = make_farm(folder, plates, printers)
+        farm.controller.tick()
+        later_starts = farm.controller.scheduler._later_starts
+        assume(later_starts)
+        start = data.draw(st.sampled_from(later_starts))
+        patch.setattr(controller.Controller, "_schedule", lambda _: iter(()))  # the change alone
+        CHANGES[change](farm, start)
+        patch.undo()
+        patch.setattr(scheduler, "MAX_STARTS", 1)
+        patch.setattr(controller, "LARGE_FLEET", 1)
+        for _ in range(20):
+            farm.controller.tick()
+        assert (start.plate, start.printer) not in list_pairs(farm)
+        prints = list(farm.controller.books.prints.values())
+        assert len({attempt.printer for attempt in prints}) == len({attempt.plate for attempt in prints})
+        assert len(prints) == len({attempt.plate for attempt in prints})
+        farm.store.close()
+
+
+def lose_print(farm, printer):
+    attempt = farm.controller.books.open_print_on(printer)
+    report = AgentPrint(
+        print_id=attempt.id, state=PrintState.FAILED, fault="port_lost", reason="no answer", progress_s=5.0,
+        print_time_s=90.0, extruded=True, started_s=attempt.assigned_s, ended_s=attempt.assigned_s,
+    )  # fmt: skip
+    farm.ready(printer, link=Link.ABSENT, print=report)
+
+
+def test_no_start_that_was_left_for_later_begins_in_an_outage(large, monkeypatch, tmp_path):
+    monkeypatch.setattr(scheduler, "MAX_STARTS", 2)
+    farm = make_farm(tmp_path / "farm", [6], 6)
+    farm.controller.tick()
+    for _, printer in list_pairs(farm):
+        lose_print(farm, printer)
+    assert farm.controller.books.outage is not None and farm.controller.scheduler.has_later_starts
+    farm.controller.tick()
+    assert list_pairs(farm) == [] and not farm.controller.scheduler.has_later_starts
+    farm.printers.confirm_outage("ann")
+    farm.controller.tick()
+    assert [printer for _, printer in list_pairs(farm)] == ["c", "d", "e", "f"]
