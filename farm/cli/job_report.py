@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 from farm import api
 from farm.cli.client import Client
@@ -46,7 +47,8 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
         Finds the files that the daemon names.
     """
     view = client.job(number).job
-    now = datetime.fromisoformat(client.status().fleet.now)
+    fleet = client.status().fleet
+    now = datetime.fromisoformat(fleet.now).astimezone(ZoneInfo(fleet.timezone))
     part_by_files = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
     picture_by_files = {files: _find_picture(part, find_file) for files, part in part_by_files.items()}
     pictures = {

@@ -75,7 +75,7 @@ def render_page(
     job, others
         The job, and the prints of all jobs.
     now
-        Farm time, up to which open prints are drawn.
+        Farm time, up to which open prints are drawn, in the farm's time zone, which the page names.
     facts
         Figures of the job, each with a name, as text.
     contents
@@ -87,7 +87,7 @@ def render_page(
         title=f"Job {job.id}: {job.name}, {job.state}",
         job=job,
         facts=facts,
-        zone=now.tzname(),
+        zone=str(now.tzinfo),
         palette=Markup(load_palette()),
         gantt=lay_out_gantt(list_bars(job, others, now)),
         failures=_list_failures(job),
