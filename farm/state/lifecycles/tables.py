@@ -1,7 +1,7 @@
 """Lifecycles of jobs, plates, prints and printers: tables of events and the states they connect. Pure.
 
-`farm.state.transitions.apply` rejects all other transitions. The state diagrams of the documentation are
-generated from these tables.
+`farm.state.transitions.apply_event` rejects all other transitions. The state diagrams of the documentation
+are generated from these tables.
 """
 
 from __future__ import annotations

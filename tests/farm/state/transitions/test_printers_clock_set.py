@@ -44,8 +44,8 @@ def test_loss_before_a_backward_clock_step_is_notified_and_repeated():
     books, _ = apply_events(
         make_printing_books(plates=1), *lost_events, ev.ClockSet(at_s=1000.0, by_s=-4000.0)
     )
-    assert find_plate_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
-    assert find_plate_holds(books, [], 1000.0) == {}
+    assert find_plate_holds(books, books.jobs.values(), [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
+    assert find_plate_holds(books, books.jobs.values(), [], 1000.0) == {}
     assert [item.key for item in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
