@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import TypeVar
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition, finish_result
 
-T = TypeVar("T")
 PRICED_FACES = 300_000  # faces of the whole model that are priced: twice as many change the price by 0.5 %
 PRICE_TOLERANCES_MM = (0.02, 0.05)
 
@@ -60,21 +58,13 @@ def decompose_model(
     began_s = perf_counter()
     validate_problem(model, tuple(printers), options)
     vertices, faces = simplify_for_price(model.solid).arrays()
-    serial = _begin(executor, partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
-    serial_s = perf_counter() - began_s
     problem = Problem(model, tuple(printers), cost, options, executor)
+    serial = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
+    serial_s = perf_counter() - began_s
     by_engine = partial(_run_engine, serial=serial)
     partition = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
     stages = partition.compute_s | {"serial": serial_s, "total": perf_counter() - began_s}
     return replace(partition, compute_s=stages)
-
-
-def _begin(executor: Executor | None, work: Callable[[], T]) -> Callable[[], T]:
-    """Start a function in the executor, or call it without one; return a function that gives its result."""
-    if executor is None:
-        result = work()
-        return lambda: result
-    return executor.submit(work).result
 
 
 def _run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:

@@ -26,12 +26,14 @@ from decompose.grid.grid import (
     find_flat_coordinates,
 )
 from decompose.grid.needed_cells import SAME_MM, NeededCells, refine_cells
+from decompose.grid.threads import SHARES, run_shares
 
 __all__ = [
     "CLEAR_MM",
     "GRANULARITY",
     "OVERHANG",
     "SAME_MM",
+    "SHARES",
     "VOLUME",
     "Box",
     "BoxTables",
@@ -52,4 +54,5 @@ __all__ = [
     "interval",
     "price_boxes",
     "refine_cells",
+    "run_shares",
 ]

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ from decompose.grid.box_index import Box, Shape, box_index, compute_index
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.grid.piece_counts import count_pieces
+from decompose.grid.threads import SHARES, run_shares
 from decompose.jit import jit
 from decompose.print_time import SEEN_MM2, CostModel, Prices, price
 from decompose.printers import PrinterRoom
@@ -198,23 +201,28 @@ def _add_contents(total: Contents, contents: Contents) -> None:
 
 
 @jit
-def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, tables: PriceTables) -> None:
-    """Price every box of a grid: rows of cells are added up to layers, and layers to boxes.
+def _price_share(
+    needed: Bools, sums: Floats, ends: Floats, pricing: Pricing, tables: PriceTables, share: int
+) -> None:
+    """Price a share of all boxes of a grid: rows of cells are added up to layers, and layers to boxes.
 
     Parameters
     ----------
-    needed, sums, extents
+    needed, sums
         As in `Grid`.
+    ends
+        Of `_find_cell_ends`.
     pricing
         Rooms, cut areas and prices.
     tables
         Filled in.
+    share
+        Boxes that begin at each cell of this number, counted by `SHARES`, along x.
     """
     nx, ny, nz = shape = needed.shape
-    ends = _find_cell_ends(needed, extents)
     row = Contents(np.zeros((ny, nz, sums.shape[3])), np.zeros((ny, nz, 12)))
     layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
-    for x0 in range(nx):
+    for x0 in range(share, nx, SHARES):
         for y in range(ny):
             _reset_contents(Contents(row.sums[y], row.ends[y]))
         for x1 in range(x0 + 1, nx + 1):
@@ -263,7 +271,9 @@ def list_rooms(printers: Sequence[PrinterRoom]) -> Floats:
     return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (max_boxes - len(boxes)) for boxes in distinct])
 
 
-def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) -> BoxTables:
+def price_boxes(
+    grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel, executor: Executor | None = None
+) -> BoxTables:
     """Price every box of a grid.
 
     Parameters
@@ -274,6 +284,8 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
         Printers; a box fits where it fits the room of each of them.
     cost
         Print time of a part.
+    executor
+        Executor for half of the work, threads are enough; None to do it serially.
     """
     prefix = []
     for axis, cut in enumerate(grid.cuts):
@@ -288,7 +300,8 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
         np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
     )
     pricing = Pricing(list_rooms(printers), cuts, cost.prices())
-    _price_all(grid.needed, grid.sums, grid.extents, pricing, tables)
+    ends = _find_cell_ends(grid.needed, grid.extents)
+    run_shares(executor, partial(_price_share, grid.needed, grid.sums, ends, pricing, tables))
     pieces = np.ones(total, np.int16)
-    count_pieces(grid.shape, grid.bodies, tables.trimmed, tables.seconds, pieces)
+    count_pieces(grid.shape, grid.bodies, tables.trimmed, tables.seconds, pieces, executor)
     return BoxTables(grid.shape, tables.seconds, tables.trimmed, pieces, tables.cut_mm2)

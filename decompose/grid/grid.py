@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
 from decompose.grid.clipping import VOLUME, clip_into_cells
-from decompose.grid.piece_counts import CellBodies, find_bodies
+from decompose.grid.piece_counts import NO_BODIES, CellBodies, find_bodies
 
 GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
@@ -86,7 +86,7 @@ class Grid:
     cuts
         For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
     bodies
-        Bodies of the solid in each cell.
+        Bodies of the solid in each cell; found by `build_grid` alone.
     """
 
     planes: tuple[Floats, Floats, Floats]
@@ -218,6 +218,8 @@ def build_grid(
 def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
     """Fill a grid of given planes over a closed mesh, which lies between the outermost; see `build_grid`.
 
+    The bodies in its cells are not found.
+
     Parameters
     ----------
     planes
@@ -254,8 +256,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
     if not rules.keep_interior:
         needed = (cells == Cell.BOUNDARY) | _find_wall(cells, surface, planes, rules.min_wall_mm)
     cut_areas = (cuts[0], cuts[1], cuts[2])
-    bodies = _find_bodies(extents, cut_areas, 1)
-    return Grid(planes, cells, needed, sums, area, extents, surface, cut_areas, bodies)
+    return Grid(planes, cells, needed, sums, area, extents, surface, cut_areas, NO_BODIES)
 
 
 def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], times: int) -> CellBodies:

@@ -12,6 +12,7 @@ import numpy as np
 
 from decompose.arrays import Bools, Floats
 from decompose.grid.grid import Cell, Grid, GridRules, divide_planes, fill_grid
+from decompose.jit import jit
 
 SAME_MM = 1e-9  # maximum distance of coordinates of the same plane
 MAX_DIVISION = 4
@@ -88,9 +89,29 @@ class NeededCells:
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
         if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():
             return False
-        lengths = []
-        for axis, planes in enumerate(self.planes):
-            inside = np.minimum(hi[:, axis, None], planes[1:]) - np.maximum(lo[:, axis, None], planes[:-1])
-            lengths.append(np.maximum(0.0, inside) / np.diff(planes))
-        share = np.einsum("nx,ny,nz->xyz", *lengths, optimize=True)
-        return bool((share[self.needed] > 1.0 - OPEN_SHARE).all())
+        x_shares, y_shares, z_shares = (
+            np.maximum(
+                0.0,
+                np.minimum(hi[:, axis, None], planes[1:]) - np.maximum(lo[:, axis, None], planes[:-1]),
+            )
+            / np.diff(planes)
+            for axis, planes in enumerate(self.planes)
+        )
+        return bool(_covers(x_shares, y_shares, z_shares, self.needed))
+
+
+@jit
+def _covers(x_shares: Floats, y_shares: Floats, z_shares: Floats, needed: Bools) -> bool:
+    """Check whether boxes cover all needed cells (nx, ny, nz), but for rounding.
+
+    x_shares, y_shares, z_shares: (n, nx), (n, ny) and (n, nz) share of each cell's length in each box.
+    """
+    covered = np.zeros(needed.shape)
+    for box in range(len(x_shares)):
+        rows, places = np.flatnonzero(y_shares[box]), np.flatnonzero(z_shares[box])
+        for x in np.flatnonzero(x_shares[box]):
+            for y in rows:
+                area = x_shares[box, x] * y_shares[box, y]
+                for z in places:
+                    covered[x, y, z] += area * z_shares[box, z]
+    return not np.any(needed & (covered <= 1.0 - OPEN_SHARE))

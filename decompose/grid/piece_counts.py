@@ -6,6 +6,8 @@ higher than that of the true solid, and mostly equal to it.
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Ints
 from decompose.geometry.shells import label_components
 from decompose.grid.box_index import interval
+from decompose.grid.threads import SHARES, run_shares
 from decompose.jit import jit
 
 
@@ -35,6 +38,9 @@ class CellBodies(NamedTuple):
     first: Ints
     first_link: Ints
     links: Ints
+
+
+NO_BODIES = CellBodies(np.zeros(0, np.int64), np.zeros((3, 0), np.int64), np.zeros((3, 0, 2), np.int64))
 
 
 def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int) -> CellBodies:
@@ -139,7 +145,7 @@ def _find_last_top(
     base
         Index of a box without the share of its last axis, and its bottom along that axis.
     order, trimmed, seconds
-        As in `_count_in_order`.
+        As in `_count_share`.
     """
     row, bottom = base
     for top in range(order.sizes[2], bottom, -1):
@@ -192,17 +198,21 @@ def _add_layer(
 
 
 @jit
-def _count_in_order(
+def _count_share(
     order: _Order,
     bodies: CellBodies,
     trimmed: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
+    share: int,
 ) -> None:
-    """Count the pieces of every box that may be printed; see `count_pieces`."""
+    """Count the pieces of a share of the boxes that may be printed; see `count_pieces`.
+
+    share: boxes that begin at each cell of this number, counted by `SHARES`, along the outermost axis.
+    """
     na, nb, nc = order.sizes
     parent = np.zeros(bodies.first[-1], np.int32)
-    for a0 in range(na):
+    for a0 in range(share, na, SHARES):
         for a1 in range(a0 + 1, na + 1):
             for b0 in range(nb):
                 for b1 in range(b0 + 1, nb + 1):
@@ -223,6 +233,7 @@ def count_pieces(
     trimmed: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
+    executor: Executor | None = None,
 ) -> None:
     """Count the pieces of every box that may be printed.
 
@@ -238,6 +249,8 @@ def count_pieces(
         Of `BoxTables`.
     pieces
         (boxes,) filled in.
+    executor
+        Executor for half of the work, threads are enough; None to do it serially.
     """
     _, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
@@ -249,4 +262,4 @@ def count_pieces(
         (cell_strides[a], cell_strides[b], cell_strides[c]),
         (box_strides[a], box_strides[b], box_strides[c]),
     )
-    _count_in_order(order, bodies, trimmed, seconds, pieces)
+    run_shares(executor, partial(_count_share, order, bodies, trimmed, seconds, pieces))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -105,6 +105,13 @@ class Problem:
         """Call a function for each item, in parallel with an executor; the results are in order."""
         return map(function, *arguments) if self.executor is None else self.executor.map(function, *arguments)
 
+    def start(self, work: Callable[[], T]) -> Callable[[], T]:
+        """Start work in the executor; return a function that waits for its result.
+
+        Without an executor the work is done when the result is asked for, once.
+        """
+        return cache(work) if self.executor is None else self.executor.submit(work).result
+
     def granularity(self, model: Model) -> int:
         """Choose the granularity of the grid for a model in the frame of the cut."""
         room_ratio = max(model.extents_mm) / min(self.room_mm)
@@ -127,7 +134,7 @@ class Problem:
 
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
         """Price every box of a grid; it fits where it fits these rooms, by default those of all printers."""
-        boxes = price_boxes(grid, list(rooms or self.rooms), self.cost)
+        boxes = price_boxes(grid, list(rooms or self.rooms), self.cost, self.executor)
         self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
@@ -141,11 +148,8 @@ class Problem:
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
         makespan_s = boxes.longest_s(partition)
-        prove = partial(bound_makespan, boxes, grid.needed, len(self.printers), makespan_s)
-        if self.executor is None:
-            return lambda: prove().seconds
-        proof = self.executor.submit(prove)
-        return lambda: proof.result().seconds
+        proof = self.start(partial(bound_makespan, boxes, grid.needed, len(self.printers), makespan_s))
+        return lambda: proof().seconds
 
     def compute_grid_figures(
         self,

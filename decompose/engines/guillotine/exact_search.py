@@ -10,12 +10,14 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from decompose.bound import bound_by_surface_s
 from decompose.engines.guillotine.neighbourhood import improve_locally, sort_times_s
 from decompose.engines.guillotine.partitioner import Partitioner
+from decompose.engines.guillotine.plane_moves import refine_needed_cells
 from decompose.engines.guillotine.plane_shift import estimate_shift_s, shift_planes
 from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, format_size
@@ -44,6 +46,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
         There are more pieces than printers; the error has the number that would be enough.
     """
     grid, boxes, bound_s = build_tables(problem)
+    find_cells = problem.start(partial(refine_needed_cells, problem, grid))
     engine = ExactSearch(problem, grid, boxes, bound_s)
     is_proven = problem.options.prove and math.isinf(problem.best_known_s)  # even if the planes gain by it
     problem.effort.reserved_s = estimate_shift_s(problem, len(problem.printers))
@@ -51,13 +54,14 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     problem.effort.reserved_s = 0.0
     problem.on_stage("search")
     proof = problem.start_proof(grid, boxes, list(partition)) if is_proven else None
-    pieces = tuple(shift_planes(problem, grid, partition))
+    pieces = tuple(shift_planes(problem, grid, partition, find_cells()))
     is_promising = (
         problem.thorough and problem.compute_makespan_s(pieces) < CLOSE_RATIO * problem.best_known_s
     )
     if is_promising and not problem.effort.is_spent():
         for looser in engine.list_looser_partitions(list(partition)):
-            pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.compute_makespan_s)
+            other_pieces = tuple(shift_planes(problem, grid, looser, find_cells()))
+            pieces = min(pieces, other_pieces, key=problem.compute_makespan_s)
             if problem.effort.is_spent():
                 break
     problem.on_stage("planes")

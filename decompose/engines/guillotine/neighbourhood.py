@@ -21,7 +21,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.grid import Box, BoxTables, Shape, box_index, compute_index, interval
+from decompose.grid import Box, BoxTables, Shape, box_index, compute_index, find_interval_ends, interval
 from decompose.jit import jit
 from decompose.problem import Effort, Work
 
@@ -66,7 +66,7 @@ def _join_ends(
     trimmed: npt.NDArray[np.int32],
     ends: npt.NDArray[np.int16],
     parts: tuple[int, int],
-    joined_ends: npt.NDArray[np.int16],
+    box: int,
 ) -> bool:
     """Join the ends of the two parts of a box; False if there is nothing to be covered in either.
 
@@ -75,23 +75,22 @@ def _join_ends(
     trimmed
         (boxes,) -1 for a box without cells to be covered.
     ends
-        (boxes, 6) int16 ends of the box about the cells to be covered.
+        (boxes, 6) int16 ends of the box about the cells to be covered; those of the box are filled in.
     parts
         Indices of the two parts.
-    joined_ends
-        (6,) filled in.
+    box
+        Index of the box.
     """
     lower, upper = parts
     if trimmed[lower] < 0 and trimmed[upper] < 0:
         return False
     if trimmed[lower] < 0:
-        joined_ends[:] = ends[upper]
+        lower = upper
     elif trimmed[upper] < 0:
-        joined_ends[:] = ends[lower]
-    else:
-        for k in range(3):
-            joined_ends[k] = min(ends[lower, k], ends[upper, k])
-            joined_ends[k + 3] = max(ends[lower, k + 3], ends[upper, k + 3])
+        upper = lower
+    for k in range(3):
+        ends[box, k] = min(ends[lower, k], ends[upper, k])
+        ends[box, k + 3] = max(ends[lower, k + 3], ends[upper, k + 3])
     return True
 
 
@@ -123,22 +122,32 @@ def _fill_tables(
     seconds, trimmed, pieces = tables
     wx, wy, wz = shape = own.shape
     ends = np.zeros((len(seconds), 6), np.int16)  # the price of the box about the cells to be covered
-    for dx, dy, dz in np.ndindex(wx, wy, wz):
-        for x0, y0, z0 in np.ndindex(wx - dx, wy - dy, wz - dz):
-            x1, y1, z1 = x0 + dx + 1, y0 + dy + 1, z0 + dz + 1
-            box = compute_index((x0, y0, z0, x1, y1, z1), shape)
-            e = ends[box]
-            if dx == 0 and dy == 0 and dz == 0:
-                if not own[x0, y0, z0]:
-                    continue
-                e[0], e[1], e[2], e[3], e[4], e[5] = x0, y0, z0, x1, y1, z1
-            elif not _join_ends(trimmed, ends, _cut_in_two((x0, y0, z0, x1, y1, z1), shape), e):
-                continue
-            trimmed[box] = compute_index((e[0], e[1], e[2], e[3], e[4], e[5]), shape)
-            if trimmed[box] == box and _count_cells(others, (x0, y0, z0, x1, y1, z1)) == 0:
-                on_grid = compute_index((x + x0, y + y0, z + z0, x + x1, y + y1, z + z1), grid_shape)
-                seconds[box] = grid_seconds[on_grid]
-                pieces[box] = grid_pieces[on_grid]
+    box = -1
+    for ix in range(wx * (wx + 1) // 2):
+        x0, x1 = find_interval_ends(ix, wx)
+        for iy in range(wy * (wy + 1) // 2):
+            y0, y1 = find_interval_ends(iy, wy)
+            for dz in range(1, wz + 1):
+                for z0 in range(wz - dz + 1):
+                    box += 1
+                    sides = (x0, y0, z0, x1, y1, z0 + dz)
+                    if x1 - x0 == 1 and y1 - y0 == 1 and dz == 1:
+                        if not own[x0, y0, z0]:
+                            continue
+                        for k in range(6):
+                            ends[box, k] = sides[k]
+                    elif not _join_ends(trimmed, ends, _cut_in_two(sides, shape), box):
+                        continue
+                    trimmed[box] = compute_index(
+                        (ends[box, 0], ends[box, 1], ends[box, 2], ends[box, 3], ends[box, 4], ends[box, 5]),
+                        shape,
+                    )
+                    if trimmed[box] == box and _count_cells(others, sides) == 0:
+                        on_grid = compute_index(
+                            (x + x0, y + y0, z + z0, x + x1, y + y1, z + z0 + dz), grid_shape
+                        )
+                        seconds[box] = grid_seconds[on_grid]
+                        pieces[box] = grid_pieces[on_grid]
 
 
 @jit

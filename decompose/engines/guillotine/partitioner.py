@@ -16,7 +16,7 @@ all ways to divide the printers between them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -35,7 +35,7 @@ from decompose.engines.guillotine.recursion import (
     lower_boxes,
 )
 from decompose.engines.guillotine.ties import find_tied_keys
-from decompose.grid import Box, BoxTables, box_at, box_index, count_cuts, interval
+from decompose.grid import SHARES, Box, BoxTables, box_at, box_index, count_cuts, interval, run_shares
 
 LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
 MAX_TIED = 120_000_000  # maximum number of values in all states with which ties are broken, to save memory
@@ -93,10 +93,18 @@ class Partitioner:
         total = len(self._states) * len(self.boxes.seconds)
         self._value = np.empty(total, np.int64) if dense else np.empty(total, np.int16)
         for length in range(1, self.boxes.shape[0] + 1):
-            _run_halves(self._executor, partial(self._solve_length, length), self.boxes.shape[0] - length + 1)
+            count = self.boxes.shape[0] - length + 1
+            if count < SHARES:
+                self._solve_length(length, 0, count)
+            else:
+                run_shares(self._executor, partial(self._solve_half, length, count))
         self.sums += len(self._sums) * count_cuts(self.boxes.shape)
         self._has_ties = ties and not dense
         return min(int(self.list_class_shares()[1][-1]), UNREACHABLE)
+
+    def _solve_half(self, length: int, count: int, half: int) -> None:
+        """Solve the first or the second half of `count` boxes of one length along x."""
+        self._solve_length(length, half * count // SHARES, (half + 1) * count // SHARES)
 
     def _solve_length(self, length: int, first: int, end: int) -> None:
         """Solve the boxes of one length along x that begin from a cell `first` to a cell `end`, half-open."""
@@ -249,20 +257,6 @@ class Partitioner:
     def longest_s(self) -> float:
         """Find the time of the costliest box of the last solution on a printer of the first class."""
         return self.boxes.longest_s(self.list_chosen_boxes())
-
-
-def _run_halves(executor: Executor | None, work: Callable[[int, int], None], count: int) -> None:
-    """Call work for the halves of `count` items, one in an executor; a half that it has not begun, here."""
-    middle = (count + 1) // 2
-    if executor is None or middle == count:
-        work(0, count)
-        return
-    second = executor.submit(work, middle, count)
-    work(0, middle)
-    if second.cancel():
-        work(middle, count)
-    else:
-        second.result()
 
 
 def list_class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:

@@ -15,8 +15,11 @@ import numpy as np
 from scipy.optimize import linprog
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid import SAME_MM, Box, NeededCells
+from decompose.grid import SAME_MM, Box, Grid, NeededCells, refine_cells
+from decompose.options import Interior
+from decompose.problem import Problem
 
+MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes in the test of the covering
 MOVE_S_MM = 0.05  # minimum gain in s for each mm of a move, so that no face moves without a gain
 
 
@@ -62,6 +65,14 @@ def fill_out_boxes(partition: Sequence[Box], empty: Bools) -> list[Box]:
                         boxes[box] = larger
                         free[_slice_cells(larger)] = False
     return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
+
+
+def refine_needed_cells(problem: Problem, grid: Grid) -> NeededCells:
+    """Refine the needed cells of a grid over a problem's model as far as its partitions allow."""
+    vertices, faces = problem.model.solid.arrays()
+    keep = problem.options.interior is Interior.KEEP
+    max_cells = MAX_COVERED // len(problem.printers)
+    return refine_cells(grid, vertices[faces], problem.options.min_wall_mm, keep, max_cells)
 
 
 def _slice_cells(box: Ints) -> tuple[slice, ...]:

@@ -31,6 +31,7 @@ from decompose.engines.guillotine.plane_moves import (
     group_faces,
     keep_clear,
     move_groups,
+    refine_needed_cells,
     solve_plane_shifts,
 )
 from decompose.grid import (
@@ -40,9 +41,7 @@ from decompose.grid import (
     Grid,
     NeededCells,
     find_flat_coordinates,
-    refine_cells,
 )
-from decompose.options import Interior
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
 from decompose.print_time import Pose, measure_pose
 from decompose.printers import PrinterRoom
@@ -61,18 +60,21 @@ MIN_GAIN = 0.0015  # minimum gain that a step has to promise, as a share of the 
 MIN_TOTAL_GAIN = 0.003  # minimum gain of a search after which another one starts from its result
 PLANE_DIGITS = 6  # decimals of the place of a moved plane, in mm
 MIN_MOVE_MM = 0.02
-MAX_COVERED = 20_000_000  # maximum number of fine cells times boxes in the test of the covering
 MAX_SOLUTIONS = 4  # maximum number of solutions of a step, each with more planes stopped by flat faces
 MEAN_PRICINGS = 10  # mean number of times that a search prices each part: for its slopes, and after its moves
 
 
-def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
+def shift_planes(
+    problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]], cells: NeededCells | None = None
+) -> list[Piece]:
     """Move the cut planes of a partition so that its slowest piece, truly posed, ends soonest.
 
     Parameters
     ----------
     cut
         The boxes of a partition of the grid, and the pieces in each.
+    cells
+        The grid's needed cells of `refine_needed_cells`, if they are known.
 
     Returns
     -------
@@ -82,7 +84,7 @@ def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]
     """
     grown_boxes = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
-        problem, grid, np.array([grid.bounds_mm(box) for box in grown_boxes]), list(cut.values())
+        problem, grid, np.array([grid.bounds_mm(box) for box in grown_boxes]), list(cut.values()), cells
     )
 
 
@@ -94,7 +96,11 @@ def estimate_shift_s(problem: Problem, parts: int) -> float:
 
 
 def shift_box_planes(
-    problem: Problem, grid: Grid, boxes_mm: Floats, pieces: Sequence[Sequence[Piece]]
+    problem: Problem,
+    grid: Grid,
+    boxes_mm: Floats,
+    pieces: Sequence[Sequence[Piece]],
+    cells: NeededCells | None = None,
 ) -> list[Piece]:
     """Move the planes of boxes (n, 2, 3) in mm, on a grid or not, with the pieces in each.
 
@@ -109,18 +115,16 @@ def shift_box_planes(
         (n, 2, 3) corners of disjoint boxes that cover the needed cells.
     pieces
         The pieces in each box.
+    cells
+        The grid's needed cells of `refine_needed_cells`, if they are known.
 
     Returns
     -------
     list[Piece]
         As in `shift_planes`.
     """
-    vertices, faces = problem.model.solid.arrays()
-    keep = problem.options.interior is Interior.KEEP
-    problem.effort.record(Work.FACE_GRIDDED, len(faces))
-    cells = refine_cells(
-        grid, vertices[faces], problem.options.min_wall_mm, keep, MAX_COVERED // len(boxes_mm)
-    )
+    problem.effort.record(Work.FACE_GRIDDED, problem.model.solid.faces)
+    cells = refine_needed_cells(problem, grid) if cells is None else cells
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -170,3 +171,12 @@ def test_solves_of_long_and_flat_grids_are_short(size_mm: tuple[float, float, fl
 def test_flat_model_has_about_as_many_boxes_as_a_cube(size_mm: tuple[float, float, float]) -> None:
     boxes = np.prod([n * (n + 1) // 2 for n in count_cells(np.array(size_mm), 15)])
     assert boxes <= 1.5 * (15 * 16 // 2) ** 3
+
+
+def test_tables_are_the_same_when_threads_share_the_work(
+    grid: Grid, boxes: BoxTables, recipe_cost: CostModel
+) -> None:
+    with ThreadPoolExecutor(1) as executor:
+        shared_boxes = price_boxes(grid, [HUGE], recipe_cost, executor)
+    for name in ("seconds", "trimmed", "pieces", "cut_mm2"):
+        np.testing.assert_array_equal(getattr(shared_boxes, name), getattr(boxes, name))

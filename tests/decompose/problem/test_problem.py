@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -103,3 +104,13 @@ def test_reported_time_includes_every_attempt(ring_with_bar: Solid, cost: CostMo
     result = decompose_model(Model(ring_with_bar, (), 1.0), fleet(*[1.0] * 4), options, cost)
     assert result.attempts[0].compute_s > 0.0
     assert result.compute_s["total"] >= sum(item.compute_s for item in result.attempts)
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_started_work_is_done_once(threads: int, cost: CostModel) -> None:
+    calls: list[int] = []
+    with ThreadPoolExecutor(1) as executor:
+        problem = replace(task(cost, fleet(1.0)), executor=executor if threads else None)
+        wait = problem.start(lambda: calls.append(len(calls)) or len(calls))
+        assert wait() == wait() == 1
+    assert calls == [0]

@@ -63,7 +63,9 @@ def test_earliest_end_after_plane_shifts_is_chosen(task: Problem, monkeypatch: p
     ends: dict[int, float] = {}
     results: list[tuple[Piece, ...]] = []
 
-    def reverse_shift(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
+    def reverse_shift(
+        problem: Problem, grid: object, cut: dict[Box, list[Piece]], cells: object
+    ) -> list[Piece]:
         pieces = tuple(piece for pieces_of_box in cut.values() for piece in pieces_of_box)
         results.append(pieces)
         ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(results) - 1]
