@@ -53,8 +53,11 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
     for t in range(len(triangles)):
         for corner in range(3):
             for axis in range(3):
-                lo[axis] = min(lo[axis], triangles[t, corner, axis])
-                hi[axis] = max(hi[axis], triangles[t, corner, axis])
+                place = triangles[t, corner, axis]
+                if place < lo[axis]:
+                    lo[axis] = place
+                if place > hi[axis]:
+                    hi[axis] = place
     return lo, hi
 
 

@@ -71,7 +71,7 @@ class Columns:
         """Measure the area of a brim around all that stands on the bed, but not in its holes."""
         if width_mm <= 0.0:
             return 0.0
-        stands = ndimage.binary_fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
+        stands = _fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
         # The outline lies half a column beyond the middle of the last column inside.
         away_mm = (ndimage.distance_transform_edt(~stands) - 0.5) * self.step_mm
         return float((~stands & (away_mm <= width_mm)).sum() * self.step_mm**2) if stands.any() else 0.0
@@ -122,6 +122,12 @@ def measure_columns(
         volumes_mm3=sums.levels[:, 3] * area,
         centres_mm=sums.levels[:, :3] / mass,
     )
+
+
+def _fill_holes(mask: Bools) -> Bools:
+    """Fill the holes of a mask (nx, ny) whose rim is empty."""
+    labels, _ = ndimage.label(~mask)
+    return np.asarray(labels != labels[0, 0])
 
 
 def _find_row_ends(is_marked: Bools) -> Floats:

@@ -10,6 +10,7 @@ from scipy.spatial.distance import pdist
 
 from decompose.arrays import Floats
 from decompose.geometry import find_convex_outline, find_half_planes
+from decompose.jit import jit
 
 FIRST_LAYER_MM = 0.15  # height of the middle of the first layer, at which it is cut
 SHARP_DEG = 120.0
@@ -101,52 +102,62 @@ class Footing:
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
+@jit
 def _measure_first_layer(triangles: Floats) -> tuple[float, float, Floats]:
-    """Measure the first layer: area in mm2, length of the outline in mm, and points (n, 2) that span it."""
-    low_triangles = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
-    areas_mm2 = (
-        np.cross(low_triangles[:, 1] - low_triangles[:, 0], low_triangles[:, 2] - low_triangles[:, 0])[:, 2]
-        / 2.0
-    )
-    order = np.argsort(low_triangles[:, :, 2], axis=1)[:, :, None]
-    corners = np.take_along_axis(low_triangles, order, axis=1)
-    z = corners[:, :, 2]
-    one_in_layer = z[:, 1] >= FIRST_LAYER_MM  # triangles with one corner in the layer, and with two
-    two_in_layer = ~one_in_layer & (z[:, 2] >= FIRST_LAYER_MM)
-    share = np.ones(len(low_triangles))
-    share[one_in_layer] = _compute_corner_share(z[one_in_layer])
-    share[two_in_layer] = 1.0 - _compute_corner_share(z[two_in_layer][:, ::-1])
-    ends = np.concatenate(
-        [
-            np.stack(
-                [_find_crossings(corners[one_in_layer], 0, 1), _find_crossings(corners[one_in_layer], 0, 2)],
-                axis=1,
-            ),
-            np.stack(
-                [
-                    _find_crossings(corners[two_in_layer], 0, 2),
-                    _find_crossings(corners[two_in_layer], 1, 2),
-                ],
-                axis=1,
-            ),
-        ]
-    )
-    # By the divergence theorem the area of a section is the downward area below it minus the upward area.
-    area_mm2 = max(0.0, -float((areas_mm2 * share).sum()))
-    outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
-    return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])
+    """Measure the first layer: area in mm2, length of the outline in mm, and points (n, 2) that span it.
+
+    By the divergence theorem the area of a section is the downward area below it minus the upward area.
+    """
+    area_mm2, outline_mm, count = 0.0, 0.0, 0
+    points = np.zeros((4 * _count_low(triangles), 2))
+    ends = np.zeros((2, 2))
+    for t in range(len(triangles)):
+        below = 0
+        for corner in range(3):
+            if triangles[t, corner, 2] < FIRST_LAYER_MM:
+                below += 1
+                points[count] = triangles[t, corner, :2]
+                count += 1
+        if below == 0:
+            continue
+        a, b, c = triangles[t]
+        down_mm2 = ((b[1] - a[1]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[1] - a[1])) / 2.0
+        if below == 3:
+            area_mm2 += down_mm2
+            continue
+        share = _cut_triangle(triangles[t], below == 1, ends)
+        area_mm2 += down_mm2 * (share if below == 1 else 1.0 - share)
+        outline_mm += np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
+        points[count : count + 2] = ends
+        count += 2
+    return max(0.0, area_mm2), outline_mm, points[:count].copy()
 
 
-def _compute_corner_share(z: Floats) -> Floats:
-    """Compute the share of a triangle's area below the first layer, by heights (m, 3), corner first."""
-    apex, b, c = z.T
-    share: Floats = (FIRST_LAYER_MM - apex) ** 2 / ((b - apex) * (c - apex))
-    return share
+@jit
+def _count_low(triangles: Floats) -> int:
+    """Count the triangles (m, 3, 3) that reach into the first layer."""
+    count = 0
+    for t in range(len(triangles)):
+        if min(triangles[t, 0, 2], triangles[t, 1, 2], triangles[t, 2, 2]) < FIRST_LAYER_MM:
+            count += 1
+    return count
 
 
-def _find_crossings(corners: Floats, a: int, b: int) -> Floats:
-    """Find the points (m, 2) where the edges between two corners cross the first layer."""
-    start, end = corners[:, a], corners[:, b]
-    share = (FIRST_LAYER_MM - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
-    points: Floats = start[:, :2] + share * (end - start)[:, :2]
-    return points
+@jit
+def _cut_triangle(triangle: Floats, is_apex_below: bool, ends: Floats) -> float:
+    """Cut a triangle (3, 3) with one corner, its apex, on the other side of the first layer's height.
+
+    ends: (2, 2) filled in with the ends of the cut. Returns the share of the area on the side of the apex.
+    """
+    apex = 0
+    for corner in range(3):
+        if (triangle[corner, 2] < FIRST_LAYER_MM) == is_apex_below:
+            apex = corner
+    product = 1.0
+    for k in range(2):
+        other = (apex + 1 + k) % 3
+        share = (FIRST_LAYER_MM - triangle[apex, 2]) / (triangle[other, 2] - triangle[apex, 2])
+        product *= share
+        for axis in range(2):
+            ends[k, axis] = triangle[apex, axis] + share * (triangle[other, axis] - triangle[apex, axis])
+    return product

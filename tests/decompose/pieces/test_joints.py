@@ -7,6 +7,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,6 +17,7 @@ from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
 from decompose.options import BestOptions, Engine, Options
 from decompose.pieces import JointFace, Piece, cut_box, find_cut_faces, find_faults, find_joints
+from decompose.pieces.joints import _unite_triangles
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
@@ -248,3 +250,20 @@ def test_faces_lie_on_planes_that_were_not_rounded() -> None:
     at_mm = 20.1234567890123
     (joint,) = find_joints(cut(make_block((0, 0, 0), (60, 40, 30)), x=(at_mm,)))
     assert joint.faces[0].offset_mm == at_mm
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    corners=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=3, max_size=12, unique=True)
+)
+def test_triangles_are_united_whether_they_overlap_or_meet_edge_to_edge(
+    corners: list[tuple[int, int]],
+) -> None:
+    """A fan about the first corner overlaps itself unless the corners happen to surround it in order."""
+    points = np.array(corners, dtype=np.float64)
+    fan = np.stack([np.broadcast_to(points[0], points[1:-1].shape), points[1:-1], points[2:]], axis=1)
+    triangles = shapely.polygons(np.concatenate([fan, fan[:, :1]], axis=1))
+    triangles = triangles[shapely.area(triangles) > 0.0]
+    union = _unite_triangles(triangles)
+    assert union.is_valid
+    assert shapely.area(union.symmetric_difference(shapely.union_all(triangles))) < 1e-9
