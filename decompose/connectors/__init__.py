@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decompose.connectors.coupon import Coupon, make_coupon
-from decompose.connectors.faces import Blank, rings_of
+from decompose.connectors.faces import Blank, polygons_of, rings_of
 from decompose.connectors.pins import pairs_of
 from decompose.connectors.plan import drill, plan_connectors
 from decompose.connectors.records import Connectors, Mark, Pin, Tool, distance_mm
@@ -23,6 +23,7 @@ __all__ = [
     "make_coupon",
     "pairs_of",
     "plan_connectors",
+    "polygons_of",
     "read_pair_distances_mm",
     "rings_of",
 ]

@@ -2,6 +2,8 @@
 
 A key serves joints whose rims have no room for a hole. Its groove is shallow and tapers, so that it stays
 inside of a thin wall which slopes. It holds the parts across its length by its sides, along it by its ends.
+Where faces slide over each other, keys lie along the direction of the step: the groove of one part ends on
+both sides, and that of the other leaves it through a face that closes, so that the key enters there.
 """
 
 from __future__ import annotations
@@ -16,10 +18,17 @@ import shapely
 from scipy.spatial.distance import cdist
 
 from decompose.arrays import Bools, Floats
-from decompose.connectors.coverage import Site, find_far_glue, sort_by_gain
+from decompose.connectors.coverage import Site, find_far_glue, sample_points, sort_by_gain
 from decompose.connectors.faces import Room, Side
 from decompose.connectors.records import KEY_RIM_MM, Pin, Tool
-from decompose.connectors.tools import GROOVE_SIN, closes_in_a_step, make_groove, overhang_sin
+from decompose.connectors.tools import (
+    GROOVE_SIN,
+    LIP_MM,
+    closes_in_a_step,
+    cut_at_exit,
+    make_groove,
+    overhang_sin,
+)
 from decompose.pieces import list_polygons
 
 SHORT_MM = 5.0  # length of the shorter key of a pair, and of further ones
@@ -31,15 +40,27 @@ MAX_TRIED = 20  # places that are tried, the best first
 PITCH_MM = 3.0  # of the points between which grooves are tried
 MAX_POINTS = 150  # of them on one face
 SLACK_MM = 0.05  # rounding of buffers
+MAX_EXIT_MM = 40.0  # longest way of a key that slides through its groove
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyPlace:
-    """Place where a key may lie: its site, its middle (3,), and its direction (3,)."""
+    """Place where a key may lie.
+
+    Attributes
+    ----------
+    site, at_mm, along
+        Its faces, its middle (3,), and its direction (3,).
+    open_part, exit_mm
+        Part whose groove leaves it along that direction, and how far from the middle; None where no groove
+        does.
+    """
 
     site: Site
     at_mm: Floats
     along: Floats
+    open_part: int | None = None
+    exit_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +81,42 @@ class KeyMaker:
         """List the places on the sites where a key of a length has its wall on both sides."""
         return [place for site in sites for place in self._find_on_site(site, length_mm)]
 
+    def find_sliding_places(
+        self, sites: Sequence[Site], exits: Sequence[Site], length_mm: float
+    ) -> list[KeyPlace]:
+        """List the places on faces that slide, the nearest to its exit first.
+
+        Parameters
+        ----------
+        sites
+            Faces that slide over each other along the direction of the step.
+        exits
+            Faces of the step that close along it.
+        length_mm
+            Length of the key.
+        """
+        places = [
+            place
+            for site in sites
+            for seat in self._find_seats(site, length_mm)
+            for place in self._find_exits(site, seat, exits)
+        ]
+        return sorted(places, key=lambda place: place.exit_mm)
+
     def make(self, place: KeyPlace, length_mm: float) -> Pin | None:
         """Make a key with its grooves; None where one of them does not print without support."""
         site = place.site
-        ends = place.at_mm + self._groove_mm(site, length_mm) / 2.0 * np.outer([-1.0, 1.0], place.along)
+        half_mm = self._groove_mm(site, length_mm) / 2.0
         grooves: list[Tool] = []
         for side in (site.moved, site.fixed):
             up = self.room.blanks[side.part].up
+            is_open = side.part == place.open_part
+            ends_mm = [-half_mm, place.exit_mm + LIP_MM if is_open else half_mm]
+            ends = place.at_mm + np.outer(ends_mm, place.along)
             groove = make_groove(side.part, ends, side.into, self._depth_mm(site))
             if overhang_sin(groove.points_mm, side.into, up) > GROOVE_SIN or closes_in_a_step(groove, up):
                 return None
-            grooves.append(groove)
+            grooves.append(cut_at_exit(groove, ends[1], place.along) if is_open else groove)
         return Pin(
             step=self.step,
             joint=site.moved.joint,
@@ -112,6 +158,44 @@ class KeyMaker:
             for n in np.flatnonzero(shapely.covers(polygon.buffer(SLACK_MM / 2.0), lines)).tolist():
                 direction = along[n] @ site.moved.face.axes
                 yield KeyPlace(site, site.moved.lift(middles[n]), direction)
+
+    def _find_seats(self, site: Site, length_mm: float) -> Floats:
+        """Find the middles (n, 3) of keys along the direction of the step, with their wall on both sides."""
+        room = shapely.intersection_all(
+            [self._find_room(side, self._depth_mm(site)) for side in (site.moved, site.fixed)]
+        )
+        middles = site.moved.flatten(sample_points(site.moved, room, PITCH_MM))
+        half = self._groove_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
+        lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
+        shapely.prepare(room)
+        return site.moved.lift(middles[shapely.covers(room, lines)])
+
+    def _find_exits(self, site: Site, seat_mm: Floats, exits: Sequence[Site]) -> Iterator[KeyPlace]:
+        """Find the faces through which the groove of a part can leave it from a seat (3,).
+
+        The moved part comes from its direction, so that its groove leaves it against that, and that of the
+        fixed part along it.
+        """
+        wide_mm = self._depth_mm(site) + KEY_RIM_MM + SLACK_MM
+        for side, along in ((site.moved, -self.direction), (site.fixed, self.direction)):
+            area = None
+            for exit_site in exits:
+                end = exit_site.moved if side is site.moved else exit_site.fixed
+                if end.part != side.part:
+                    continue
+                exit_mm = float((end.face.offset_mm * end.face.normal - seat_mm) @ along)
+                if not 0.0 < exit_mm <= MAX_EXIT_MM:
+                    continue
+                across = wide_mm * np.cross(side.into, along)
+                section = seat_mm + exit_mm * along + np.array([-across, across])
+                below = [section + depth_mm * side.into for depth_mm in (SLACK_MM, wide_mm)]
+                if not end.face.outline.covers(_hull(end.flatten(np.concatenate(below)))):
+                    continue
+                if area is None:
+                    area = self.room.find_solid_area(side, wide_mm, KEY_RIM_MM)
+                way = np.concatenate([seat_mm + np.array([-across, across]), section - SLACK_MM * along])
+                if area.covers(_hull(side.flatten(way))):
+                    yield KeyPlace(site, seat_mm, along, side.part, exit_mm)
 
     def _find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find where the bottom of a groove may be, level by level, as its sides taper."""
@@ -188,10 +272,26 @@ class KeyPlacer:
             if places:
                 self._place_first(sort_by_gain(np.array([place.at_mm for place in places]), far))
 
+    def place_sliding(self, sites: Sequence[Site]) -> None:
+        """Place short keys on faces that slide, where most glue is far from the others."""
+        count = -1
+        while len(self.pins) > count:
+            count = len(self.pins)
+            far = find_far_glue(self.glue_mm, self.pins)
+            places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far) else []
+            places = self._list_free(places)
+            if places:
+                numbers = sort_by_gain(np.array([place.at_mm for place in places]), far)
+                self._try([places[number] for number in numbers])
+
     def _place_first(self, numbers: Sequence[int]) -> None:
         places = self._list_places(SHORT_MM)
-        for number in numbers[:MAX_TRIED]:
-            key = self.maker.make(places[number], SHORT_MM)
+        self._try([places[number] for number in numbers[:MAX_TRIED]])
+
+    def _try(self, places: Sequence[KeyPlace]) -> None:
+        """Place a short key at the first of some places where its grooves print without support."""
+        for place in places[:MAX_TRIED]:
+            key = self.maker.make(place, SHORT_MM)
             if key is not None:
                 self._add(key)
                 return
@@ -204,9 +304,12 @@ class KeyPlacer:
         """List the places of a length that are not near a key or pin of the step."""
         if length_mm not in self._places:
             self._places[length_mm] = self.maker.find_places(self.sites, length_mm)
+        return self._list_free(self._places[length_mm])
+
+    def _list_free(self, places: Sequence[KeyPlace]) -> list[KeyPlace]:
         return [
             place
-            for place in self._places[length_mm]
+            for place in places
             if all(np.linalg.norm(place.at_mm - pin.at_mm) > NEAREST_MM for pin in self.pins)
         ]
 
@@ -220,6 +323,10 @@ class KeyPlacer:
     def _flat(self, points_mm: Floats) -> Floats:
         direction = self.maker.direction
         return points_mm - np.outer(points_mm @ direction, direction)
+
+
+def _hull(points: Floats) -> shapely.Geometry:
+    return shapely.MultiPoint(points).convex_hull
 
 
 def _list_rim(polygon: shapely.Polygon) -> Floats:

@@ -38,6 +38,7 @@ COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # further inside, where that keeps this sh
 ROUND_MM = 0.03  # by which an inner corner of a buffer may be cut
 CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
 ALONG = 0.999
+LEVEL = 1e-7  # maximum sine of the angle between a face that slides and its direction
 
 
 def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
@@ -75,9 +76,9 @@ def place_pins(
     for number, step in enumerate(assembly.steps):
         held_joints = [j for j in step.joints if joints[j].holds(min_glue_mm2)]
         pairs = [pair for j in held_joints for pair in find_sides(room.blanks, j, joints[j])]
-        sites = _find_sites(pairs, step)
+        sites, sliding_sites = _find_sites(pairs, step), _find_sites(pairs, step, sliding=True)
         glue_mm = sample_glue([side for side, _ in pairs])
-        placer = _Placer(room, number, step, sites, glue_mm, options.pin_mm)
+        placer = _Placer(room, number, step, sites, sliding_sites, glue_mm, options.pin_mm)
         placed = placer.place([*options.taken_mm, *_pair_distances_mm(pins)])
         pins += placed
         if not placed:
@@ -106,12 +107,18 @@ def _pair_distances_mm(pins: Sequence[Pin]) -> list[float]:
     return [distance_mm(*pair) for pair in pairs_of(pins).values()]
 
 
-def _find_sites(pairs: Sequence[tuple[Side, Side]], step: AssemblyStep) -> list[Site]:
-    """List the faces that close along the direction of a step, of the sides of all that it glues."""
+def _find_sites(
+    pairs: Sequence[tuple[Side, Side]], step: AssemblyStep, *, sliding: bool = False
+) -> list[Site]:
+    """List the faces that close along the direction of a step, or that slide along it.
+
+    `pairs`: the sides of all faces that it glues.
+    """
     sites = []
     for one, other in pairs:
         moved, fixed = (one, other) if one.part in step.moved else (other, one)
-        if float(moved.into @ step.direction) > ALONG:
+        along = float(moved.into @ step.direction)
+        if abs(along) < LEVEL if sliding else along > ALONG:
             sites.append(Site(moved, fixed))
     return sites
 
@@ -124,6 +131,7 @@ class _Placer:
     number: int
     step: AssemblyStep
     sites: list[Site]
+    sliding_sites: list[Site]
     glue_mm: Floats
     pin_mm: float
 
@@ -163,6 +171,8 @@ class _Placer:
             pins.append(further)
         for placer in thin_keys:
             placer.place_further()
+        for placer in (keys, *thin_keys):
+            placer.place_sliding(self.sliding_sites)
         return pins
 
     @property

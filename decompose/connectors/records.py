@@ -10,6 +10,7 @@ from decompose.arrays import Floats
 
 RIM_MM = 1.2  # minimum distance of a tool from the outside of its part, and from another tool
 KEY_RIM_MM = 0.8  # minimum distance of the groove of a key from the outside: two lines
+SLIDING_COS = 0.999  # minimum cosine between a key that slides and the direction of its step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,12 +27,16 @@ class Tool:
         (3,) unit vector from that face into the part.
     face_mm
         Coordinate of that face along `into`.
+    exit
+        (3,) unit vector along which a groove also leaves its part, through another face that is glued; None
+        for a tool that opens at one face only.
     """
 
     part: int
     points_mm: Floats
     into: Floats
     face_mm: float
+    exit: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +62,8 @@ class Pin:
     holes
         Holes, or grooves, in the moved part and in the fixed one.
     along
-        (3,) unit vector in which a key lies; None for a pin in holes.
+        (3,) unit vector in which a key lies; None for a pin in holes. If it is that of the step, the faces
+        slide over each other, and one of the grooves has an exit through which the key enters it.
     """
 
     step: int
@@ -75,6 +81,11 @@ class Pin:
     def rod_axis(self) -> Floats:
         """Unit vector (3,) along the pin itself."""
         return self.axis if self.along is None else self.along
+
+    @property
+    def slides(self) -> bool:
+        """Whether it is a key that enters one of its grooves lengthwise, while the faces slide."""
+        return self.along is not None and abs(float(self.along @ self.axis)) > SLIDING_COS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -99,6 +100,12 @@ def make_groove(part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROO
     cone = np.vstack([rim - LIP_MM * into, depth_mm * into])
     points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
     return Tool(part, points, into, float(ends_mm[0] @ into))
+
+
+def cut_at_exit(groove: Tool, end_mm: Floats, along: Floats) -> Tool:
+    """Cut a groove square at its end (3,), where it leaves the part along a unit vector (3,)."""
+    beyond_mm = ((groove.points_mm - end_mm) @ along).clip(min=0.0)
+    return replace(groove, points_mm=groove.points_mm - np.outer(beyond_mm, along), exit=along)
 
 
 def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:

@@ -41,23 +41,29 @@ def list_blank_faces(decomposition: Decomposition, joint: int) -> list[str]:
 def list_pins(decomposition: Decomposition, joint: int) -> list[dict[str, str]]:
     """List the pins of a joint, with their numbers in the report."""
     return [
-        {"id": str(number), "kind": "pin" if pin.along is None else "key", "size": format_size(pin)}
+        {"id": str(number), "kind": name_kind(pin), "size": format_size(pin)}
         for number, pin in enumerate(decomposition.connectors.pins, 1)
         if pin.joint == joint
     ]
 
 
+def name_kind(pin: Pin) -> str:
+    """Name the kind of a pin."""
+    return "pin" if pin.along is None else "sliding key" if pin.slides else "key"
+
+
 def explain_pins(decomposition: Decomposition, step: int) -> str:
     """Explain the use of a step's pins, or why it has none; empty if no pins were requested."""
     pins = [pin for pin in decomposition.connectors.pins if pin.step == step]
-    if decomposition.options.connectors.pin_mm is None:
+    pin_mm = decomposition.options.connectors.pin_mm
+    if pin_mm is None:
         return ""
     if not pins:
         reasons = dict(decomposition.connectors.unpinned)
         reason = reasons.get(step, "its holes were left out")
         return f"No pins ({reason}): line the faces up by their rims."
     upright = [pin for pin in pins if pin.along is None]
-    keys = [pin for pin in pins if pin.along is not None]
+    keys = [pin for pin in pins if pin.along is not None and not pin.slides]
     sentences = []
     if upright:
         sentences.append(f"Put {_count(upright, 'pin')} into the lower body first, as drawn.")
@@ -65,8 +71,15 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
         sentences.append("The longer one belongs into the deeper hole: exchanged, the joint stays open.")
     if keys:
         sentences.append(f"Lay {_count(keys, 'key')} into the grooves of the lower body, as drawn.")
-        if min(key.diameter_mm for key in keys) < (decomposition.options.connectors.pin_mm or 0.0):
-            sentences.append("Without filament of that size leave these grooves empty, and line the rims up.")
+    for n, body in enumerate(("lower", "upper")):
+        sliding = [pin for pin in pins if pin.slides and pin.holes[n].exit is not None]
+        if sliding:
+            sentences.append(
+                f"Glue {_count(sliding, 'sliding key')} into the short grooves of the {body} body first: "
+                "the long grooves of the other one slide over them."
+            )
+    if any(pin.along is not None and pin.diameter_mm < pin_mm for pin in pins):
+        sentences.append("Without filament of that size leave these grooves empty, and line the rims up.")
     if len(pins) == 1 and upright:
         sentences.append("One pin leaves a turn free: line the rims up.")
     return " ".join(sentences)

@@ -21,11 +21,13 @@ PRICES_S = {
     "mark upright": 6.0,
     "mark level": 13.0,
     "gutter mm": 0.7,
+    "sliding mm": 0.7,  # groove of a key that slides, beyond the length of the key
 }
 
 
 def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
-    """Count the tools of a part by the names of their prices; gutters by their length in mm.
+    """Count the tools of a part by the names of their prices; gutters, and the grooves of keys that
+    slide, by their length in mm.
 
     Parameters
     ----------
@@ -54,7 +56,13 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
         for gutter in connectors.gutters
         if gutter.part == part
     )
-    return amounts + Counter({"gutter mm": round(length_mm)})
+    sliding_mm = sum(
+        float(np.ptp(hole.points_mm @ pin.rod_axis)) - pin.length_mm
+        for pin in connectors.pins
+        for hole in pin.holes
+        if hole.part == part and hole.exit is not None
+    )
+    return amounts + Counter({"gutter mm": round(length_mm), "sliding mm": round(sliding_mm)})
 
 
 def price_connectors(connectors: Connectors, part: int, up: Floats) -> float:

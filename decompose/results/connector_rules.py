@@ -12,7 +12,7 @@ import shapely
 
 from decompose.arrays import Floats
 from decompose.assembly import AssemblyStep
-from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, rings_of
+from decompose.connectors import Blank, Connectors, Pin, Tool, distance_mm, pairs_of, polygons_of, rings_of
 from decompose.errors import Rule
 from decompose.geometry import Solid, choose_plane_axes
 from decompose.pieces import Joint
@@ -24,11 +24,13 @@ RIM_MM = 1.15  # least wall around a tool, and between two: the rim of the searc
 FILM_MM = 0.06  # depth at a face that rounding may leave undecided
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
 SIDE = -0.99
+SWELL_MM = 0.005  # by which tools are larger in the check that nothing else was removed
 THIN_MM = 0.05  # what is thinner is an error of the operation where faces of tools nearly coincide
 KEY_END_MM = 0.25  # free at each end of a key
 KEY_RIM_MM = 0.75  # least wall around the groove of a key
 COAXIAL = 1.0 - 1e-9
 LEVEL = 1e-6
+FAR_MM = 2000.0  # beyond all parts
 OPEN_MM = 1.0  # gap by which a body that is turned half around has to stay open
 
 
@@ -82,14 +84,18 @@ class DrilledParts:
         removed_solid = undrilled.subtract(drilled)
         if _is_thick(drilled.subtract(undrilled)):
             yield Rule.DRILLED, "material was added"
-        if _is_thick(removed_solid.subtract(Solid.union(tools))):
+        if _is_thick(
+            removed_solid.subtract(Solid.union([_swell(t) for group in groups for t in group.tools]))
+        ):
             yield Rule.DRILLED, "more was removed than the holes and marks"
         if len(drilled.pieces()) != 1:
             yield Rule.DRILLED, "it is not one piece any more"
-        sleeves = Solid.union([group.sleeve() for group in groups])
-        if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3:
+        sleeves = Solid.union([group.sleeve() for group in groups if not group.exits])
+        if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
+            _is_thick(self._subtract_all(group.sleeve())) for group in groups if group.exits
+        ):
             yield Rule.SKIN, "the wall around a hole or mark is too thin"
-        if any(not group.is_hidden() for group in groups):
+        if any(not group.is_hidden(undrilled) for group in groups):
             yield Rule.SKIN, "a hole or mark is not inside of its joint"
         if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _is_near(a, b)):
             yield Rule.SKIN, "two holes or marks are too near to each other"
@@ -100,21 +106,56 @@ class DrilledParts:
             if group.measure_ceiling_mm2(self.blanks[part].up) > group.speck_mm2:
                 yield Rule.SUPPORT_FREE, f"the ceiling of a {group.kind} closes in one step"
 
+    def _subtract_all(self, solid: Solid) -> Solid:
+        """Cut all undrilled parts out of a solid: what is left is outside of the model, or in a gap."""
+        for blank in self.blanks:
+            solid = solid if solid.is_empty else solid.subtract(blank.solid)
+        return solid
+
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
         step = self.steps[pin.step]
         moved, fixed = pin.holes
-        along = moved.into @ step.direction, -fixed.into @ step.direction, pin.axis @ step.direction
-        if min(along) < COAXIAL or moved.part not in step.moved or fixed.part not in step.fixed:
+        if moved.part not in step.moved or fixed.part not in step.fixed or not _closes(pin, step):
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
-        axis = pin.rod_axis
-        if pin.along is not None and abs(float(pin.along @ pin.axis)) > LEVEL:
+        if pin.along is not None and abs(float(pin.along @ moved.into)) > LEVEL:
             yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
-        circle = shapely.Point(pin.at_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
-        middle_mm = float(pin.at_mm @ axis)
-        rod = _extrude(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + pin.length_mm / 2.0)
+        rod = _make_rod(pin)
         for hole in pin.holes:
             if rod.intersect(self.drilled[hole.part]).volume_mm3 > EPS_MM3:
                 yield Rule.PINNED, f"a pin of step {pin.step + 1} does not go into its hole"
+            if hole.exit is None:
+                continue
+            way = _make_rod(pin, hole.exit)
+            body = step.moved if hole is moved else step.fixed
+            if any(way.intersect(self.drilled[part]).volume_mm3 > EPS_MM3 for part in body):
+                yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
+
+
+def _closes(pin: Pin, step: AssemblyStep) -> bool:
+    """Check whether the direction of a step brings a pin into its holes.
+
+    A key that slides has one groove with an exit: the moved part's against the direction, or the fixed
+    part's along it.
+    """
+    moved, fixed = pin.holes
+    if float(pin.axis @ step.direction) < COAXIAL or float(-moved.into @ fixed.into) < COAXIAL:
+        return False
+    exits = [None if hole.exit is None else float(hole.exit @ step.direction) for hole in pin.holes]
+    if not pin.slides:
+        return exits == [None, None] and float(moved.into @ step.direction) >= COAXIAL
+    return abs(float(moved.into @ step.direction)) < LEVEL and (
+        (exits[1] is None and exits[0] is not None and exits[0] < -COAXIAL)
+        or (exits[0] is None and exits[1] is not None and exits[1] > COAXIAL)
+    )
+
+
+def _make_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
+    """Build the body of a pin, or all that it sweeps on its way out of a groove."""
+    axis = pin.rod_axis if exit_direction is None else exit_direction
+    circle = shapely.Point(pin.at_mm @ choose_plane_axes(axis).T).buffer(pin.diameter_mm / 2.0)
+    middle_mm = float(pin.at_mm @ axis)
+    far_mm = pin.length_mm / 2.0 if exit_direction is None else FAR_MM
+    return _extrude(circle, axis, middle_mm - pin.length_mm / 2.0, middle_mm + far_mm)
 
 
 def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list[str]:
@@ -200,11 +241,19 @@ class _Group:
         reach_mm = max(float((tool.points_mm @ first.into).max()) for tool in self.tools)
         return _extrude(self._draw_outline(), first.into, first.face_mm + FILM_MM, reach_mm + RIM_MM)
 
-    def is_hidden(self) -> bool:
-        """Check that the mouths with their rim lie in a face of the joint."""
+    @property
+    def exits(self) -> bool:
+        """Whether it is a groove that leaves its part through a second face."""
+        return self.tools[0].exit is not None
+
+    def is_hidden(self, undrilled: Solid) -> bool:
+        """Check that the mouths with their rim, as far as the part reaches, lie in a face of the joint."""
         into = self.tools[0].into
         across = choose_plane_axes(into)
         outline = self._draw_outline()
+        if self.exits:
+            wall = self.sleeve().intersect(undrilled)
+            outline = polygons_of(wall.project(np.vstack([across, into])))
         for face in self.joint.faces:
             along = float(face.normal @ into)
             if abs(along) < COAXIAL or abs(face.offset_mm * along - self.tools[0].face_mm) > 1e-6:
@@ -220,7 +269,8 @@ class _Group:
     def measure_ceiling_mm2(self, up: Floats) -> float:
         """Measure the area of a layer over the tools that needs support."""
         first = self.tools[0]
-        return measure_ceiling_mm2([tool.points_mm for tool in self.tools], first.into, first.face_mm, up)
+        tools = [tool.points_mm for tool in self.tools]
+        return measure_ceiling_mm2(tools, first.into, first.face_mm, up, first.exit)
 
     def overhang(self, up: Floats) -> float:
         """Compute the angle of the flattest ceiling from the vertical, from the triangles of the tools."""
@@ -231,7 +281,10 @@ class _Group:
             normals = np.cross(b - a, c - a)
             sizes = np.linalg.norm(normals, axis=1)
             normals = normals[sizes > 1e-6] / sizes[sizes > 1e-6, None]
-            sides = normals[normals @ tool.into > SIDE]
+            is_open = normals @ tool.into <= SIDE
+            if tool.exit is not None:
+                is_open |= normals @ tool.exit > COAXIAL
+            sides = normals[~is_open]
             steepest = max(steepest, float((sides @ up).max()))
         return math.asin(min(1.0, steepest))
 
@@ -239,6 +292,12 @@ class _Group:
 _CORNERS = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
 _SPHERE = _CORNERS[_CORNERS.any(axis=1)] / np.linalg.norm(_CORNERS[_CORNERS.any(axis=1)], axis=1)[:, None]
 """Points (26, 3) on the unit sphere."""
+
+
+def _swell(tool: Tool) -> Solid:
+    """Build a tool that is larger by a film, as operations on solids err where faces coincide."""
+    offsets = tool.points_mm - tool.points_mm.mean(axis=0)
+    return Solid.hull(tool.points_mm + SWELL_MM * offsets / np.linalg.norm(offsets, axis=1)[:, None])
 
 
 def _is_thick(solid: Solid) -> bool:

@@ -23,7 +23,13 @@ LEVEL = 0.5  # minimum vertical component of the normal of a level face; others 
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
 
-def measure_ceiling_mm2(tools: Sequence[Floats], into: Floats, face_mm: float, up: Floats) -> float:
+def measure_ceiling_mm2(
+    tools: Sequence[Floats],
+    into: Floats,
+    face_mm: float,
+    up: Floats,
+    exit_direction: Floats | None = None,
+) -> float:
     """Measure the largest area of a layer over a hollow that needs support.
 
     Parameters
@@ -36,21 +42,34 @@ def measure_ceiling_mm2(tools: Sequence[Floats], into: Floats, face_mm: float, u
         Coordinate of the face along `into`.
     up
         (3,) the bed's up in the pose of the part, in the same frame.
+    exit_direction
+        (3,) unit vector along which they leave the part through another face, above which nothing is printed.
     """
     rise = float(into @ up)
     if rise < -LEVEL:
         return 0.0  # a hollow that opens upwards only gets wider
     corners_mm = np.concatenate(tools)
+    high_mm = float((corners_mm @ up).max()) + 2.0 * LAYER_MM
+    if exit_direction is not None:
+        tools = [_lengthen(tool, exit_direction) for tool in tools]
+        high_mm -= 3.0 * LAYER_MM * float(exit_direction @ up > 0.0)
     bodies = [Solid.hull(tool) for tool in tools]
     if rise <= LEVEL:
         bodies.append(_build_air(corners_mm, into, face_mm, up))
     hollow = Solid.union(bodies)
     frame = np.vstack([choose_plane_axes(up), up])
-    low_mm, high_mm = float((corners_mm @ up).min()), float((corners_mm @ up).max())
-    layers = np.arange(low_mm + LAYER_MM / 2.0, high_mm + 2.0 * LAYER_MM, LAYER_MM)
+    low_mm = float((corners_mm @ up).min())
+    layers = np.arange(low_mm + LAYER_MM / 2.0, high_mm, LAYER_MM)
     areas = np.array([_cut_layer(hollow, frame, at_mm) for at_mm in layers])
     open_below = shapely.buffer(areas[:-1], -REACH_MM - SLACK_MM, quad_segs=4)
     return float(shapely.area(shapely.difference(open_below, areas[1:])).max(initial=0.0))
+
+
+def _lengthen(corners_mm: Floats, direction: Floats) -> Floats:
+    """Continue a convex body with corners (n, 3) beyond its end in a direction (3,)."""
+    along_mm = corners_mm @ direction
+    end = corners_mm[along_mm > along_mm.max() - LAYER_MM / 2.0]
+    return np.concatenate([corners_mm, end + AIR_MM * direction])
 
 
 def _build_air(corners_mm: Floats, into: Floats, face_mm: float, up: Floats) -> Solid:
