@@ -88,9 +88,12 @@ def place_pins(
 
 
 def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
-    """Find the pair of each step that has one: its first two pins, unless they are alike."""
+    """Find the pair of each step that has one: its first two pins, unless they are alike.
+
+    Keys that slide belong to no pair, as their long grooves take any key.
+    """
     by_step: dict[int, list[Pin]] = {}
-    for pin in pins:
+    for pin in (pin for pin in pins if not pin.slides):
         by_step.setdefault(pin.step, []).append(pin)
     return {
         step: (own[0], own[1])
@@ -99,8 +102,9 @@ def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
     }
 
 
-def _describe_shape(pin: Pin) -> tuple[float, float, bool]:
-    return pin.length_mm, pin.diameter_mm, pin.along is None
+def _describe_shape(pin: Pin) -> tuple[float, bool]:
+    """Describe what keeps a pin out of another's holes; a thin key goes into all grooves of its length."""
+    return pin.length_mm, pin.along is None
 
 
 def _pair_distances_mm(pins: Sequence[Pin]) -> list[float]:

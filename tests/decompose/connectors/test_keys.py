@@ -94,3 +94,10 @@ def test_cut_list_names_pieces_of_each_diameter() -> None:
     assert sheet is not None
     assert [row[:2] for row in sheet.rows] == [("2.85", "9"), ("2.85", "5"), ("1.75", "8"), ("1.75", "5")]
     assert [(diameter, count) for diameter, count, _ in sheet.stocks] == [("2.85", 2), ("1.75", 2)]
+
+
+def test_thick_and_thin_key_of_one_length_are_no_pair() -> None:
+    """The thin one goes into both grooves, so that the two do not show which way round a body is."""
+    thick, thin = plan(7.0, 0.4).connectors.pins[1], plan(5.5, 0.4).connectors.pins[1]
+    assert (thick.length_mm, thin.length_mm) == (5.0, 5.0) and thick.diameter_mm > thin.diameter_mm
+    assert pairs_of([thick, thin]) == {} and find_wrong_fits([thick, thin]) == []

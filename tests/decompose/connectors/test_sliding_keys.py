@@ -10,7 +10,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from decompose.assembly import Assembly, AssemblyStep, find_order_faults
-from decompose.connectors import Blank, Connectors, Pin, Tool, drill, plan_connectors
+from decompose.connectors import Blank, Connectors, Pin, Tool, drill, pairs_of, plan_connectors
 from decompose.connectors.tools import make_groove
 from decompose.errors import Rule
 from decompose.export.connector_rows import name_kind
@@ -141,3 +141,10 @@ def test_groove_that_leaves_through_the_surface_is_refused(tall: DrilledParts) -
     ends = np.array([key.at_mm, [*key.at_mm[:2], top_mm + 0.1]])
     upwards = replace(make_groove(moved.part, ends, moved.into, key.depth_mm), exit=-moved.exit)
     assert Rule.SKIN in find_rules(change_key(tall, holes=(upwards, fixed)))
+
+
+def test_keys_that_slide_belong_to_no_pair(tall: DrilledParts) -> None:
+    key, other = (*list_sliding(tall), *list_sliding(tall))[:2]
+    long_key = next(pin for pin in tall.connectors.pins if not pin.slides)
+    assert pairs_of([key, replace(other, length_mm=9.0)]) == {}
+    assert pairs_of([long_key, replace(key, step=long_key.step)]) == {}
