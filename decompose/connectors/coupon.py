@@ -1,4 +1,4 @@
-"""Coupon: a block with numbered holes of several fits, to find the fit of pins on a printer."""
+"""Coupon: a block with numbered holes and grooves of several fits, to find the fit of pins on a printer."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Floats
+from decompose.connectors.keys import (
+    SHORT_MM,
+    choose_key_lengths_mm,
+    compute_bottom_mm,
+    compute_groove_depth_mm,
+)
 from decompose.connectors.pins import END_MM, choose_depths_mm
 from decompose.connectors.records import Mark, Tool
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes
@@ -16,72 +22,138 @@ from decompose.errors import DecomposeError
 from decompose.geometry import Solid
 
 FITS_MM = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-GAUGE_FIT_MM = 0.8  # width of the two gauges beyond the pin, which enters them easily
+GAUGE_FIT_MM = 0.8  # width of the gauges beyond the pin, which enters them easily
 LETTERS_MM, GROOVE_MM = 6.0, 0.5
 GAP_MM = 3.0  # gap between holes, numbers and edges
+APART_MM = 6.0  # gap between the block and the plate
 UP = np.array([0.0, 0.0, 1.0])
 INWARDS, DOWNWARDS = np.array([0.0, 1.0, 0.0]), -UP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coupon:
-    """Coupon in its printing pose.
+    """Coupon in its printing pose: a block, and a plate behind it that closes on its back.
 
     Attributes
     ----------
     solid
-        Block with all holes and numbers.
+        Block and plate with all holes, grooves and numbers.
     holes
-        Holes on top, then in front, by rising fit; then the gauges for the long and the short pin.
+        Holes on top, then in front, by rising fit; then the gauges for lengths, the longest first.
+    grooves
+        Grooves of a short key in the back of the block, by rising fit, then those in the plate.
     marks
-        Numbers, in the same order: fits in tenths of a millimetre; lengths in millimetres.
+        Numbers of the holes, then of the grooves in the block: fits in tenths of a millimetre, and lengths in
+        millimetres.
     fits_mm, lengths_mm
-        Fits of the holes on each side, and lengths of pins that end flush in the gauges.
+        Fits of the holes on each side, and lengths of pins and keys that end flush in the gauges.
     """
 
     solid: Solid
     holes: tuple[Tool, ...]
+    grooves: tuple[Tool, ...]
     marks: tuple[Mark, ...]
     fits_mm: tuple[float, ...]
-    lengths_mm: tuple[float, float]
+    lengths_mm: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Extents of the coupon for pins of a diameter, in mm."""
+
+    pin_mm: float
+
+    @property
+    def pitch_mm(self) -> float:
+        """Distance of two columns."""
+        return self.pin_mm + 2.0 * GAP_MM + 1.5
+
+    @property
+    def lengths_mm(self) -> tuple[float, ...]:
+        """Lengths of all pins and keys of the diameter, the longest first."""
+        pins_mm = {2.0 * (depth_mm - END_MM) for depth_mm in choose_depths_mm(self.pin_mm)}
+        return tuple(sorted(pins_mm | {*choose_key_lengths_mm(self.pin_mm)}, reverse=True))
+
+    @property
+    def mouth_mm(self) -> float:
+        """Length of the mouth of the longest groove, a little too long."""
+        return SHORT_MM + 2.0 * compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
+
+    @property
+    def height_mm(self) -> float:
+        """Height of block and plate."""
+        below_letters_mm = max(2.0 * self.pin_mm, self.mouth_mm)
+        return max(self.lengths_mm[0] + GAP_MM, below_letters_mm + LETTERS_MM + 3.0 * GAP_MM)
+
+    @property
+    def depth_mm(self) -> float:
+        """Depth of the block, with the holes in front, those on top, and the grooves in its back."""
+        groove_mm = compute_groove_depth_mm(self.pin_mm, FITS_MM[-1])
+        deep_mm = choose_depths_mm(self.pin_mm)[0]
+        return deep_mm + 2.0 * self.pin_mm + LETTERS_MM + 3.0 * GAP_MM + groove_mm
+
+    def find_column_mm(self, n: int) -> float:
+        """Find the middle of a column along x."""
+        return self.pitch_mm * (n + 0.5)
 
 
 def make_coupon(pin_mm: float) -> Coupon:
     """Make the coupon for pins of a diameter.
 
-    The holes on top open upwards; those in front are horizontal and have a roof.
+    The holes on top open upwards; those in front are horizontal and have a roof. The grooves in the back lie
+    upright, and meet those in the plate.
     """
-    pitch_mm = pin_mm + 2.0 * GAP_MM + 1.5
-    depths_mm = choose_depths_mm(pin_mm)
-    long_mm, short_mm = (2.0 * (depth_mm - END_MM) for depth_mm in depths_mm)
-    height_mm = max(long_mm + GAP_MM, 2.0 * pin_mm + LETTERS_MM + 3.0 * GAP_MM)
-    depth_mm = depths_mm[0] + 2.0 * pin_mm + LETTERS_MM + 3.0 * GAP_MM
-    count = len(FITS_MM) + 2
-    block = Solid.box((0.0, 0.0, 0.0), (pitch_mm * count, depth_mm, height_mm))
-    letters_y_mm, holes_y_mm = GAP_MM + LETTERS_MM / 2.0, depth_mm - GAP_MM - pin_mm
-
-    def drill_top(n: int, fit_mm: float, length_mm: float) -> Tool:
-        mouth_mm = np.array([pitch_mm * (n + 0.5), holes_y_mm, height_mm])
-        return _drill(mouth_mm, DOWNWARDS, pin_mm + fit_mm, length_mm)
-
-    def write_top(n: int, text: str) -> Mark:
-        middle = np.array([pitch_mm * (n + 0.5), letters_y_mm, height_mm])
-        return _write(text, middle, np.array([0.0, 1.0, 0.0]), DOWNWARDS)
-
-    holes = [drill_top(n, fit_mm, depths_mm[0]) for n, fit_mm in enumerate(FITS_MM)]
-    marks = [write_top(n, text) for n, text in enumerate(_name_fits())]
+    layout = _Layout(pin_mm)
+    width_mm = layout.pitch_mm * (len(FITS_MM) + len(layout.lengths_mm))
+    block = Solid.box((0.0, 0.0, 0.0), (width_mm, layout.depth_mm, layout.height_mm))
+    plate_y_mm = layout.depth_mm + APART_MM
+    thick_mm = compute_groove_depth_mm(pin_mm, FITS_MM[-1]) + GAP_MM
+    plate = Solid.box(
+        (0.0, plate_y_mm, 0.0), (layout.pitch_mm * len(FITS_MM), plate_y_mm + thick_mm, layout.height_mm)
+    )
+    holes, marks = _make_holes(layout)
+    grooves = [
+        _make_key_groove(layout, n, y_mm, into)
+        for y_mm, into in ((layout.depth_mm, -INWARDS), (plate_y_mm, INWARDS))
+        for n in range(len(FITS_MM))
+    ]
+    letters_z_mm = layout.height_mm - GAP_MM - LETTERS_MM / 2.0
     for n, text in enumerate(_name_fits()):
-        x_mm = pitch_mm * (n + 0.5)
-        mouth_mm = np.array([x_mm, 0.0, GAP_MM + pin_mm])
-        holes.append(_drill(mouth_mm, INWARDS, pin_mm + FITS_MM[n], depths_mm[0]))
-        middle = np.array([x_mm, 0.0, height_mm - GAP_MM - LETTERS_MM / 2.0])
-        marks.append(_write(text, middle, UP, INWARDS))
-    for n, length_mm in enumerate((long_mm, short_mm), len(FITS_MM)):
-        holes.append(drill_top(n, GAUGE_FIT_MM, length_mm))
-        marks.append(write_top(n, f"{length_mm:.0f}"))
-    grooves = [groove for mark in marks for groove in mark.grooves]
-    tools = Solid.union([Solid.hull(tool.points_mm) for tool in (*holes, *grooves)])
-    return Coupon(block.subtract(tools), tuple(holes), tuple(marks), FITS_MM, (long_mm, short_mm))
+        middle = np.array([layout.find_column_mm(n), layout.depth_mm, letters_z_mm])
+        marks.append(_write(text, middle, UP, -INWARDS))
+    strokes = [groove for mark in marks for groove in mark.grooves]
+    tools = Solid.union([Solid.hull(tool.points_mm) for tool in (*holes, *grooves, *strokes)])
+    solid = Solid.union([block, plate]).subtract(tools)
+    return Coupon(solid, tuple(holes), tuple(grooves), tuple(marks), FITS_MM, layout.lengths_mm)
+
+
+def _make_holes(layout: _Layout) -> tuple[list[Tool], list[Mark]]:
+    """Make the holes and their numbers: on top, in front, and the gauges on top."""
+    pin_mm, deep_mm = layout.pin_mm, choose_depths_mm(layout.pin_mm)[0]
+    top = [(text, pin_mm + fit_mm, deep_mm) for text, fit_mm in zip(_name_fits(), FITS_MM, strict=True)]
+    gauges = [(f"{length_mm:g}", pin_mm + GAUGE_FIT_MM, length_mm) for length_mm in layout.lengths_mm]
+    holes_y_mm = layout.depth_mm - GAP_MM - pin_mm - compute_groove_depth_mm(pin_mm, FITS_MM[-1])
+    drilled: list[tuple[Tool, Mark]] = []
+    for n, (text, width_mm, length_mm) in enumerate([*top, *gauges]):
+        mouth_mm = np.array([layout.find_column_mm(n), holes_y_mm, layout.height_mm])
+        middle = np.array([layout.find_column_mm(n), GAP_MM + LETTERS_MM / 2.0, layout.height_mm])
+        hole = _drill(mouth_mm, DOWNWARDS, width_mm, length_mm)
+        drilled.append((hole, _write(text, middle, INWARDS, DOWNWARDS)))
+    front: list[tuple[Tool, Mark]] = []
+    for n, (text, width_mm, length_mm) in enumerate(top):
+        mouth_mm = np.array([layout.find_column_mm(n), 0.0, GAP_MM + pin_mm])
+        middle = np.array([layout.find_column_mm(n), 0.0, layout.height_mm - GAP_MM - LETTERS_MM / 2.0])
+        front.append((_drill(mouth_mm, INWARDS, width_mm, length_mm), _write(text, middle, UP, INWARDS)))
+    ordered = [*drilled[: len(top)], *front, *drilled[len(top) :]]
+    return [hole for hole, _ in ordered], [mark for _, mark in ordered]
+
+
+def _make_key_groove(layout: _Layout, n: int, y_mm: float, into: Floats) -> Tool:
+    """Make the upright groove of a short key in a column of the back of the block, or of the plate."""
+    depth_mm = compute_groove_depth_mm(layout.pin_mm, FITS_MM[n])
+    half_mm = compute_bottom_mm(layout.pin_mm, depth_mm, SHORT_MM) / 2.0
+    middle = np.array([layout.find_column_mm(n), y_mm, GAP_MM + layout.mouth_mm / 2.0])
+    return make_groove(0, middle + np.outer([-half_mm, half_mm], UP), into, depth_mm)
 
 
 def _name_fits() -> Iterator[str]:

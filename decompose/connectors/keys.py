@@ -40,7 +40,25 @@ MAX_TRIED = 20  # places that are tried, the best first
 PITCH_MM = 3.0  # of the points between which grooves are tried
 MAX_POINTS = 150  # of them on one face
 SLACK_MM = 0.05  # rounding of buffers
-MAX_EXIT_MM = 40.0  # longest way of a key that slides through its groove
+MAX_EXIT_MM = 80.0  # longest way of a key that slides through its groove
+
+
+def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
+    """Choose the lengths of the long and the short key of a pair, in half millimetres."""
+    return math.ceil(2.0 * (SHORT_MM + key_mm + LONGER_MM)) / 2.0, SHORT_MM
+
+
+def compute_groove_depth_mm(key_mm: float, fit_mm: float) -> float:
+    """Compute the depth of a groove, which is half its width.
+
+    Its sides touch a circle as wide as the key and the fit.
+    """
+    return (key_mm + fit_mm) / 2.0 * math.sqrt(2.0)
+
+
+def compute_bottom_mm(key_mm: float, depth_mm: float, length_mm: float) -> float:
+    """Compute the length of the bottom of a groove; its ends rise from there to the ends of the key."""
+    return length_mm + 2.0 * END_MM - 2.0 * (depth_mm - key_mm / 2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +93,7 @@ class KeyMaker:
     @property
     def lengths_mm(self) -> tuple[float, float]:
         """Lengths of the long and the short key of a pair."""
-        return math.ceil(2.0 * (SHORT_MM + self.key_mm + LONGER_MM)) / 2.0, SHORT_MM
+        return choose_key_lengths_mm(self.key_mm)
 
     def find_places(self, sites: Sequence[Site], length_mm: float) -> list[KeyPlace]:
         """List the places on the sites where a key of a length has its wall on both sides."""
@@ -131,13 +149,13 @@ class KeyMaker:
         )
 
     def _depth_mm(self, site: Site) -> float:
-        """Depth of a groove, and half its width: its sides touch a circle as wide as the key and the fit."""
+        """Compute the depth of both grooves, for the wider fit of the two parts."""
         fit_mm = max(self.room.blanks[side.part].pin_fit_mm for side in (site.moved, site.fixed))
-        return (self.key_mm + fit_mm) / 2.0 * math.sqrt(2.0)
+        return compute_groove_depth_mm(self.key_mm, fit_mm)
 
     def _groove_mm(self, site: Site, length_mm: float) -> float:
-        """Length of the bottom of a groove; its ends rise from there, until they meet those of the key."""
-        return length_mm + 2.0 * END_MM - 2.0 * (self._depth_mm(site) - self.key_mm / 2.0)
+        """Compute the length of the bottom of a groove."""
+        return compute_bottom_mm(self.key_mm, self._depth_mm(site), length_mm)
 
     def _find_on_site(self, site: Site, length_mm: float) -> Iterator[KeyPlace]:
         room = shapely.intersection_all(

@@ -190,18 +190,19 @@ def coupon(
     pins: Pins = "filament",
     json: Json = False,
 ) -> None:
-    """Write a block with holes of several widths, to find the fit of pins on a printer."""
+    """Write a block with holes and grooves of several widths, to find the fit of pins on a printer."""
     from farm.planning.local.coupon_file import write_coupon
 
     report = write_coupon(out, parse_pins(pins))
     if json:
         print_json(report)
         return
-    lengths = " and ".join(f"{length_mm:g}" for length_mm in report["lengths_mm"])
+    *longer, shortest = (f"{length_mm:g}" for length_mm in report["lengths_mm"])
+    lengths = f"{', '.join(longer)} and {shortest}"
     fits = report["fits_mm"]
     print(
-        f"{out}: holes {fits[0]:g} to {fits[-1]:g} mm wider than a pin of {report['pin_mm']:g} mm, "
-        f"numbered in tenths; gauges for pins {lengths} mm long"
+        f"{out}: holes and grooves {fits[0]:g} to {fits[-1]:g} mm wider than a pin "
+        f"of {report['pin_mm']:g} mm, numbered in tenths; gauges for pins and keys {lengths} mm long"
     )
     print("Slice it as it lies: farm slice; the number that fits goes into `pin_fit_mm` of fleet.yaml")
 

@@ -8,8 +8,10 @@ import shapely
 
 from decompose.connectors import Coupon, make_coupon
 from decompose.connectors.coupon import UP
+from decompose.connectors.keys import choose_key_lengths_mm
+from decompose.connectors.pins import END_MM, choose_depths_mm
 from decompose.connectors.tools import GROOVE_SIN, HOLE_SIN, closes_in_a_step, overhang_sin
-from decompose.geometry import round_triangles
+from decompose.geometry import Solid, round_triangles
 
 
 @pytest.fixture(scope="module", params=[1.75, 2.85, 5.0])
@@ -43,20 +45,49 @@ def test_each_number_stands_on_the_face_of_its_hole(coupon: tuple[float, Coupon]
     assert [mark.text for mark in coupon_result.marks] == [
         *texts,
         *texts,
-        *(f"{mm:.0f}" for mm in coupon_result.lengths_mm),
+        *(f"{mm:g}" for mm in coupon_result.lengths_mm),
+        *texts,
     ]
-    for mark, hole in zip(coupon_result.marks, coupon_result.holes, strict=True):
+    tools = (*coupon_result.holes, *coupon_result.grooves[: len(texts)])
+    for mark, hole in zip(coupon_result.marks, tools, strict=True):
         assert (mark.grooves[0].into == hole.into).all()
         assert mark.lines_mm[..., 0].mean() == pytest.approx(hole.points_mm[:, 0].mean(), abs=3.5)
 
 
-def test_it_prints_without_support_in_one_piece_and_is_a_closed_stl(coupon: tuple[float, Coupon]) -> None:
+def test_gauges_have_the_lengths_of_all_pins_and_keys(coupon: tuple[float, Coupon]) -> None:
+    pin_mm, coupon_result = coupon
+    pins_mm = {2.0 * (depth_mm - END_MM) for depth_mm in choose_depths_mm(pin_mm)}
+    assert set(coupon_result.lengths_mm) == pins_mm | set(choose_key_lengths_mm(pin_mm))
+    if pin_mm == 2.85:
+        assert coupon_result.lengths_mm == (11.0, 9.0, 5.0)
+
+
+def test_key_lies_in_the_grooves_of_block_and_plate_as_wide_as_their_fit(
+    coupon: tuple[float, Coupon],
+) -> None:
+    """The plate is moved onto the back of the block; a rod as wide as the fit allows touches both."""
+    pin_mm, coupon_result = coupon
+    block, plate = sorted(coupon_result.solid.pieces(), key=lambda piece: -piece.volume_mm3)
+    back_mm = block.bounds_mm[1][1]
+    closed_plate = plate.translate(np.array([0.0, back_mm - plate.bounds_mm[0][1], 0.0]))
+    count = len(coupon_result.fits_mm)
+    for fit_mm, groove in zip(coupon_result.fits_mm, coupon_result.grooves[:count], strict=True):
+        middle = groove.points_mm.mean(axis=0)
+        for excess_mm, goes_in in ((-0.02, True), (0.1, False)):
+            circle = shapely.Point(middle[0], back_mm).buffer((pin_mm + fit_mm + excess_mm) / 2.0, 32)
+            ring = [np.asarray(circle.exterior.coords)[:-1]]
+            rod = Solid.prism(ring, np.eye(3), float(middle[2]) - 1.0, float(middle[2]) + 1.0)
+            overlap_mm3 = sum(rod.intersect(body).volume_mm3 for body in (block, closed_plate))
+            assert (overlap_mm3 < 1e-4) == goes_in
+
+
+def test_it_prints_without_support_in_two_pieces_and_is_a_closed_stl(coupon: tuple[float, Coupon]) -> None:
     _, coupon_result = coupon
-    assert len(coupon_result.solid.pieces()) == 1
+    assert len(coupon_result.solid.pieces()) == 2
     assert round_triangles(*coupon_result.solid.arrays()) is not None
     for tools, limit in (
         (coupon_result.holes, HOLE_SIN),
-        ([g for m in coupon_result.marks for g in m.grooves], GROOVE_SIN),
+        ([*coupon_result.grooves, *(g for m in coupon_result.marks for g in m.grooves)], GROOVE_SIN),
     ):
         for tool in tools:
             assert overhang_sin(tool.points_mm, tool.into, UP) <= limit
