@@ -2,9 +2,12 @@
 
 Models are cut by the engine `guillotine` and drilled. The first parts are sliced as they were cut, and again
 with their keys, pins, marks and gutters alone. What each kind adds is fitted by its count, and for gutters by
-their length, on upright and on level faces. These are the prices in `decompose.results.connector_prices`.
+their length, on upright and on level faces. Errors count relative to the print time of the bare part, so that
+small parts count as much as large ones; --fit fits the samples of several runs with --json as one. These are
+the prices in `decompose.results.connector_prices`.
 
 Usage: python -m bench.joint_costs MODEL|SHAPE... [--printers 8] [--longest-side 330] [--slices 4] [--json]
+       python -m bench.joint_costs --fit FILE...
 """
 
 from __future__ import annotations
@@ -60,7 +63,7 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
 
 
 def fit_prices(samples: list[Sample]) -> dict[str, float]:
-    """Fit the price of each kind to what all samples add, by least squares; none is negative."""
+    """Fit the price of each kind to the shares that samples add, by least squares; none is negative."""
     by_kinds: dict[str, list[Sample]] = defaultdict(list)
     for sample in samples:
         by_kinds[next(iter(sample.amounts)).split()[0]].append(sample)
@@ -68,19 +71,22 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
     for own in by_kinds.values():
         names = sorted({name for sample in own for name in sample.amounts})
         rows = np.array([[sample.amounts.get(name, 0.0) for name in names] for sample in own])
-        prices |= dict(zip(names, nnls(rows, np.array([s.added_s for s in own]))[0].tolist(), strict=True))
+        bare_s = np.array([sample.bare_s for sample in own])
+        added = np.array([sample.added_s for sample in own]) / bare_s
+        prices |= dict(zip(names, nnls(rows / bare_s[:, None], added)[0].tolist(), strict=True))
     return prices
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("models", nargs="+")
+    parser.add_argument("models", nargs="*")
+    parser.add_argument("--fit", nargs="+", type=Path, default=[])
     parser.add_argument("--printers", type=int, default=8)
     parser.add_argument("--longest-side", type=float, default=330.0)
     parser.add_argument("--slices", type=int, default=4)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    samples = []
+    samples = [Sample(**row) for path in options.fit for row in json.loads(path.read_text())["samples"]]
     for name in options.models:
         drilled = connect_parts(cut_case(name, options.printers, options.longest_side))
         for sample in slice_kinds(drilled, options.slices):

@@ -25,14 +25,16 @@ import numpy as np
 import shapely
 
 from bench.joint_slices import slice_printed
+from bench.print_time_parts import make_recipe
 from bench.shapes import SHAPES
 from decompose.connectors import pairs_of
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model
 from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
-from decompose.print_time import CostModel, Recipe
+from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, connect_parts
+from decompose.results.connector_prices import price_connectors
 
 ROOM_SIZES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 ALL_CONNECTORS = ConnectorOptions(FILAMENT_MM, marks=True)
@@ -61,11 +63,15 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class SlicedFigures:
-    """Slices of some parts: print times without and with holes and marks, and what is read back."""
+    """Slices of some parts: print times without and with holes and marks, and what is read back.
+
+    `priced_added_s` is what the prices of these parts add for their holes and marks.
+    """
 
     parts: int
     bare_s: float
     drilled_s: float
+    priced_added_s: float
     support_mm3: float
     support_added_mm3: float
     marks: int
@@ -84,7 +90,7 @@ def cut_case(name: str, printers: int, longest_side_mm: float) -> Decomposition:
     model = load_case(name, longest_side_mm)
     rooms = [PrinterRoom(str(number), ROOM_SIZES_MM) for number in range(printers)]
     options = Options(Engine.GUILLOTINE, prove=False, connectors=ALL_CONNECTORS)
-    return decompose_model(model, rooms, options, CostModel.from_recipe(Recipe())).with_assembly()
+    return decompose_model(model, rooms, options, CostModel.from_recipe(make_recipe("glue"))).with_assembly()
 
 
 def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Row:
@@ -148,6 +154,10 @@ def slice_parts(result: Decomposition, count: int) -> SlicedFigures:
         parts=len(pairs),
         bare_s=sum(bare.sliced_s for bare, _ in pairs),
         drilled_s=sum(drilled.sliced_s for _, drilled in pairs),
+        priced_added_s=sum(
+            price_connectors(result.connectors, number, part.rotation[2])
+            for number, part in enumerate(result.parts[:count])
+        ),
         support_mm3=sum(bare.support_mm3 for bare, _ in pairs),
         support_added_mm3=sum(drilled.support_mm3 - bare.support_mm3 for bare, drilled in pairs),
         marks=marks,

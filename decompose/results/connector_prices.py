@@ -12,16 +12,16 @@ from decompose.options import THIN_FILAMENT_MM
 
 LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
 PRICES_S = {
-    "groove upright": 1.5,
-    "groove level": 22.0,
+    "groove upright": 2.0,
+    "groove level": 18.0,
     "groove upright thin": 1.5,  # for thin filament
-    "groove level thin": 12.0,
+    "groove level thin": 16.0,
     "hole upright": 35.0,
     "hole level": 35.0,
-    "mark upright": 6.0,
-    "mark level": 13.0,
-    "gutter mm": 0.7,
-    "sliding mm": 0.7,  # groove of a key that slides, beyond the length of the key
+    "mark upright": 2.6,
+    "mark level": 5.4,
+    "gutter mm": 0.45,
+    "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
 
 
