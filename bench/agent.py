@@ -1,10 +1,9 @@
 """CPU, memory and turnaround of agents whose printers only acknowledge lines.
 
 ``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``. Real
-agents on real pseudo-terminals and wall time; the peers, all in this process, send at most `rate` `ok`
-a second. Turnaround is the time from writing an ok to reading the next line, with this process and the kernel
-included. CPU and memory are the kernel's figures for each agent while it
-streams.
+agents on real pseudo-terminals and wall time; the peers, all in this process, send at most `rate` oks a
+second. Turnaround is the time from writing an ok to reading the next line, with this process and the kernel
+included. CPU and memory are the kernel's figures for each agent while it streams.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
 BOOT_S = 0.3  # the board ignores received bytes during this time
 TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
-PLACE = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
+POSITION_ANSWER = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
 
 
 class Peer:
@@ -86,7 +85,7 @@ class Peer:
             heat = (nozzle_c, self._nozzle_c, bed_c, self._bed_c)
             self.port.write(b"ok T:%.1f /%b.0 B:%.1f /%b.0 @:0 B@:0\n" % heat)
             return
-        answers = {b"M115": ultimaker2.IDENTITY, b"M114": PLACE, b"M27": b"Not SD printing\n"}
+        answers = {b"M115": ultimaker2.IDENTITY, b"M114": POSITION_ANSWER, b"M27": b"Not SD printing\n"}
         self.port.write(answers.get(name, b"") + wording.OK)
 
     def send_due(self) -> None:
@@ -147,7 +146,7 @@ def measure_cost(pid: int) -> tuple[float, float]:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(rss.split()[1]) / 1024
 
 
-def _still_runs(process: subprocess.Popen[bytes]) -> bool:
+def _is_running(process: subprocess.Popen[bytes]) -> bool:
     """Check whether a process still runs after 60 s."""
     try:
         process.wait(60.0)
@@ -202,7 +201,7 @@ async def print_one(
         with suppress(DriverError):
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()
-        if await asyncio.to_thread(_still_runs, process):
+        if await asyncio.to_thread(_is_running, process):
             process.kill()
     return {"cpu_share": share, "memory_mb": memory_mb}
 

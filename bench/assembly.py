@@ -2,7 +2,7 @@
 
 The parts are their STL files, from which holes and codes are read (`bench.part_reader`); the page is read as
 text. Step by step two bodies are put together wherever their pins go in: at the faces with the codes of the
-step, in every way that there is. The outcome is judged by the report of the decomposition. Then each body is
+step, in every possible way. The outcome is judged by the report of the decomposition. Then each body is
 tried at the faces of every other step, where it must not fit.
 
 Usage: python -m bench.assembly FOLDER... [--json]   (of `farm decompose --pins filament --marks`)

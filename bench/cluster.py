@@ -54,7 +54,7 @@ FAULT_COLUMNS = {
     "taken twice": "{twice}",
     "tasks left": "{left}",
     "processes left": "{more}",
-    "went on with its own pool": "{here}",
+    "continued with its own pool": "{here}",
 }
 
 

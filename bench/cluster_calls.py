@@ -21,7 +21,7 @@ from farm.compute.cluster import connect_cluster
 Call = Callable[..., Any]
 """Calls a deferred function with arguments, and waits for its result; from any thread."""
 LIMIT = Limit("measuring", 6 * 3600.0)
-AT_ONCE = 64
+MAX_PARALLEL_CALLS = 64
 """Calls at the same time on a cluster; it runs as many as it has slots."""
 
 
@@ -33,7 +33,7 @@ def add_cluster_options(parser: argparse.ArgumentParser) -> None:
 
 def count_calls(args: argparse.Namespace, local_count: int = 1) -> int:
     """Return the number of calls that a bench makes at the same time: on a cluster, or locally."""
-    return local_count if args.scheduler is None else AT_ONCE
+    return local_count if args.scheduler is None else MAX_PARALLEL_CALLS
 
 
 @contextmanager

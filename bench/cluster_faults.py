@@ -39,10 +39,10 @@ FAULTS = (*KILLS, *STOPS, *NETWORK)
 FAULT_S = 40.0  # duration of a stopped process, or of a disturbed network
 DELAY_S, LOSS = 0.3, 0.05  # at each host, in both directions
 TASKS, TASK_S = 8, 4.0
-AFTER_S = (0.3, 7.0)  # of the fault, from the begin of a round: tasks run for 8 s on four workers
+AFTER_S = (0.3, 7.0)  # of the fault, from the beginning of a round: tasks run for 8 s on four workers
 MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
 LIMIT = Limit("sleeping", 600.0)
-UNCOMPARED = ("decomposition", "cached")  # duration of planning, cached slices
+UNCOMPARED_FIELDS = ("decomposition", "cached")  # duration of planning, cached slices
 FLEET = Fleet.model_validate(
     {"printers": [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(PRINTERS)]}
 )
@@ -84,18 +84,18 @@ class Watch:
 
     async def follow(self, pool: ClusterPool) -> None:
         """Poll the sentence of `farm status` until cancelled."""
-        said_s = time.monotonic()
+        last_named_s = time.monotonic()
         while True:
             state = pool.state
             view = describe_cluster(state)
-            says_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
+            names_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
             waits = "wait" in view.text or "on the way" in view.text
             now_s = time.monotonic()
-            if says_place or waits or not (state.tasks or state.waiting or state.here):
-                said_s = now_s
+            if names_place or waits or not (state.tasks or state.waiting or state.here):
+                last_named_s = now_s
             self.samples += 1
-            self.where, self.waits = self.where + says_place, self.waits + waits
-            self.silent_s = max(self.silent_s, now_s - said_s)
+            self.where, self.waits = self.where + names_place, self.waits + waits
+            self.silent_s = max(self.silent_s, now_s - last_named_s)
             self.here = self.here or state.place is Place.HERE
             if not self.texts or self.texts[-1].split(",")[0] != view.text.split(",")[0]:
                 self.texts.append(view.text)
@@ -115,7 +115,7 @@ class TakenFiles:
             self.by_task[(task.limit.what, *task.folders, *task.writes)] += 1
         self._write(task, files)
 
-    def count_twice(self) -> int:
+    def count_repeated(self) -> int:
         """Return the number of results that were taken more than once."""
         return sum(count > 1 for count in self.by_task.values())
 
@@ -165,7 +165,7 @@ class Rounds:
         finally:
             watch_task.cancel()
             cluster_pool.write_files = taken_files._write
-        local = await self._plan_here(number)
+        local = await self._plan_locally(number)
         shutil.rmtree(self._folder / f"round-{number}")
         watch_figures = asdict(watch)
         return {
@@ -177,14 +177,14 @@ class Rounds:
             "job_ended": isinstance(plan, Plan),
             "differences": list_differences(plan, local),
             "tasks_right": sum(task_results),
-            "taken_twice": taken_files.count_twice(),
+            "taken_twice": taken_files.count_repeated(),
             "tasks_left": task_count,
             "processes": processes,
             "processes_more": (processes - self._idle).total(),
             **watch_figures,
         }
 
-    async def _plan_here(self, number: int) -> Any:
+    async def _plan_locally(self, number: int) -> Any:
         """Plan the job of a round on this computer, or return its plan of an earlier round."""
         kind = number % MODELS
         if kind not in self._plans:
@@ -286,7 +286,7 @@ def list_differences(plan: Any, local: Any) -> list[str]:
     return [
         f"{name}: {part_value!r:.200} and {other_value!r:.200}"
         for name, part_value, other_value in pairs
-        if part_value != other_value and name.rpartition(" ")[2] not in UNCOMPARED
+        if part_value != other_value and name.rpartition(" ")[2] not in UNCOMPARED_FIELDS
     ]
 
 

@@ -31,7 +31,12 @@ MODEL = "ultimaker2_plus"
 KIND, SEED = "organic", 1
 SIDE_MM = 200.0  # parts are small, so that slices take seconds
 BUDGET_S = 5.0
-BESIDE = {"slice_part", "draw_overview", "draw_some_steps", "draw_job"}  # tasks that run at the same time
+PARALLEL_TASKS = {
+    "slice_part",
+    "draw_overview",
+    "draw_some_steps",
+    "draw_job",
+}  # tasks that run at the same time
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +188,7 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
     stages: list[dict[str, list[float]]] = []
     for task in sorted(tasks, key=lambda task: float(task["begin_s"])):
         kind = task["what"]
-        if kind not in BESIDE or not stages or set(stages[-1]) - BESIDE:
+        if kind not in PARALLEL_TASKS or not stages or set(stages[-1]) - PARALLEL_TASKS:
             stages.append({})
         stages[-1].setdefault(kind, []).append(task["cpu_s"])
     return stages

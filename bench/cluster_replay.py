@@ -27,7 +27,7 @@ from farm.compute.cluster.dask_worker import FarmWorker
 from farm.compute.cluster.relocation import dump, load
 from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 
-OWN_WORK_OFF = {
+DISABLED_OWN_WORK = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "10s",
     "distributed.admin.system-monitor.interval": "60s",
@@ -143,7 +143,7 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
     """Run the jobs on sleeping workers, and again with all drawings of a job by one. Returns the figures."""
     late_s: list[float] = []
     logging.getLogger("distributed").setLevel(logging.WARNING)
-    with dask.config.set(OWN_WORK_OFF):
+    with dask.config.set(DISABLED_OWN_WORK):
         async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
             executors: list[Any] = [SleepingExecutor(f"w{n}") for n in range(workers)]
             worker_tasks = [

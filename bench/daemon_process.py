@@ -84,7 +84,7 @@ class Daemon:
 
 
 @dataclass(frozen=True, slots=True)
-class SeenEvent:
+class ReceivedEvent:
     """Event that a follower has received, at a time of `time.monotonic`."""
 
     at_s: float
@@ -96,7 +96,7 @@ class EventFollower:
     """Follower of `/events` in a thread of its own."""
 
     socket: Path
-    seen: list[SeenEvent] = field(default_factory=list)
+    seen: list[ReceivedEvent] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         threading.Thread(target=self._follow, daemon=True).start()
@@ -105,7 +105,7 @@ class EventFollower:
         """Count the events of a kind since a time."""
         return sum(event.fields["kind"] == kind and event.at_s >= since_s for event in self.seen)
 
-    def find(self, kind: str, printer: str, since_s: float) -> SeenEvent | None:
+    def find(self, kind: str, printer: str, since_s: float) -> ReceivedEvent | None:
         """Find the first event of a kind on a printer since a time."""
         return next(
             (
@@ -125,7 +125,7 @@ class EventFollower:
             answer = connection.getresponse()
             while line := answer.readline():
                 if line.startswith(b"data: "):
-                    self.seen.append(SeenEvent(time.monotonic(), json.loads(line[6:])))
+                    self.seen.append(ReceivedEvent(time.monotonic(), json.loads(line[6:])))
 
 
 class NoticeReceiver:

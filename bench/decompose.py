@@ -99,7 +99,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
         fit_first_layer=fit_layer,
         best=BestOptions(run.budget_s),
     )
-    _warm(cost, room)
+    _compile_kernels(cost, room)
     start_s = perf_counter()
     try:
         model = load_model(run.path, longest_side_mm=run.side_mm)
@@ -121,7 +121,7 @@ def relevel(run: Run, cut_file: Path, folder: Path, sliced_s: list[float]) -> di
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             result = relevel_planes(model, previous, sliced_s, cost, executor)
     except DecomposeError as error:
-        print(f"{run.name}, levelled again: {error}", file=sys.stderr)
+        print(f"{run.name}, balanced again: {error}", file=sys.stderr)
         return None
     return None if result is None else _write_parts(result, folder, perf_counter() - start_s)
 
@@ -149,7 +149,7 @@ def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str
     return report
 
 
-def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None:
+def _compile_kernels(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None:
     """Compile the kernels before the measured time."""
     from decompose.geometry import Model, Solid
 

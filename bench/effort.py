@@ -38,14 +38,14 @@ def measure_search(problem: Problem) -> tuple[Effort, dict[str, float]]:
     """Measure the counted effort of a search, and the CPU seconds at which each of its stages ends."""
     effort, ends_s, began_s = Effort(), {}, process_time()
 
-    def lap(stage: str) -> None:
+    def record_lap(stage: str) -> None:
         ends_s[stage] = process_time() - began_s
 
     try:
-        ENGINES[problem.options.engine](replace(problem, effort=effort, on_stage=lap))
+        ENGINES[problem.options.engine](replace(problem, effort=effort, on_stage=record_lap))
     except NoFit as error:
         print(f"{problem.options.engine}: {error}", file=sys.stderr)
-    lap("all")
+    record_lap("all")
     return effort, ends_s
 
 

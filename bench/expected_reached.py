@@ -1,6 +1,6 @@
 """Expected and actual time of a job on simulated printers, by the daemon's own figures.
 
-A farm of its own is started in a folder of its own, with the real daemon, agents, CuraEngine and emulators. A
+A separate farm is started in a temporary folder, with the real daemon, agents, CuraEngine and emulators. A
 run in which the emulators waited for this machine for more than 1 % of the time is not valid: use a lower
 --time-scale.
 

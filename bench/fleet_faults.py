@@ -39,7 +39,7 @@ class PrintingFleet:
     def wait(self, condition: Callable[[], bool], name: str) -> float:
         """Serve the agents until a condition holds; return the seconds. Raises RuntimeError."""
         begun_s = time.monotonic()
-        if not self.agents.serve(_PATIENCE_S, make_slow(condition)):
+        if not self.agents.serve(_PATIENCE_S, limit_polls(condition)):
             raise RuntimeError(f"waited {_PATIENCE_S:.0f} s for {name}")
         return time.monotonic() - begun_s
 
@@ -52,8 +52,8 @@ class PrintingFleet:
         return sum(host.connected is None for host in self.daemon.client.hosts().hosts)
 
 
-def make_slow(condition: Callable[[], bool]) -> Callable[[], bool]:
-    """Return a condition that asks only every `_POLL_S`: the daemon is to be measured without its askers."""
+def limit_polls(condition: Callable[[], bool]) -> Callable[[], bool]:
+    """Return a condition that polls only every `_POLL_S`, so that polls hardly load the daemon."""
     asked_s = 0.0
 
     def ask() -> bool:
@@ -68,7 +68,7 @@ def make_slow(condition: Callable[[], bool]) -> Callable[[], bool]:
 
 
 def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, float]:
-    """Lose groups of hosts, and mend them when people have been told.
+    """Lose groups of hosts, and reconnect them once the notices have been sent.
 
     Returns
     -------

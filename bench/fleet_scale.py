@@ -94,7 +94,7 @@ class Setting:
         return self.host_names[number * self.hosts // (self.printers + self.idle)] if self.hosts else ""
 
 
-def percentile(values: Sequence[float], share: float) -> float:
+def compute_percentile(values: Sequence[float], share: float) -> float:
     """Return the value that a share of the values does not exceed."""
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
@@ -210,7 +210,7 @@ def _summarise(
         "report_s": (setting.printers + setting.idle) * (period_s[1] - period_s[0]) / max(1, reports),
         "events": len(measures["event_s"]),
         "event_median_ms": 1000 * statistics.median(measures["event_s"]),
-        "event_p99_ms": 1000 * percentile(measures["event_s"], 0.99),
+        "event_p99_ms": 1000 * compute_percentile(measures["event_s"], 0.99),
         "event_max_ms": 1000 * max(measures["event_s"]),
         "report_median_ms": 1000 * statistics.median(measures["report_s"]),
         "timer_median_ms": 1000 * statistics.median(measures["timer_s"]),
@@ -223,11 +223,11 @@ def _summarise(
 def _wait_for_prints(agents: ProtocolAgents, printers: int) -> None:
     """Serve the agents until all printers print."""
 
-    def everybody_prints() -> bool:
+    def do_all_print() -> bool:
         agents.begin()
         return len(agents.printing) == printers
 
-    _wait(agents, everybody_prints, "all printers to print")
+    _wait(agents, do_all_print, "all printers to print")
 
 
 def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name: str) -> None:
@@ -250,7 +250,7 @@ def read_options() -> argparse.Namespace:
     parser.add_argument(
         "--hosts", type=int, default=0, help="hosts with their services; 0: agents of this host"
     )
-    parser.add_argument("--idle", type=int, default=0, help="printers more, which no plate can take")
+    parser.add_argument("--idle", type=int, default=0, help="additional printers, which no plate fits")
     parser.add_argument("--plates", type=int, help=f"{PLATES_OF_A_PRINTER} for each printer by default")
     parser.add_argument("--turns", type=int, default=40, help="prints that end")
     parser.add_argument("--seconds", type=float, default=20.0, help="for which all print")

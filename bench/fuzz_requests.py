@@ -18,12 +18,19 @@ from farm.web.access import HOST_ONLY, OPEN, ROLES
 
 HOST = "localhost"
 ROUTES = sorted({*ROLES, *OPEN, *HOST_ONLY})
-HOSTILE = (
+HOSTILE_VALUES = (
     "", "0", "-1", "1e999", "9" * 400, "nan", "null", "true", "\x00", "\u202e", "ü" * 300, "../../etc/passwd",
     "..%2f..%2fetc%2fpasswd", "%00", "%ff%fe", "{{7*7}}", "';DROP TABLE event;--", "<script>",
     "\r\nX-Injected: 1", "a" * 5000, "p01/../../down", ".", "..", "/", "\\\\host\\share", "\ud800",
 )  # fmt: skip
-VALID = {"number": "1", "name": "a", "printer": "a", "part": "p01", "request_id": "r" * 8, "token": "t" * 8}
+VALID_VALUES = {
+    "number": "1",
+    "name": "a",
+    "printer": "a",
+    "part": "p01",
+    "request_id": "r" * 8,
+    "token": "t" * 8,
+}
 FIELDS = (
     "why", "bad", "good", "filament", "material", "colour", "grams", "nozzle_mm", "plan", "to", "before",
     "now",
@@ -116,17 +123,21 @@ def _is_invalid(path: str, headers: Mapping[str, str]) -> bool:
 def _fill(rng: random.Random, template: str, valid_share: float) -> str:
     """Fill in the parameters of a path, and add a query."""
     path = template
-    for name, value in VALID.items():
-        path = path.replace(f"{{{name}}}", value if rng.random() < valid_share else rng.choice(HOSTILE))
+    for name, value in VALID_VALUES.items():
+        path = path.replace(
+            f"{{{name}}}", value if rng.random() < valid_share else rng.choice(HOSTILE_VALUES)
+        )
     if rng.random() < (1.0 - valid_share) / 6.0:
-        path = rng.choice(HOSTILE)
+        path = rng.choice(HOSTILE_VALUES)
     if not path.startswith("/"):
         path = f"/{path}"
     if template == _SUBMIT and rng.random() < 0.7:
         name = rng.choice(("a.stl", "a.gcode", "a.3mf", "a.obj", "../a.stl", "ü.stl", "a" * 150))
         size = rng.choice((0, 1, len(GCODE), len(STL), 10**15))
         return f"{path}?request_id={rng.getrandbits(64):016x}&name={name}&size={size}"
-    query = [f"{rng.choice(QUERY)}={rng.choice((*HOSTILE, '1', 'a'))}" for _ in range(rng.randrange(3))]
+    query = [
+        f"{rng.choice(QUERY)}={rng.choice((*HOSTILE_VALUES, '1', 'a'))}" for _ in range(rng.randrange(3))
+    ]
     has_query = query and rng.random() > valid_share
     return f"{path}?{'&'.join(query)}" if has_query else path
 
@@ -146,7 +157,7 @@ def _make_headers(rng: random.Random) -> dict[str, str]:
         "If-None-Match": ("*", '"x"'),
         "X-Forwarded-For": ("127.0.0.1",),
         "Upgrade": ("websocket", "h2c"),
-        "X-Api-Key": HOSTILE,
+        "X-Api-Key": HOSTILE_VALUES,
         "Authorization": ("Bearer", "Bearer x", "Basic eDp5", "Digest x"),
     }
     names = rng.sample(sorted(candidates), rng.choice((0, 0, 0, 1, 2, 4)))
@@ -176,7 +187,7 @@ def _make_value(rng: random.Random, depth: int) -> Any:
     if kind == 7:
         return {rng.choice((*FIELDS, "x")): _make_value(rng, depth - 1) for _ in range(rng.randrange(4))}
     number = rng.choice((0, 1, -1, 2**63, 10**400, 0.5, float("inf"), float("nan"), -1e308))
-    return (None, rng.random() < 0.5, number, rng.choice(HOSTILE), "a", "p01")[kind]
+    return (None, rng.random() < 0.5, number, rng.choice(HOSTILE_VALUES), "a", "p01")[kind]
 
 
 def _make_form(rng: random.Random) -> tuple[bytes, str]:
@@ -184,7 +195,7 @@ def _make_form(rng: random.Random) -> tuple[bytes, str]:
     boundary = rng.choice(("xyz", "boundary_.oOo._x", "-" * 70, ""))
     parts = []
     for _ in range(rng.randrange(5)):
-        name = rng.choice(("file", "print", "select", "path", "root", "x", *HOSTILE[:6]))
+        name = rng.choice(("file", "print", "select", "path", "root", "x", *HOSTILE_VALUES[:6]))
         file_name = rng.choice(
             ("", '; filename="a.gcode"', '; filename="../a.stl"', "; filename*=UTF-8''a.3mf")
         )

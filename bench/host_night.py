@@ -144,7 +144,7 @@ class HostNight(Night):
         entry = super()._describe_printer(seed, name)
         return {**entry, "host": host, "host_command": self.hosts.command(host)}
 
-    def _agent_folder(self, name: str) -> Path:
+    def _find_agent_folder(self, name: str) -> Path:
         folder: Path = self.hosts.places[self._find_host(name)].agent(name)
         return folder
 
@@ -162,9 +162,9 @@ class HostNight(Night):
             self._updated_at_s = elapsed_s
             self.versions.use(NEW_VERSION)
             os.kill(view.daemon.pid, signal.SIGKILL)
-            self.farm("up")
+            self.run_farm("up")
         while self.faults and elapsed_s >= self.faults[0].at_s:
-            self._cause(self.faults.pop(0))
+            self._inject(self.faults.pop(0))
 
     def _begin_update(self) -> None:
         """Begin the update once all hosts are connected, with services of the new version."""
@@ -174,7 +174,7 @@ class HostNight(Night):
             with suppress(FarmError):  # nothing is left to update
                 self.client.update_hosts()
 
-    def _cause(self, fault: PlannedFault) -> None:
+    def _inject(self, fault: PlannedFault) -> None:
         self.faults_done[fault.kind] += 1
         if fault.kind is not HostFault.SERVICE:
             self.hosts.cut(fault.host)
@@ -192,13 +192,13 @@ class HostNight(Night):
                 self.hosts.mend(host)
                 del self._mends[host]
 
-    def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
+    def _compute_figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
             events = Counter(kind for _, kind, _ in store.events())
         agents = [agent for host in self.client.hosts().hosts for agent in host.agents]
         shares = self._meter.shares or [0.0]
         return {
-            **super()._figures(job, wall_s),
+            **super()._compute_figures(job, wall_s),
             "hosts": self.args.hosts,
             **{kind.replace(" ", "_"): self.faults_done[kind] for kind in HostFault},
             "hosts_lost": events["HostLost"],
@@ -214,7 +214,7 @@ class HostNight(Night):
         self._mend_hosts(at_once=True)
         super()._end()
 
-    def count_left(self) -> int:
+    def count_remaining_processes(self) -> int:
         """Count the processes that are left on the hosts after their services had time to end."""
         give_up_s = time.monotonic() + ENDING_S
         while self.hosts.list_processes() and time.monotonic() < give_up_s:
@@ -243,7 +243,7 @@ def run_night(folder: Path, args: argparse.Namespace) -> dict[str, object]:
     night = HostNight(folder, args)
     try:
         figures = night.run()
-        return {**figures, "processes_left": night.count_left()}
+        return {**figures, "processes_left": night.count_remaining_processes()}
     finally:
         night.close()
 

@@ -49,7 +49,7 @@ COMPARISON_ROUNDS = 3
 TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
 
 
-def cpu_s(pid: int) -> float:
+def read_cpu_s(pid: int) -> float:
     """Read the user and system seconds of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -81,9 +81,9 @@ async def print_one(
                     raise SystemExit(reply.error)
             phase = snapshot.print.phase if snapshot.print else None
             if phase is m.PrintPhase.PRINTING and not began_s:
-                began_s, cpu_before_s = time.time(), cpu_s(process.pid)
+                began_s, cpu_before_s = time.time(), read_cpu_s(process.pid)
             if phase is m.PrintPhase.ENDING and not ended_s:
-                ended_s, cpu_after_s = time.time(), cpu_s(process.pid)
+                ended_s, cpu_after_s = time.time(), read_cpu_s(process.pid)
             if phase is not None and phase.ended:
                 if phase is not m.PrintPhase.DONE:
                     raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")

@@ -135,7 +135,7 @@ def main() -> None:
         "--room", choices=GROUPS, action="append", help="one or more; all of them if left out"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--at-once", type=int, default=1, help="rooms that are tried at a time")
+    parser.add_argument("--at-once", type=int, default=1, help="groups that are tested at a time")
     options = parser.parse_args()
     names = options.room or list(GROUPS)
 
@@ -148,7 +148,7 @@ def main() -> None:
         for outcome, diff in results:
             if outcome == TestOutcome.SURVIVED.value:
                 print(f"--- {name}: survived\n{diff}")
-    print(f"{'room':12} {'made':>5} {'killed':>7} {'survived':>9}")
+    print(f"{'group':12} {'mutants':>7} {'killed':>7} {'survived':>9}")
     for name, results in results_by_group.items():
         survivor_count = sum(outcome == TestOutcome.SURVIVED.value for outcome, _ in results)
         print(f"{name:12} {len(results):5} {len(results) - survivor_count:7} {survivor_count:9}")

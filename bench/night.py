@@ -4,7 +4,7 @@
     python -m bench.night --seed 3 --keep DIR
 
 One job of many equal plates of slow moves. The operator clears beds in attended hours and is away for a
-night; a seeded list resets some boards in mid-print, one printer is unplugged for good, and the daemon is
+night; a seeded list resets some boards in mid-print, one printer is unplugged permanently, and the daemon is
 killed twice. The lower bound is that of the remaining printers, without the hours in which nobody
 clears a bed (`away_s`). With `--keep` the farm's folder (books, logs, journals) stays, in a new DIR.
 """
@@ -48,7 +48,7 @@ MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # of farm time: the operator's night begins
-LOOK_S = 0.3  # wall seconds between two polls of the operator
+POLL_S = 0.3  # wall seconds between two polls of the operator
 ANSWER_S = 120.0  # wall seconds for the start of a daemon on a busy machine
 
 
@@ -90,7 +90,9 @@ class Night:
         self.to_unplug = self.rng.randint(2, args.printers)
         # Numbers of printed plates at which the daemon is killed, within the first half of them.
         self.kills = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
-        self.spoilt: set[tuple[str, str]] = set()  # plates with a wrong number of prints, and their printers
+        self.wrong_plates: set[tuple[str, str]] = (
+            set()
+        )  # plates with a wrong number of prints, and their printers
         self.unplugged: str | None = None
         self.kills_done = 0
 
@@ -173,7 +175,7 @@ class Night:
 
     # -- the farm ---------------------------------------------------------------------------------------
 
-    def farm(self, *arguments: str) -> None:
+    def run_farm(self, *arguments: str) -> None:
         command = [*self.command, *arguments, "--state", str(self.state.root)]
         if arguments[0] == "up":
             command += ["--fleet", str(self.fleet_file)]
@@ -183,7 +185,7 @@ class Night:
 
     def run(self) -> dict[str, object]:
         start_s = time.monotonic()
-        self.farm("up")
+        self.run_farm("up")
         try:
             while True:
                 view = self._status()
@@ -192,8 +194,8 @@ class Night:
                     break
                 self._cause_failures(view, job)
                 self._operate(view, job)
-                time.sleep(LOOK_S)
-            return self._figures(job, time.monotonic() - start_s)
+                time.sleep(POLL_S)
+            return self._compute_figures(job, time.monotonic() - start_s)
         finally:
             self._end()
 
@@ -205,7 +207,7 @@ class Night:
             except DaemonUnreachable as error:
                 if time.monotonic() > give_up:
                     raise SystemExit(f"its daemon has not come back: {error}") from error
-                time.sleep(LOOK_S)
+                time.sleep(POLL_S)
 
     def _cause_failures(self, view: api.Status, job: api.JobView) -> None:
         """Cause failures, by the number of prints that have begun and by the progress of the job.
@@ -218,20 +220,20 @@ class Night:
             if printing is None or printing.state != PrintState.PRINTING or not printing.layer:
                 continue
             key = (printer.name, printing.plate)
-            if printing.progress > 0.5 or printer.name == self.unplugged or key in self.spoilt:
+            if printing.progress > 0.5 or printer.name == self.unplugged or key in self.wrong_plates:
                 continue
             if self.unplugged is None and started_count >= self.to_unplug:
                 self.unplugged = printer.name
-                self.spoilt.add(key)
+                self.wrong_plates.add(key)
                 control(self._emulator(printer.name), Command.UNPLUG)
             elif self.to_fail and started_count >= self.to_fail[0]:
                 del self.to_fail[0]
-                self.spoilt.add(key)
+                self.wrong_plates.add(key)
                 control(self._emulator(printer.name), Command.RESET)
         if self.kills_done < len(self.kills) and job.printed >= self.kills[self.kills_done]:
             self.kills_done += 1
             os.kill(view.daemon.pid, signal.SIGKILL)
-            self.farm("up")
+            self.run_farm("up")
 
     def _operate(self, view: api.Status, job: api.JobView) -> None:
         """Clear printed beds and inspect failed printers, in attended hours.
@@ -256,7 +258,7 @@ class Night:
 
     # -- the end ----------------------------------------------------------------------------------------
 
-    def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
+    def _compute_figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
             books = store.load()
         good_plates = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
@@ -282,7 +284,7 @@ class Night:
         """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
         print_ids = set()
         for name in self.names:
-            for line in (self._agent_folder(name) / JOURNAL).read_text().splitlines():
+            for line in (self._find_agent_folder(name) / JOURNAL).read_text().splitlines():
                 print_record = json.loads(line).get("print")
                 if print_record is not None and print_record["phase"] == PrintState.DONE:
                     print_ids.add(print_record["print_id"])
@@ -290,17 +292,17 @@ class Night:
             books.prints[print_id].plate if print_id in books.prints else "unknown" for print_id in print_ids
         )
 
-    def _agent_folder(self, name: str) -> Path:
+    def _find_agent_folder(self, name: str) -> Path:
         return self.state.agent(name)
 
     def _emulator(self, name: str) -> Path:
-        return self._agent_folder(name) / "emulator"
+        return self._find_agent_folder(name) / "emulator"
 
     def _end(self) -> None:
         command = [*self.command, "down", "--now", "--state", str(self.state.root)]
         if subprocess.run(command, capture_output=True, check=False).returncode != 0:
             for name in self.names:
-                kill_agent(self._agent_folder(name))
+                kill_agent(self._find_agent_folder(name))
         for name in self.names:
             if is_running(self._emulator(name)):
                 try:

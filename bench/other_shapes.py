@@ -24,7 +24,7 @@ def _prism(outline: list[tuple[float, float]], start_mm: float, end_mm: float, a
 
 
 def mug() -> Solid:
-    """A cylinder with a handle."""
+    """Draw a cylinder with a handle."""
     wall = _revolve([(0.0, 0.0), (70.0, 0.0), (70.0, 150.0), (63.0, 150.0), (63.0, 8.0), (0.0, 8.0)])
     handle = creation.torus(38.0, 9.0, major_sections=48, minor_sections=24)
     handle.apply_transform(rotation_matrix(math.pi / 2.0, [1.0, 0.0, 0.0]))
@@ -33,7 +33,7 @@ def mug() -> Solid:
 
 
 def chair() -> Solid:
-    """A seat on four legs, and a back of bars."""
+    """Draw a seat on four legs, and a back of bars."""
     bodies = [Solid.box((0.0, 0.0, 90.0), (110.0, 110.0, 102.0))]
     bodies += [Solid.box((x, y, 0.0), (x + 12.0, y + 12.0, 95.0)) for x in (0.0, 98.0) for y in (0.0, 98.0)]
     bodies += [Solid.box((x, 99.0, 95.0), (x + 10.0, 110.0, 210.0)) for x in (0.0, 33.0, 67.0, 100.0)]
@@ -41,7 +41,7 @@ def chair() -> Solid:
 
 
 def rocket() -> Solid:
-    """A body of revolution that ends in a tip, with fins below it."""
+    """Draw a body of revolution that ends in a tip, with fins below it."""
     z = np.linspace(0.0, 226.0, 36)
     r = 40.0 * np.sqrt(1.0 - (z / 230.0) ** 2) * (0.8 + 0.2 * np.sin(z / 60.0))
     bodies = [_revolve([(0.0, 0.0), *zip(r.tolist(), z.tolist(), strict=True), (0.0, 230.0)])]
@@ -52,7 +52,7 @@ def rocket() -> Solid:
 
 
 def boat() -> Solid:
-    """An open hull that narrows at both ends, with benches."""
+    """Draw an open hull that narrows at both ends, with benches."""
 
     def hull(beam_mm: float, length_mm: float, low_mm: float, high_mm: float) -> Solid:
         t = np.linspace(-1.0, 1.0, 31)[:-1]
@@ -70,7 +70,7 @@ def boat() -> Solid:
 
 
 def elbow() -> Solid:
-    """A bent pipe with flanges."""
+    """Draw a bent pipe with flanges."""
 
     def bend(radius_mm: float) -> Solid:
         rings = []
@@ -91,7 +91,7 @@ def elbow() -> Solid:
 
 
 def bust() -> Solid:
-    """A head on shoulders, cut flat below."""
+    """Draw a head on shoulders, cut flat below."""
     parts = [
         ellipsoid((0.0, 0.0, 150.0), (40.0, 48.0, 55.0)),
         rod((0.0, 0.0, 60.0), (0.0, 0.0, 120.0), 24.0),
@@ -103,7 +103,7 @@ def bust() -> Solid:
 
 
 def pyramid() -> Solid:
-    """A hollow pyramid with steps outside."""
+    """Draw a hollow pyramid with steps outside."""
     steps = [
         Solid.box(
             (-90.0 + 13.0 * i, -90.0 + 13.0 * i, 18.0 * i),
@@ -118,7 +118,7 @@ def pyramid() -> Solid:
 
 
 def lattice() -> Solid:
-    """A tower of struts."""
+    """Draw a tower of struts."""
     nodes = [(x, y) for x, y in ((-40.0, -40.0), (40.0, -40.0), (40.0, 40.0), (-40.0, 40.0))]
     struts = [Solid.box((-50.0, -50.0, -8.0), (50.0, 50.0, 2.0))]
     for i, (x, y) in enumerate(nodes):
@@ -131,7 +131,7 @@ def lattice() -> Solid:
 
 
 def propeller() -> Solid:
-    """Three twisted blades about a hub."""
+    """Draw three twisted blades about a hub."""
     blades = []
     for i in range(3):
         turn = rotation_matrix(i * 2.0 * math.pi / 3.0, [0.0, 0.0, 1.0])[:3, :3]
@@ -152,7 +152,7 @@ def propeller() -> Solid:
 
 
 def bridge() -> Solid:
-    """A deck on two arches, between towers with cones."""
+    """Draw a deck on two arches, between towers with cones."""
     angle = np.linspace(0.0, math.pi, 30)
     arches = [
         _prism([(x + 40.0 * math.cos(a), 45.0 * math.sin(a) - 1.0) for a in angle], -31.0, 31.0, 1)
@@ -168,7 +168,7 @@ def bridge() -> Solid:
 
 
 def coat_hook() -> Solid:
-    """A slanting plate with hooks."""
+    """Draw a slanting plate with hooks."""
     plate = _prism([(0.0, 0.0), (14.0, 0.0), (44.0, 160.0), (30.0, 160.0)], -80.0, 80.0, 1)
     hooks = []
     for y in (-50.0, 0.0, 50.0):
@@ -178,7 +178,7 @@ def coat_hook() -> Solid:
 
 
 def shell() -> Solid:
-    """Half of a thick, flattened sphere on its rim, tilted."""
+    """Draw half of a thick, flattened sphere on its rim, tilted."""
     outer, inner = (
         ellipsoid((0.0, 0.0, 0.0), (110.0, 85.0, 70.0)),
         ellipsoid((0.0, 0.0, 0.0), (98.0, 73.0, 58.0)),

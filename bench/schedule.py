@@ -129,7 +129,7 @@ def main() -> None:
         f"{options.plates} plates, {options.printers} printers: assigned in {report['assign_ms']:.0f} ms, ",
         end="",
     )
-    print(f"foreseen in {report['forecast_ms']:.0f} ms, {report['over_bound']:.1%} above the lower bound")
+    print(f"forecast in {report['forecast_ms']:.0f} ms, {report['over_bound']:.1%} above the lower bound")
 
 
 if __name__ == "__main__":

@@ -52,14 +52,14 @@ def ball() -> Solid:
 
 
 def ring() -> Solid:
-    """A tilted torus with a bar through it."""
+    """Draw a tilted torus with a bar through it."""
     torus = creation.torus(60.0, 25.0, major_sections=64, minor_sections=32)
     torus.apply_transform(rotation_matrix(0.6, [1.0, 0.5, 0.2]))
     return Solid.union([solid(torus), Solid.box((-45.0, -8.0, -37.0), (110.0, 15.0, 60.0))])
 
 
 def vase() -> Solid:
-    """A thick wall about a curved axis of revolution, open at the top."""
+    """Draw a thick wall about a curved axis of revolution, open at the top."""
     z = np.linspace(0.0, 180.0, 40)
     outer = 45.0 + 22.0 * np.sin(z / 180.0 * 2.2 * math.pi)
     profile = [(0.0, 0.0), *zip(outer, z, strict=True)]
@@ -68,7 +68,7 @@ def vase() -> Solid:
 
 
 def house() -> Solid:
-    """Walls of 6 mm with windows, under a pitched roof."""
+    """Draw walls of 6 mm with windows, under a pitched roof."""
     roof = [np.array([(x, -60.0, 80.0), (x, 60.0, 80.0), (x, 0.0, 135.0)]) for x in (-90.0, 90.0)]
     body = Solid.union([Solid.box((-80.0, -50.0, 0.0), (80.0, 50.0, 85.0)), loft(roof)])
     holes = [Solid.box((-74.0, -44.0, 5.0), (74.0, 44.0, 78.0))]
@@ -77,7 +77,7 @@ def house() -> Solid:
 
 
 def bracket() -> Solid:
-    """Two plates with ribs and bores."""
+    """Draw two plates with ribs and bores."""
     plates = [
         Solid.box((0.0, -50.0, 0.0), (160.0, 50.0, 12.0)),
         Solid.box((0.0, -50.0, 0.0), (12.0, 50.0, 120.0)),
@@ -91,7 +91,7 @@ def bracket() -> Solid:
 
 
 def animal() -> Solid:
-    """Ellipsoids for body and head, leaning legs, a tail."""
+    """Draw ellipsoids for body and head, leaning legs, a tail."""
     parts = [
         ellipsoid((0.0, 0.0, 95.0), (85.0, 42.0, 45.0)),
         ellipsoid((95.0, 0.0, 130.0), (36.0, 25.0, 28.0)),
@@ -106,7 +106,7 @@ def animal() -> Solid:
 
 
 def gear() -> Solid:
-    """Eighteen teeth about a bore, with spokes."""
+    """Draw eighteen teeth about a bore, with spokes."""
     angle = np.linspace(0.0, 2.0 * math.pi, 18 * 4, endpoint=False)
     radius = np.tile([78.0, 92.0, 92.0, 78.0], 18)
     outline = [
@@ -121,7 +121,7 @@ def gear() -> Solid:
 
 
 def tree() -> Solid:
-    """A stem and branches that lean."""
+    """Draw a stem and branches that lean."""
     rods = [
         rod((0.0, 0.0, 0.0), (10.0, 5.0, 190.0), 17.0),
         Solid.box((-45.0, -45.0, 0.0), (45.0, 45.0, 10.0)),
@@ -133,7 +133,7 @@ def tree() -> Solid:
 
 
 def column() -> Solid:
-    """A star-shaped section that turns and narrows with height."""
+    """Draw a star-shaped section that turns and narrows with height."""
     angle = np.linspace(0.0, 2.0 * math.pi, 60, endpoint=False)
     rings = []
     for z in np.linspace(0.0, 220.0, 45):
@@ -144,7 +144,7 @@ def column() -> Solid:
 
 
 def hills() -> Solid:
-    """A landscape on a flat base."""
+    """Draw a landscape on a flat base."""
     rows = []
     x = np.linspace(0.0, 240.0, 61)
     for y in np.linspace(0.0, 160.0, 41):
@@ -155,7 +155,7 @@ def hills() -> Solid:
 
 
 def stairs() -> Solid:
-    """Steps over an arch."""
+    """Draw steps over an arch."""
     steps = [Solid.box((0.0, 0.0, 0.0), (180.0 - 26.0 * i, 70.0, 20.0 * (i + 1))) for i in range(6)]
     return Solid.union(steps).subtract(rod((80.0, -5.0, 0.0), (80.0, 75.0, 0.0), 38.0))
 

@@ -133,10 +133,12 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
     took_s, cpu_s = [], []
     person = Person(os.getuid(), os.getgid())
 
-    async def as_person(scope: Any, receive: Any, send: Any) -> None:
+    async def identify_person(scope: Any, receive: Any, send: Any) -> None:
         await app({**scope, "state": {"person": person}}, receive, send)
 
-    async with httpx.AsyncClient(transport=httpx.ASGITransport(as_person), base_url="http://farm") as client:
+    async with httpx.AsyncClient(
+        transport=httpx.ASGITransport(identify_person), base_url="http://farm"
+    ) as client:
         for _ in range(rounds + 1):
             start, cpu = time.perf_counter(), time.process_time()
             answer = await client.get("/status")

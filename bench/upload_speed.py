@@ -30,7 +30,7 @@ from farm.api import NETWORK_PREFIX
 
 MB = 10**6
 BLOCK = b"M999 ; a command that no file may have\n" + b"G1 X100.123 Y100.456 E0.12345\n" * 30_000
-ASK_S = 0.05
+POLL_S = 0.05
 PATIENCE_S = 300.0
 GOALS = {"mb_per_s": 100.0, "status_worst_ms": 100.0}
 BOUNDARY = b"------------------------9b1418d19f570849"
@@ -103,7 +103,7 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
                 start_s = time.perf_counter()
                 client.get(path).raise_for_status()
                 durations_ms.append(1000 * (time.perf_counter() - start_s))
-            time.sleep(ASK_S)
+            time.sleep(POLL_S)
     pipe.send(durations_ms)
 
 

@@ -29,7 +29,7 @@ from typing import Any
 import httpx
 import trimesh
 
-from bench.upload_speed import ASK_S, PATIENCE_S
+from bench.upload_speed import PATIENCE_S, POLL_S
 from bench.web_farm import WebFarm
 from farm.api import NETWORK_PREFIX
 
@@ -123,7 +123,7 @@ def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
                     httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
                 except httpx.HTTPError:
                     failed_count += 1
-            time.sleep(ASK_S)
+            time.sleep(POLL_S)
     pipe.send((local_ms, request_count, failed_count))
 
 

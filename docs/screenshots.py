@@ -111,7 +111,7 @@ class Stage:
     def clear(self) -> None:
         """End the farm, if it is up, and delete the folder."""
         if self._is_up():
-            self.farm("down", "--now")
+            self.run_farm("down", "--now")
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def read_taken(self) -> list[str]:
@@ -123,7 +123,7 @@ class Stage:
         with self._taken.open("a") as file:
             file.writelines(f"{name}\n" for name in names)
 
-    def farm(self, *arguments: str) -> str:
+    def run_farm(self, *arguments: str) -> str:
         """Run a farm command, and return what it prints."""
         command = self._write_command(*arguments)
         command += ["--fleet", str(self._folder / "fleet.yaml")] if arguments[0] == "up" else []
@@ -131,11 +131,11 @@ class Stage:
 
     def make_link(self) -> str:
         """Return the address of a new link that logs in."""
-        return str(json.loads(self.farm("web", "--json"))["url"])
+        return str(json.loads(self.run_farm("web", "--json"))["url"])
 
     def read_status(self) -> Any:
         """Return `farm status --json`."""
-        return json.loads(self.farm("status", "--json"))
+        return json.loads(self.run_farm("status", "--json"))
 
     def wait(self, what: str, condition: Callable[[Any], object]) -> Any:
         """Wait until the status is so, and return it: a later one may be another."""
@@ -159,25 +159,25 @@ def set_stage(stage: Stage) -> None:
     folder = Path(tempfile.mkdtemp())
     aqueduct = str(folder / "aqueduct.stl")
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), aqueduct], check=True)
-    stage.farm("up")
+    stage.run_farm("up")
     stage.wait("printers", lambda s: all(one["state"] == "idle" for one in s["printers"]))
-    stage.farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
+    stage.run_farm("submit", aqueduct, "--name", "Aqueduct", "--note", "for the exhibition")
     stage.wait("the plan", lambda s: s["jobs"][0]["plates"])
     for name, options in (
         ("Model of a bridge", ["--longest-side", "200", "--copies", "4"]),
         ("Viaduct", ["--longest-side", "120", "--copies", "2", "--hold"]),
         ("Tomorrow's aqueduct", ["--longest-side", "140", "--copies", "2", "--overnight"]),
     ):
-        stage.farm("submit", aqueduct, "--name", name, *options)
+        stage.run_farm("submit", aqueduct, "--name", name, *options)
     stage.wait("plans", lambda s: all(one["plates"] for one in s["jobs"]))
     status = stage.wait("a print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     busy = next(one["name"] for one in status["printers"] if one["state"] == "printing")
-    stage.farm("fail", busy, "--why", "the first layer came off")
+    stage.run_farm("fail", busy, "--why", "the first layer came off")
     done = stage.wait("a part", lambda s: [one for one in s["printers"] if is_done(one)])
-    stage.farm("cleared", next(one["name"] for one in done["printers"] if is_done(one)))
+    stage.run_farm("cleared", next(one["name"] for one in done["printers"] if is_done(one)))
     stage.wait("its parts", lambda s: s["jobs"][0]["state"] == "printed")
     for printer in [one for one in stage.read_status()["printers"] if one["look"] is None][2:]:
-        stage.farm("cleared", printer["name"])
+        stage.run_farm("cleared", printer["name"])
     stage.wait("another print", lambda s: any(one["state"] == "printing" for one in s["printers"]))
     stage.record()
     print("the stage is set", flush=True)

@@ -10,7 +10,7 @@ DAEMON_USER = Person(os.getuid(), os.getgid())
 def call_as(person, app):
     """Wrap the application so that requests come from a person on the Unix socket, or from nobody if None."""
 
-    async def as_person(scope, receive, send):
+    async def identify_person(scope, receive, send):
         await app({**scope, "state": {} if person is None else {"person": person}}, receive, send)
 
-    return as_person
+    return identify_person
