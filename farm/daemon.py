@@ -209,7 +209,7 @@ class Daemon:
         return BoundedServer(config, limit, self._stop_work)
 
     async def _begin_upkeep(self, upkeep: Upkeep) -> None:
-        """Finish what an earlier daemon began to delete, back up every night, and watch the disk."""
+        """Finish the deletions of an earlier daemon, back up every night, and watch the disk."""
         upkeep.begin()
         self._timers.call_every(_DISK_INTERVAL_S, "disk", upkeep.measure)
         warn = partial(self._controller.warn, "backup")

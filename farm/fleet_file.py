@@ -112,7 +112,7 @@ def load_fleet(
 
 
 def _find_folders(section: FleetSection, parent: Path) -> FleetSection:
-    """Return the section with folders that are given from the folder of the fleet file on."""
+    """Return the section with its folders resolved from the folder of the fleet file."""
     changes: dict[str, object] = {}
     if section.materials is not None:
         changes["materials"] = parent / section.materials

@@ -58,7 +58,7 @@ _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
 class AgentListener(HostListener, Protocol):
-    """Receives the reports of agents, and what happens to their hosts."""
+    """Receiver of the reports of agents, and of the events of their hosts."""
 
     def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         """Handle a snapshot."""
@@ -87,8 +87,8 @@ class AgentConnection:
     listener
         Receives the agent's reports.
     host
-        Connection to the service of its host; or the farm's name, by which an agent on another host that is
-        reached by a connection of its own knows it.
+        Connection to the service of its host; or the name of the farm, for an agent on another host with its
+        own connection.
     """
 
     def __init__(
@@ -234,7 +234,7 @@ class AgentConnection:
             # The books could not be written: nothing has changed, and the next snapshot is handled in full.
             self._log.error("%s", error)
         except Exception:  # a bug here must not end the listening to this printer
-            self._log.exception("handling the snapshot of its agent")
+            self._log.exception("the snapshot of its agent could not be handled")
 
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
         """Return a snapshot without fields that the agent cannot measure."""
@@ -312,7 +312,7 @@ class AgentConnection:
         AgentError
             The agent cannot be reached.
         AgentTooOld
-            It keeps none.
+            The agent is too old to record lines.
         """
         reply = await self._client.request(m.ListLines(id=0))
         return to_farm_lines(reply.lines, self._ahead_s)
@@ -363,7 +363,7 @@ class AgentConnection:
         return True
 
     def _is_agent_alive(self, process: subprocess.Popen[bytes] | None, pid: int | None = None) -> bool:
-        """Return whether an agent runs on this host, also one that has just been started.
+        """Return whether an agent runs on this host, including one that has just been started.
 
         Parameters
         ----------

@@ -8,7 +8,7 @@ from enum import StrEnum
 from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 
 LOST_S = 10.0
-"""Wall seconds without a connection after which a host is lost; shorter ones are mended without a word."""
+"""Wall seconds without a connection after which a host is lost; shorter interruptions are not reported."""
 FIRST_LOST_S = 45.0
 """The same before the first connection: the services of many hosts start at once, over ssh."""
 
@@ -81,7 +81,7 @@ class HostRecord:
             self.state = self.state.model_copy(update={"update": Update(phase=UpdatePhase.RUNNING)})
 
     def describe_wait(self) -> str | None:
-        """Describe what the host waits for; None if for nothing."""
+        """Describe what the host waits for; None if it does not wait."""
         if self.disconnected_s is not None or self.state is None:
             return f"a connection: {self.reason}"
         waiting_agents = [agent for agent in self.state.agents if agent.phase is AgentPhase.WAITING]

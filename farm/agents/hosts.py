@@ -44,7 +44,7 @@ _MAX_REPORT_S = 5.0
 
 
 class HostListener(Protocol):
-    """Receives what happens to hosts."""
+    """Receiver of the events of hosts."""
 
     def handle(self, *events: ev.AnyEvent) -> None:
         """Record events."""
@@ -54,7 +54,7 @@ class HostListener(Protocol):
 
 
 def compute_report_s(printers: int) -> float:
-    """Return the seconds between two reports of a printing printer, for a fleet of this many.
+    """Compute the seconds between two reports of a printing printer, for a fleet of this many.
 
     Up to 200 printers report every second; beyond that they are carried more rarely, so that the daemon
     reads as many reports a second, down to one in five seconds.
@@ -72,9 +72,9 @@ class HostConnection:
     command
         Command that runs `farm host` there, with stdin and stdout.
     log_file
-        Receives what ssh writes to stderr.
+        Receives the stderr of ssh.
     record
-        What is known about the host.
+        Record of the host.
     clock
         The farm's clock.
     """
@@ -95,7 +95,7 @@ class HostConnection:
         return self._request.farm
 
     def describe_loss(self) -> str | None:
-        """Return why the host cannot be reached; None if it is connected."""
+        """Describe why the host cannot be reached; None if it is connected."""
         if self._connected.is_set() and self._mux is not None and not self._mux.is_lost:
             return None
         return f"no connection to its host {self.record.host}: {self.record.reason}"
@@ -127,7 +127,7 @@ class HostConnection:
             self.send(HostMessage(do="agents"))
 
     async def close(self) -> None:
-        """Disconnect; the service and its agents go on."""
+        """Disconnect; the service and its agents continue."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
@@ -137,7 +137,7 @@ class HostConnection:
         while True:
             await asyncio.sleep(wait_s)
             wait_s = min(2 * wait_s + 1.0, _MAX_WAIT_S)
-            begun_s, reason = time.monotonic(), "it was closed"
+            started_s, reason = time.monotonic(), "the connection was closed"
             try:
                 await self._carry()
             except (OSError, ValueError, DriverError, TimeoutError) as error:
@@ -147,7 +147,7 @@ class HostConnection:
                 reason = str(error)
             log.warning("no connection to %s: %s", self.record.host, reason)
             self.record.on_lost(self._clock.now(), reason)
-            if time.monotonic() - begun_s > _STEADY_S:
+            if time.monotonic() - started_s > _STEADY_S:
                 wait_s = 0.0
 
     async def _carry(self) -> None:
@@ -182,7 +182,7 @@ class HostConnection:
 
     async def _watch(self, carry_task: asyncio.Task[None]) -> None:
         """Send the heartbeat until the connection ends or the host is silent. Raises AgentError."""
-        begun_s = self._heard_s = time.monotonic()
+        started_s = self._heard_s = time.monotonic()
         while True:
             done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_S)
             if done_tasks:
@@ -190,7 +190,7 @@ class HostConnection:
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
             limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOST_S
-            if now_s - max(self._heard_s, begun_s) > limit_s:
+            if now_s - max(self._heard_s, started_s) > limit_s:
                 raise AgentError(f"it has been silent for {limit_s:g} s")
             if self._connected.is_set():
                 self.send(HostMessage(do="ping"))
@@ -216,14 +216,16 @@ class Hosts:
     fleet, state, clock
         The farm's fleet, state folder and clock.
     listener
-        Receives what happens to hosts.
+        Receives the events of hosts.
     """
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: HostListener) -> None:
         self._listener, self._clock = listener, clock
         self._connections: dict[str, HostConnection] = {}
         self._of_printer: dict[str, HostConnection] = {}
-        self._rollout: tuple[str, ...] | None = None  # the hosts that it has begun; None: there is none
+        self._rollout: tuple[str, ...] | None = (
+            None  # the hosts on which it has begun; None if there is no update
+        )
         report_s = compute_report_s(len(fleet.printers))
         for host, command, sections in _group_by_host(fleet):
             starts = tuple(make_start(section, clock) for section in sections)
@@ -254,7 +256,7 @@ class Hosts:
         return self._of_printer.get(printer)
 
     def watch(self) -> None:
-        """Record hosts that are lost or back, trying again if that fails; go on with an update."""
+        """Record hosts that are lost or back, trying again if that fails; continue an update."""
         now_s = self._clock.now()
         for record in self.records:
             change = record.find_change(now_s, self._clock.scale)
@@ -318,7 +320,7 @@ class Hosts:
             connection.release_agents()
 
     async def close(self) -> None:
-        """Disconnect from all hosts; their agents go on."""
+        """Disconnect from all hosts; their agents continue."""
         await asyncio.gather(*(connection.close() for connection in self._connections.values()))
 
 
@@ -332,10 +334,10 @@ def _group_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[PrinterSection
     """
     sections = [s for s in fleet.printers if s.enabled and runs_host_service(s.host_command) and s.host]
 
-    def host_of(section: PrinterSection) -> str:
+    def read_host(section: PrinterSection) -> str:
         return str(section.host)
 
-    for host, group in groupby(sorted(sections, key=host_of), host_of):
+    for host, group in groupby(sorted(sections, key=read_host), read_host):
         printers = list(group)
         commands = sorted({section.host_command for section in printers})
         if len(commands) > 1:
@@ -348,4 +350,4 @@ def _group_by_host(fleet: Fleet) -> Iterator[tuple[str, str, list[PrinterSection
 
 def _read_last_line(path: Path) -> str:
     lines = path.read_text(errors="replace").strip().splitlines() if path.exists() else []
-    return lines[-1] if lines else "it was closed"
+    return lines[-1] if lines else "the connection was closed"

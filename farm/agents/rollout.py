@@ -36,7 +36,7 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
     Parameters
     ----------
     updates
-        State of the update of each host, by its name; None: it is not connected.
+        State of the update of each host, by its name; None if it is not connected.
     started_hosts
         Hosts whose update has begun, in order. The others wait until the first one is done.
 

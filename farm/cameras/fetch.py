@@ -1,4 +1,4 @@
-"""Fetches one still over HTTP, within limits on time, size and hosts. The only import of httpx.
+"""Fetch of one still over HTTP, within limits on time, size and hosts. The only import of httpx.
 
 The address comes from `fleet.yaml` alone. It may hold a password: no message and no log line shows it.
 """

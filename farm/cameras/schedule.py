@@ -28,7 +28,7 @@ class CameraState:
 
     Attributes
     ----------
-    begun_s
+    attempt_s
         Time at which the last attempt began.
     failures
         Attempts that failed since the last still.
@@ -36,13 +36,13 @@ class CameraState:
         Reason for which the last attempt failed.
     """
 
-    begun_s: float | None = None
+    attempt_s: float | None = None
     failures: int = 0
     problem: str | None = None
 
     def begin(self, now_s: float) -> CameraState:
         """Return the state after the start of an attempt."""
-        return replace(self, begun_s=now_s)
+        return replace(self, attempt_s=now_s)
 
     def succeed(self) -> CameraState:
         """Return the state after a still."""
@@ -55,10 +55,10 @@ class CameraState:
     @property
     def next_s(self) -> float:
         """Time of the next attempt at the earliest."""
-        if self.begun_s is None:
+        if self.attempt_s is None:
             return 0.0
         doublings = min(self.failures, 10)
-        return self.begun_s + min(LARGEST_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
+        return self.attempt_s + min(LARGEST_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ _PICTURES = (".stl", ".png", ".jpg", ".jpeg")  # parts are drawn
 
 @dataclass(frozen=True, slots=True)
 class FetchedFiles:
-    """Files of a job in a folder: all of them by name and by SHA-256, and which were written."""
+    """Files of a job in a folder: all of them by name and by SHA-256, and those that were written."""
 
     by_name: dict[str, Path] = field(default_factory=dict)
     by_sha256: dict[str, Path] = field(default_factory=dict)

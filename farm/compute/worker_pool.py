@@ -20,7 +20,7 @@ from typing import TypeVar
 
 from farm.compute.limits import CHECKING, Limit
 from farm.compute.memory import read_machine_bytes
-from farm.compute.worker_process import Raised, Warm, Worker
+from farm.compute.worker_process import RaisedError, Warm, Worker
 from farm.errors import ErrorCode, FarmError
 
 log = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ _GB = 2**30
 _CLOSED = "the daemon is shutting down: submit it again after `farm up`"
 
 
-def compute_memory_for_each(count: int, memory_gb: float | None) -> int:
+def compute_memory_per_worker(count: int, memory_gb: float | None) -> int:
     """Return the memory in bytes that a worker may use.
 
     Parameters
@@ -67,7 +67,7 @@ class Workers:
     count
         Number of workers, without the one for urgent tasks; as many as cores by default.
     memory_gb
-        Memory limit of each; see `compute_memory_for_each`.
+        Memory limit of each; see `compute_memory_per_worker`.
     warm
         First call in every worker: imports the modules that tasks need.
     """
@@ -81,7 +81,7 @@ class Workers:
     ) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._scratch = scratch
-        self._memory = compute_memory_for_each(count, memory_gb)
+        self._memory = compute_memory_per_worker(count, memory_gb)
         self._warm = warm
         self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
@@ -152,7 +152,7 @@ class Workers:
                     "scale the model down, simplify its mesh, or raise `memory_gb` in fleet.yaml",
                     ErrorCode.LIMIT,
                 )
-            if isinstance(answer, Raised):
+            if isinstance(answer, RaisedError):
                 raise answer.error
             return answer  # type: ignore[no-any-return]
         raise FarmError(

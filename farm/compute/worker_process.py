@@ -31,7 +31,7 @@ _STEP = "step"
 
 
 @dataclass(frozen=True, slots=True)
-class Raised:
+class RaisedError:
     """Exception that the work raised."""
 
     error: Exception
@@ -77,7 +77,7 @@ class Worker:
         Returns
         -------
         Any
-            The result of the work, `Raised`, or a MemoryError.
+            The result of the work, `RaisedError`, or a MemoryError.
 
         Raises
         ------
@@ -129,16 +129,16 @@ def _answer(request: bytes) -> bytes:
     except MemoryError:
         return pickle.dumps(MemoryError())
     except SystemExit as error:
-        return pickle.dumps(Raised(FarmError(f"a library ended the work: {error}")))
+        return pickle.dumps(RaisedError(FarmError(f"a library ended the work: {error}")))
     except Exception as error:
         error.add_note(
             "".join(traceback.format_exception(error))
         )  # traceback of this process, for the daemon's log
         try:
-            answer = pickle.dumps(Raised(error))
+            answer = pickle.dumps(RaisedError(error))
             pickle.loads(answer)
         except Exception:  # not every exception can be pickled
-            answer = pickle.dumps(Raised(FarmError(f"{type(error).__name__}: {error}")))
+            answer = pickle.dumps(RaisedError(FarmError(f"{type(error).__name__}: {error}")))
         return answer
 
 

@@ -99,7 +99,7 @@ class PeerProtocol(H11Protocol):
     """HTTP protocol whose requests carry the caller as `request.state.person`.
 
     It also records since when it has been waiting for its client: for the rest of a request, or until
-    the client reads what was sent. A client that reads nothing would keep its connection for ever.
+    the client reads what was sent. A client that reads nothing would keep its connection forever.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]

@@ -182,7 +182,7 @@ class BoundedServer(uvicorn.Server):
                 self._begin_handshake(connection)
 
     def _begin_handshake(self, connection: socket.socket) -> None:
-        """Connect a client in a task of its own, as it may delay its handshake.
+        """Connect a client in its own task, as it may delay its handshake.
 
         If many do, the oldest is abandoned.
         """

@@ -17,7 +17,7 @@ _HEADERS = {"x-accel-buffering": "no"}  # a proxy must not hold events back
 
 
 class StreamLimit:
-    """Counts open streams; closing ends them all.
+    """Counter of open streams; closing it ends all of them.
 
     Parameters
     ----------

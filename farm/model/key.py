@@ -15,7 +15,7 @@ class Role(StrEnum):
     OPERATE = "operate"  # approve, clear beds, load reels, end maintenance
 
     def allows(self, role: Role) -> bool:
-        """Return whether a caller with this role may do what needs another one."""
+        """Return whether a caller with this role may do what requires another role."""
         order = list(Role)
         return order.index(self) >= order.index(role)
 
@@ -41,7 +41,7 @@ class Key(Entity):
     digest: str  # SHA-256 of the key's text, in hexadecimal
     created_s: float
     by: str  # name of the operator who added it; of a session, the caller who opened it
-    expires_s: float | None = None  # None: never; the end of a session is put off while it is used
+    expires_s: float | None = None  # None: never; the end of a session is postponed while it is used
     revoked_s: float | None = None
     opened_by: str | None = None  # id of the key that opened a session; None: a link for a user
 

@@ -32,7 +32,7 @@ class Reel(Entity):
 
 
 class HostLoss(Entity):
-    """Loss of the connection to a host with printers; their prints may go on."""
+    """Loss of the connection to a host with printers; their prints may continue."""
 
     host: str
     at_s: float  # of the first of the hosts that were lost together: people hear of them once

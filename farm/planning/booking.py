@@ -16,7 +16,9 @@ from farm.state.storage import store_file
 
 MAX_WARNINGS = 3
 """Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
-MAY_FALL = "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
+MAY_FALL_WARNING = (
+    "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factor: float, f
         The store.
     """
     section, result = sliced_part.printer, sliced_part.result
-    warnings = () if sliced_part.part.print_options.stands else (MAY_FALL,)
+    warnings = () if sliced_part.part.print_options.stands else (MAY_FALL_WARNING,)
     return Plate(
         id=names.plate,
         job=names.job,

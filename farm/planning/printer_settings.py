@@ -35,7 +35,7 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
         description = " ".join(filter(None, (options.material, options.colour))) or "a printer"
         if options.only:
             raise Refused(
-                f"{' '.join(options.only)} is disabled, or has not {description}: send it to another address"
+                f"{' '.join(options.only)} is disabled, or lacks {description}: send it to another address"
             )
         raise Refused(
             f"no printer of the fleet has {description}; there is {', '.join(have) or 'no printer at all'}"

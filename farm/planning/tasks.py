@@ -36,7 +36,7 @@ def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> 
 def list_draw_files(
     task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
 ) -> TaskFiles:
-    """List the files of `draw_job`: the record of the parts, pictures of before, the folder of the plan."""
+    """List the files of `draw_job`: the record of the parts, earlier pictures, the folder of the plan."""
     pictures = steps if overview is None else (overview, *steps)
     return TaskFiles(reads=(drawing_record, *pictures), folders=(task.folder,))
 

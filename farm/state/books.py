@@ -169,7 +169,7 @@ def replace_fields(entity: E, **changes: object) -> E:
 
 
 def remove_keys(books: Books, names: Iterable[str]) -> Books:
-    """Return the books without some keys; all other entities stay for ever."""
+    """Return the books without some keys; all other entities stay forever."""
     removed_keys = set(names)
     if not removed_keys:
         return books

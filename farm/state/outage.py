@@ -51,7 +51,7 @@ def find_common_losses(name: str, printers: Iterable[Printer], window_s: float =
 
 
 def find_common_host_loss_s(at_s: float, losses: Iterable[HostLoss], window_s: float = WINDOW_S) -> float:
-    """Find the time of the losses of hosts to which one more belongs: that of the first within the window.
+    """Find the time of the first of the losses of hosts that were lost together with one more.
 
     Parameters
     ----------

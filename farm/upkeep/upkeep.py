@@ -20,7 +20,7 @@ from farm.state import events as ev
 from farm.state.retention import (
     KeepRules,
     describe_shortage,
-    find_need,
+    find_keep_reason,
     list_deletable_files,
     list_job_file_names,
     list_lost_jobs,
@@ -136,7 +136,7 @@ class Upkeep:
                 return await self._preview(now_s)
             try:
                 backup = await asyncio.to_thread(back_up, self._state, now_s)
-            except StoreError as error:  # the disk may be full: what had ended before the last one can go
+            except StoreError as error:  # the disk may be full: jobs that ended before the last backup can go
                 backups = list_backups(self._state)
                 if not backups:
                     raise
@@ -189,7 +189,7 @@ class Upkeep:
         )
 
     async def _compact_events(self, backup: Path) -> int:
-        """Delete old events, a few at a time; returns how many. The audit of the kept days stays."""
+        """Delete old events, a few at a time; returns their number. The events of the kept days stay."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         if not last:
@@ -210,7 +210,9 @@ class Upkeep:
         for number in self._select(files, controller.books, controller.clock.now(), backup_s):
             job = controller.books.job(number)
             pictures = await self._draw_parts(job)
-            if find_need(controller.books, controller.books.job(number)) is None:  # still
+            if (
+                find_keep_reason(controller.books, controller.books.job(number)) is None
+            ):  # a person may have changed it meanwhile
                 pruned_jobs.append(self._describe(job, files, controller.books))
                 at_s = controller.clock.now()
                 controller.handle(ev.JobPruned(at_s=at_s, job=number, by=by, part_pictures=pictures))
@@ -233,8 +235,8 @@ class Upkeep:
     async def _finish(self) -> int:
         """Delete the files of pruned jobs, and old ones that no job has; returns the bytes.
 
-        A daemon that was killed while it pruned left the first, one that was killed while it stored files the
-        others. An older backup that was restored names files that are gone: those jobs count as pruned.
+        The first remain if a daemon was killed while it pruned, the others if it was killed while it stored
+        files. A restored backup may name files that are gone: those jobs count as pruned.
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)

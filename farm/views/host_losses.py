@@ -36,7 +36,7 @@ def describe_lost_hosts(losses: Sequence[HostLoss]) -> str:
     else:
         problem = f"{len(hosts)} hosts with {printers} do not answer ({_shorten_names(hosts)})"
     its = "its" if len(hosts) == 1 else "their"
-    return f"{problem}: prints go on there without the farm; check {its} power and {its} network"
+    return f"{problem}: prints continue there without the farm; check {its} power and {its} network"
 
 
 def _shorten_names(hosts: Iterable[str]) -> str:

@@ -97,7 +97,7 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
         f"{' '.join(outage.printers)} were lost at the same time (power, USB hub or host?): inspect them, "
         "then `farm resume`"
     )
-    text += "".join(_ask_whole(context, name) for name in outage.printers)
+    text += "".join(_ask_about_part(context, name) for name in outage.printers)
     good = {name: part for name in outage.printers if (part := _find_whole_part(context, name))}
     return api.Todo(code="outage", printers=list(outage.printers), text=text, good=good)
 
@@ -132,7 +132,7 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: 
         problem = f"{name} {snapshot.reason}"
         yield api.Todo(code="replace", printers=[name], text=problem, brief=problem)
     elif reason:
-        ask = _ask_whole(context, name)
+        ask = _ask_about_part(context, name)
         since_text, times = "", list[TextTime]()
         if attention is not None and entry.attention_since_s is not None:
             moment, now = (
@@ -188,7 +188,7 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
     return None if attempt is None else books.parts[books.plates[attempt.plate].parts[0]]
 
 
-def _ask_whole(context: ViewContext, printer: str) -> str:
+def _ask_about_part(context: ViewContext, printer: str) -> str:
     """Ask whether the part of a failed print is good, and name the command; empty if it cannot be."""
     part = _find_whole_part(context, printer)
     return (
@@ -221,7 +221,7 @@ def list_deadlines(
 
     Parameters
     ----------
-    attempt, reported
+    attempt, reported_print
         An open print, and the latest report of its agent on it.
     remaining_s
         Time that it still takes from `now_s`.

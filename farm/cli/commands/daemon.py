@@ -155,7 +155,7 @@ def host(
 ) -> None:
     """Run the agents of a farm's printers on this host; the daemon starts it over ssh.
 
-    Its stdin and stdout are the connection to the daemon. The agents go on without it.
+    Its stdin and stdout are the connection to the daemon. The agents continue without it.
     """
     if farm is not None:
         from drivers.host.service import run_service

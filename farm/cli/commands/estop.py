@@ -186,7 +186,7 @@ class HostTarget:
 
 
 def find_targets(places: Places) -> tuple[dict[str, Target], FleetFileError | None]:
-    """Find how to stop each printer of the state folder and of `fleet.yaml`.
+    """Find the stop target of each printer of the state folder and of `fleet.yaml`.
 
     If `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
     """

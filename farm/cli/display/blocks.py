@@ -23,14 +23,14 @@ class Block:
         The highest rank is shortened first; 0 last.
     noun
         Name of what a line shows, to count those that are left out.
-    least
+    min_lines
         Number of lines that it keeps until every block is as short as it may be.
     """
 
     lines: Sequence[Text]
     rank: int = 0
     noun: str = "line"
-    least: int = 0
+    min_lines: int = 0
 
 
 def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
@@ -38,10 +38,10 @@ def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
     line_counts = [len(block.lines) for block in blocks]
     by_rank = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
     if height is not None:
-        for least in ([block.least for block in blocks], [0] * len(blocks)):
+        for min_counts in ([block.min_lines for block in blocks], [0] * len(blocks)):
             for i in by_rank:
                 excess = max(0, sum(line_counts) - height)
-                line_counts[i] = max(min(line_counts[i], least[i]), line_counts[i] - excess)
+                line_counts[i] = max(min(line_counts[i], min_counts[i]), line_counts[i] - excess)
     lines = []
     for block, number in zip(blocks, line_counts, strict=True):
         lines += list(block.lines) if number == len(block.lines) else _shorten(block, number)

@@ -146,7 +146,7 @@ class ProgressLines:
 
 
 def _format_step(progress: PlanProgress) -> str:
-    """Describe a step of planning, in words that change seldom."""
+    """Describe a step of planning, in words that rarely change."""
     if progress.step is PlanStep.SLICING:
         return f"slicing {format_count(progress.of, 'plate')}"
     if progress.step is PlanStep.DECOMPOSING and progress.share is not None:

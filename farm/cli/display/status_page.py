@@ -71,13 +71,13 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
     cluster = [] if view.cluster is None else _fold_texts("COMPUTE", [view.cluster.text], "", width)
     return [
         Block(wrap_text(_format_title(view.fleet), width, _INDENT)),
-        Block(_list_task_lines(view.todo, width), rank=1, least=4),
-        Block(night, rank=4, least=1),
-        Block(live_lines, rank=3, noun="job" if brief else "line", least=4),
-        Block(_list_wait_lines(open_jobs, width), rank=5, least=2),
-        Block(cluster, rank=4, least=1),
-        Block([headings], rank=2, least=1),
-        Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", least=8),
+        Block(_list_task_lines(view.todo, width), rank=1, min_lines=4),
+        Block(night, rank=4, min_lines=1),
+        Block(live_lines, rank=3, noun="job" if brief else "line", min_lines=4),
+        Block(_list_wait_lines(open_jobs, width), rank=5, min_lines=2),
+        Block(cluster, rank=4, min_lines=1),
+        Block([headings], rank=2, min_lines=1),
+        Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", min_lines=8),
         Block(ended_lines, rank=6, noun="ended job" if brief else "line"),
     ]
 

@@ -102,23 +102,23 @@ def _fit_widths(
     columns: Sequence[Column], full: Sequence[int], empty: Sequence[bool], width: int
 ) -> list[int] | None:
     """Choose the width of each column, 0 to leave it out; None if those of rank 0 are too wide."""
-    least = [
+    least_widths = [
         natural if c.min_width is None else min(natural, c.min_width)
         for c, natural in zip(columns, full, strict=True)
     ]
     visible = [i for i, _ in enumerate(columns)]
     order = sorted(visible, key=lambda i: (empty[i], columns[i].rank), reverse=True)
 
-    def spare(widths: Sequence[int]) -> int:
+    def compute_spare(widths: Sequence[int]) -> int:
         return width - sum(widths[i] for i in visible) - _GAP * (len(visible) - 1)
 
     removable = [i for i in order if columns[i].rank > 0]
-    while spare(full if any(empty[i] for i in removable) else least) < 0:
+    while compute_spare(full if any(empty[i] for i in removable) else least_widths) < 0:
         if not removable:
             return None
         visible.remove(removable.pop(0))
-    fitted_widths = [least[i] if i in visible else 0 for i, _ in enumerate(columns)]
-    free_width = spare(fitted_widths)
+    fitted_widths = [least_widths[i] if i in visible else 0 for i, _ in enumerate(columns)]
+    free_width = compute_spare(fitted_widths)
     for i in sorted(visible, key=lambda i: columns[i].rank):
         extra = min(free_width, full[i] - fitted_widths[i])
         fitted_widths[i] += extra

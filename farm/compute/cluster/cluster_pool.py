@@ -25,14 +25,14 @@ from farm.compute.cluster.installation import Installation, read_installation
 from farm.compute.cluster.relocation import dump, load
 from farm.compute.cluster.remote_task import (
     AttemptLost,
-    ReadFile,
+    InputFile,
     RemoteAnswer,
     RemoteTask,
     read_files,
     write_files,
 )
 from farm.compute.cluster.security import check_cluster
-from farm.compute.cluster.turns import Turns
+from farm.compute.cluster.slot_queue import SlotQueue
 from farm.compute.deferred import Deferred
 from farm.compute.limits import CHECKING, Limit
 from farm.compute.pool import Pool
@@ -87,7 +87,7 @@ class ClusterPool:
     ) -> None:
         self._own, self._scheduler, self._installation = own, scheduler, installation
         self._read_clock_s = read_clock_s
-        self._turns = Turns()
+        self._slot_queue = SlotQueue()
         self._workers: tuple[ClusterWorker, ...] = ()
         self._lost_since_s: float | None = read_clock_s()
         self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
@@ -110,7 +110,7 @@ class ClusterPool:
     @property
     def has_idle(self) -> bool:
         """Check that a task would start at once; see `Pool.has_idle`."""
-        return self._own.has_idle if choose_place(self._lost_s()) is Place.HERE else self._turns.has_free
+        return self._own.has_idle if choose_place(self._lost_s()) is Place.HERE else self._slot_queue.has_free
 
     @property
     def state(self) -> ClusterState:
@@ -122,7 +122,7 @@ class ClusterPool:
             choose_place(lost_s),
             self._workers,
             tasks,
-            self._turns.waiting,
+            self._slot_queue.waiting,
             self._here,
             lost_s,
         )
@@ -151,7 +151,7 @@ class ClusterPool:
             live=tuple(map(str, files.live)),
         )
         for _ in range(_ATTEMPTS):
-            async with self._turns.take(group, limit.urgent) as has_slot:
+            async with self._slot_queue.take(group, limit.urgent) as has_slot:
                 if not has_slot:
                     break
                 try:
@@ -235,7 +235,7 @@ class ClusterPool:
             self._close_event.set()
         else:
             self._close_event.clear()
-        self._turns.update(slots, place is Place.HERE)
+        self._slot_queue.update(slots, place is Place.HERE)
 
     def _on_message(self, message: dict[str, Any]) -> None:
         """Store where a task runs, and write its live files."""
@@ -249,7 +249,7 @@ class ClusterPool:
                 write_files(task, {str(path): content.encode()})
 
 
-def _read_contents(files: tuple[ReadFile, ...]) -> dict[str, bytes]:
+def _read_contents(files: tuple[InputFile, ...]) -> dict[str, bytes]:
     """Read files, by their hash. Raises AttemptLost if one of them is gone."""
     try:
         return {file.sha256: Path(file.path).read_bytes() for file in files}

@@ -27,7 +27,7 @@ _POLL_S = 1.0  # wall seconds between two checks of the workers
 _ANSWER_S = 10.0  # wall seconds in which the scheduler answers
 _CONNECT_S = 10.0
 _STUCK_S = 20.0
-"""Wall seconds without a heartbeat, one is due each second or two, after which a worker is given up."""
+"""Wall seconds without a heartbeat after which a worker is given up; one is due every second or two."""
 
 OnMessage = Callable[[dict[str, Any]], None]
 OnWorkers = Callable[[tuple[ClusterWorker, ...]], None]
@@ -158,7 +158,7 @@ class Connection:
             set_as_default=False,
             name="farm",
         )
-        self._client.subscribe_topic(TOPIC.format(self._client.id), self._hear)
+        self._client.subscribe_topic(TOPIC.format(self._client.id), self._on_event)
         log.info("connected to the scheduler %s", self._scheduler)
         while self._client.status == "running":
             async with asyncio.timeout(_ANSWER_S):
@@ -168,7 +168,7 @@ class Connection:
             self._report(workers)
             await asyncio.sleep(_POLL_S)
 
-    def _hear(self, event: tuple[float, dict[str, Any]]) -> None:
+    def _on_event(self, event: tuple[float, dict[str, Any]]) -> None:
         self._on_message(event[1])
 
     def _report(self, workers: Sequence[ClusterWorker]) -> None:

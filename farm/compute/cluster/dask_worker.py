@@ -14,7 +14,7 @@ RESOURCE = "farm"
 """Dask resource that a task takes one of: other workers of the same cluster get no task of a farm."""
 TOPIC = "farm-{}"
 """Topic of the messages about the tasks of a client: where one starts, and its live files."""
-_WATCH_S = 0.2  # wall seconds between two looks whether a task is still wanted
+_WATCH_S = 0.2  # wall seconds between two checks that a task is still wanted
 
 
 class FarmWorker(Worker):  # type: ignore[misc]

@@ -48,11 +48,11 @@ class Installation:
         return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
 
     def as_record(self) -> dict[str, str]:
-        """Return it as plain values."""
+        """Convert the installation to plain values."""
         return asdict(self)
 
     def describe_difference(self, expected: Installation) -> str | None:
-        """Describe the first difference to the wanted versions; None if both give the same bytes."""
+        """Describe the first difference from the expected versions; None if both give the same bytes."""
         titles = {"farm": "farm", "engine": "CuraEngine", "settings": "Cura's settings", "libraries": ""}
         for name, title in titles.items():
             own_value, wanted_value = getattr(self, name), getattr(expected, name)

@@ -58,17 +58,17 @@ class _Unpickler(pickle.Unpickler):
         return Path(self._relocation.move(pid))
 
 
-_NOWHERE = Relocation()
+_NO_RELOCATION = Relocation()
 
 
-def dump(item: object, relocation: Relocation = _NOWHERE) -> bytes:
+def dump(item: object, relocation: Relocation = _NO_RELOCATION) -> bytes:
     """Write an object as bytes, with its paths moved."""
     sink = io.BytesIO()
     _Pickler(sink, relocation).dump(item)
     return sink.getvalue()
 
 
-def load(data: bytes, relocation: Relocation = _NOWHERE) -> Any:
+def load(data: bytes, relocation: Relocation = _NO_RELOCATION) -> Any:
     """Read an object from bytes, with its paths moved."""
     return _Unpickler(data, relocation).load()
 

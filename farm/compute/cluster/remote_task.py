@@ -17,7 +17,7 @@ class AttemptLost(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class ReadFile:
+class InputFile:
     """A file that a task reads: its path where the task was submitted, hash and size."""
 
     path: str
@@ -45,7 +45,7 @@ class RemoteTask:
     call: bytes
     limit: Limit
     installation: Installation
-    reads: tuple[ReadFile, ...] = ()
+    reads: tuple[InputFile, ...] = ()
     folders: tuple[str, ...] = ()
     writes: tuple[str, ...] = ()
     caches: tuple[str, ...] = ()
@@ -84,13 +84,13 @@ class RemoteAnswer:
     files: dict[str, bytes] = field(default_factory=dict)
 
 
-def read_files(files: TaskFiles) -> tuple[ReadFile, ...]:
+def read_files(files: TaskFiles) -> tuple[InputFile, ...]:
     """Hash the files that a task reads. Raises OSError if one of them cannot be read."""
     contents = []
     for path in dict.fromkeys(files.reads):
         with path.open("rb") as source:
             sha256 = hashlib.file_digest(source, "sha256").hexdigest()
-        contents.append(ReadFile(str(path), sha256, path.stat().st_size))
+        contents.append(InputFile(str(path), sha256, path.stat().st_size))
     return tuple(contents)
 
 

@@ -80,7 +80,7 @@ class TaskExecutor:
                 await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
-        """Put the files that a task reads into its folder. Returns the way from its paths to these."""
+        """Put the files that a task reads into its folder. Returns the relocation from its paths to these."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.reads):
             path = folder / f"read-{number}" / Path(file.path).name

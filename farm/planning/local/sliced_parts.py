@@ -98,7 +98,7 @@ def level_by_slices(
     executor: Executor,
     work: Path,
 ) -> SlicedParts:
-    """Slice all parts, and move the cuts as long as the slowest slice ends sooner by it.
+    """Slice all parts, and move the cuts as long as this lets the slowest slice end sooner.
 
     Parameters
     ----------

@@ -221,7 +221,7 @@ class ModelCutter:
         raise AssertionError("the last attempt has all printers")
 
     def cut_in_time(self, within_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that end within a time, with a margin; else to end earliest."""
+        """Cut the model into the fewest parts that end within a time with a margin, else the fastest ones."""
         limit_s = within_s / LATE_SHARE
         whole = self.cut_for_one()
         if whole is not None and whole.makespan_s <= limit_s:

@@ -16,7 +16,7 @@ MIN_STEPS = 5  # minimum number of steps of a share, on average
 
 
 class Drawings:
-    """Drawings that run, by the folder of the parts."""
+    """Drawings in progress, by the folder of the parts."""
 
     def __init__(self, workers: PoolShare) -> None:
         self._workers = workers

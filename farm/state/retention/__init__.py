@@ -10,7 +10,7 @@ from farm.state.retention.file_names import list_deletable_files, list_job_file_
 from farm.state.retention.selection import (
     MIN_AGE_S,
     KeepRules,
-    find_need,
+    find_keep_reason,
     list_lost_jobs,
     list_prunable_files,
     select_jobs,
@@ -23,7 +23,7 @@ __all__ = [
     "average_day_bytes",
     "describe_shortage",
     "estimate_nights_until_full",
-    "find_need",
+    "find_keep_reason",
     "list_deletable_files",
     "list_job_file_names",
     "list_lost_jobs",

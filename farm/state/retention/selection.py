@@ -24,12 +24,12 @@ class KeepRules:
     max_bytes: float
 
 
-def find_need(books: Books, job: Job) -> str | None:
+def find_keep_reason(books: Books, job: Job) -> str | None:
     """Find the reason to keep the files of a job; None if they may be deleted."""
-    return _find_need(books, job, _list_parts_on_beds(books))
+    return _find_keep_reason(books, job, _list_parts_on_beds(books))
 
 
-def _find_need(books: Books, job: Job, on_beds: Mapping[int, str]) -> str | None:
+def _find_keep_reason(books: Books, job: Job, on_beds: Mapping[int, str]) -> str | None:
     if job.pruned_s is not None:
         return "pruned already"
     if job.state not in _PRUNABLE or job.ended_s is None:
@@ -118,7 +118,7 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
         for number, job_names in by_job.items()
         if any(name not in names for name in job_names)
         and all(name in names for name in _list_kept_names(books.jobs[number]))
-        and _find_need(books, books.jobs[number], on_beds) is None
+        and _find_keep_reason(books, books.jobs[number], on_beds) is None
     ]
 
 
@@ -128,7 +128,9 @@ def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float
     ended_jobs = [
         (job, job.ended_s)
         for job in books.jobs.values()
-        if job.ended_s is not None and job.ended_s < before_s and _find_need(books, job, on_beds) is None
+        if job.ended_s is not None
+        and job.ended_s < before_s
+        and _find_keep_reason(books, job, on_beds) is None
     ]
     return sorted(ended_jobs, key=lambda pair: (pair[1], pair[0].id))
 

@@ -14,7 +14,7 @@ class EventCount:
 
     If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
     commits are lost. The file is not synced: after a power cut it may show fewer events, never more. Errors
-    of the disk are ignored: without the file, only such a loss is not seen.
+    of the disk are ignored: without the file, only such a loss is not detected.
     """
 
     def __init__(self, books: Path) -> None:

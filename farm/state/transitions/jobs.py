@@ -10,7 +10,7 @@ from farm.state.books import Books, put, replace_fields
 from farm.state.consequences import Result, end_job, request_pause, update_job_state
 from farm.state.lifecycles import JOB, InvalidTransition
 from farm.state.plate_state import PlateState
-from farm.state.retention import find_need
+from farm.state.retention import find_keep_reason
 from farm.state.transitions.rules import change
 
 
@@ -117,9 +117,9 @@ def _(event: ev.JobCancelled, books: Books) -> Result:
 @change.register
 def _(event: ev.JobPruned, books: Books) -> Result:
     job = books.job(event.job)
-    need = find_need(books, job)
-    if need is not None:
-        raise InvalidTransition(event, JOB, job.id, job.state, need)
+    keep_reason = find_keep_reason(books, job)
+    if keep_reason is not None:
+        raise InvalidTransition(event, JOB, job.id, job.state, keep_reason)
     job = replace_fields(job, pruned_s=event.at_s, part_pictures=event.part_pictures)
     return put(books, job), (ev.NameFiles(job=job.id),)
 

@@ -57,7 +57,7 @@ class TimeAxis:
         day = datetime.fromtimestamp(self.begin_s, self.zone).replace(
             hour=0, minute=0, second=0, microsecond=0
         )
-        moment = day  # the local clock: steps of wall time, also over a change to daylight saving
+        moment = day  # the local clock: steps of wall time, even across a change to daylight saving
         while moment.timestamp() <= self.end_s:
             if moment.timestamp() >= self.begin_s:
                 yield moment

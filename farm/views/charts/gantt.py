@@ -84,7 +84,7 @@ class Gantt:
     key
         Kinds of bars in the chart.
     axis
-        Width of the printers' names; half a time stands between them and the first bar.
+        Width of the printers' names; half a time label fits between them and the first bar.
     """
 
     height: int

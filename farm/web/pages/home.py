@@ -178,7 +178,7 @@ def _describe_task(
             beds = [describe_bed(printers[name], todo.good.get(name)) for name in names]
         case "outage":
             loss = f"{' '.join(names)} were lost at the same time (power, USB hub or host?)"
-            text = f"{loss}: inspect them, then let them go on"
+            text = f"{loss}: inspect them, then let them continue"
         case "resume":
             text = todo.text.partition(": `farm")[0]
         case "approve":

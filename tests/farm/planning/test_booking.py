@@ -7,7 +7,7 @@ import pytest
 
 from decompose_tasks import decompose_task, join_slices, slice_tasks
 from farm.model import Job, PartPrintOptions
-from farm.planning.booking import MAX_WARNINGS, MAY_FALL, book_plan, list_job_files
+from farm.planning.booking import MAX_WARNINGS, MAY_FALL_WARNING, book_plan, list_job_files
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.draw_job import draw_job
 from farm.planning.parts.slice_part import slice_part
@@ -30,7 +30,7 @@ def test_plan_has_every_part_and_plate(bar, files, tmp_path):
     slices[0] = replace(slices[0], unprinted=(thin,) * 9)
     draw_job(work, decomposition.drawing_record)
     plan = book_plan(join_slices(work, decomposition, tasks, slices), files)
-    assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL,)]
+    assert [p.warnings for p in plan.plates] == [(str(thin),) * MAX_WARNINGS, (MAY_FALL_WARNING,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
     assert plan.expected_s == max(p.expected_s for p in plan.plates)

@@ -55,7 +55,7 @@ def test_lost_host_is_one_task_and_one_notice_until_it_is_back():
     fleet = make_fleet(["pc-a", "pc-b"], printers_each=20)
     books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-b", 100.0))
     sentence = (
-        "pc-b with 20 printers does not answer (time-out): prints go on there without the farm; "
+        "pc-b with 20 printers does not answer (time-out): prints continue there without the farm; "
         "check its power and its network"
     )
     (task,) = list_host_tasks(fleet, books)
@@ -77,7 +77,7 @@ def test_hosts_that_are_lost_together_are_one_notice_that_waits_for_all():
     assert list_due_notices(books, 100.0 + WINDOW_S / 2, 0.0, ()) == []
     (notice,) = list_due_notices(books, 100.0 + WINDOW_S, 0.0, ())
     assert notice.text.startswith("25 hosts with 50 printers do not answer (pc-01 pc-02")
-    assert "and 17 more): prints go on there without the farm; check their power" in notice.text
+    assert "and 17 more): prints continue there without the farm; check their power" in notice.text
     (task,) = list_host_tasks(fleet, books)
     assert len(task.printers) == 50
 

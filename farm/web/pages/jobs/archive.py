@@ -1,4 +1,4 @@
-"""Archive of files as it is sent: nothing of it is kept on the disk or whole in memory."""
+"""Archive of files, written while it is sent: it is neither on the disk nor whole in memory."""
 
 from __future__ import annotations
 

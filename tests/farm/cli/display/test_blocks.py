@@ -7,8 +7,8 @@ from rich.text import Text
 from farm.cli.display.blocks import Block, fit_blocks
 
 
-def make_block(name, number, rank, least=0):
-    return Block([Text(f"{name} {i}") for i in range(number)], rank=rank, noun=name, least=least)
+def make_block(name, number, rank, min_lines=0):
+    return Block([Text(f"{name} {i}") for i in range(number)], rank=rank, noun=name, min_lines=min_lines)
 
 
 def render(blocks, height):
@@ -27,7 +27,7 @@ def test_highest_rank_is_shortened_first_with_a_count_of_omitted_lines():
 
 
 def test_minimum_lines_of_a_block_precede_lines_of_more_important_blocks():
-    blocks = [make_block("job", 4, 2, least=2), make_block("printer", 50, 1, least=3)]
+    blocks = [make_block("job", 4, 2, min_lines=2), make_block("printer", 50, 1, min_lines=3)]
     assert render(blocks, 5) == ["job 0", "... 3 more jobs", "printer 0", "printer 1", "... 48 more printers"]
     assert render(blocks, 2) == ["printer 0", "... 49 more printers"]
 

@@ -11,7 +11,7 @@ from farm.state.lifecycles import InvalidTransition
 from farm.state.retention import (
     MIN_AGE_S,
     KeepRules,
-    find_need,
+    find_keep_reason,
     list_deletable_files,
     list_job_file_names,
     list_lost_jobs,
@@ -86,12 +86,12 @@ def test_part_on_a_bed_or_without_a_verdict_keeps_the_files():
         make_end_event("x"),
         cancelled_event,
     )
-    assert find_need(books, books.jobs[1]) == "on the bed of a"
+    assert find_keep_reason(books, books.jobs[1]) == "on the bed of a"
     with pytest.raises(InvalidTransition, match="on the bed of a"):
         prune(books, 1)
     books, _ = apply_events(books, ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD))
     assert books.jobs[1].state is JobState.CANCELLED
-    assert find_need(books, books.jobs[1]) is None
+    assert find_keep_reason(books, books.jobs[1]) is None
 
 
 def test_open_print_keeps_the_files_of_a_cancelled_job():
@@ -104,7 +104,7 @@ def test_open_print_keeps_the_files_of_a_cancelled_job():
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ev.JobCancelled(at_s=3.0, job=1, by="ann"),
     )
-    assert find_need(books, books.jobs[1]) == "being printed"
+    assert find_keep_reason(books, books.jobs[1]) == "being printed"
 
 
 def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
@@ -168,7 +168,9 @@ def test_deleted_files_are_unused_and_kept_ones_complete(jobs, days, max_count, 
     ends = [books.jobs[number].ended_s for number in selected_jobs]
     assert ends == sorted(ends)
     left_jobs = [
-        e for n, e in new_books.jobs.items() if n not in selected_jobs and find_need(new_books, e) is None
+        e
+        for n, e in new_books.jobs.items()
+        if n not in selected_jobs and find_keep_reason(new_books, e) is None
     ]
     old_jobs = [e for e in left_jobs if e.ended_s < NOW_S - MIN_AGE_S]
     assert all(e.ended_s >= NOW_S - days * DAY_S for e in old_jobs)

@@ -1,4 +1,4 @@
-"""Turns of waiting tasks on a cluster: urgent ones first, then groups with the fewest running tasks."""
+"""Queue of tasks for the slots of a cluster: urgent ones first, then groups with the fewest running tasks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class _Waiting:
     turn: asyncio.Future[bool]
 
 
-class Turns:
+class SlotQueue:
     """Queue of tasks before a number of slots, which may change."""
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Turns:
         return self._running.total() < self._slots
 
     def update(self, slots: int, is_closed: bool) -> None:
-        """Set the number of slots; with `is_closed`, nobody waits for one any more."""
+        """Set the number of slots; with `is_closed`, no task waits for one any longer."""
         self._slots, self._is_closed = slots, is_closed
         self._serve()
 

@@ -1,9 +1,9 @@
-"""Turns of tasks that wait for a slot of the cluster."""
+"""SlotQueue of tasks that wait for a slot of the cluster."""
 
 import asyncio
 from contextlib import suppress
 
-from farm.compute.cluster.turns import Turns
+from farm.compute.cluster.slot_queue import SlotQueue
 
 
 async def settle():
@@ -15,14 +15,14 @@ class Queue:
     """Tasks that wait for their turns, and the order of their turns."""
 
     def __init__(self):
-        self.turns, self.served, self.ends = Turns(), [], {}
+        self.slots, self.served, self.ends = SlotQueue(), [], {}
 
     def add(self, name, group, urgent=False):
         self.ends[name] = asyncio.Event()
         return asyncio.ensure_future(self._take(name, group, urgent))
 
     async def _take(self, name, group, urgent):
-        async with self.turns.take(group, urgent) as has_slot:
+        async with self.slots.take(group, urgent) as has_slot:
             self.served.append((name, has_slot))
             await self.ends[name].wait()
 
@@ -33,7 +33,7 @@ def run(use):
         tasks = await use(queue)
         for event in queue.ends.values():
             event.set()
-        queue.turns.update(9, False)
+        queue.slots.update(9, False)
         for task in tasks:
             with suppress(asyncio.CancelledError):
                 await task
@@ -47,8 +47,8 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
         tasks = [queue.add(name, name[0]) for name in ("a1", "a2", "a3", "b1")]
         tasks.append(queue.add("c1", "c", urgent=True))
         await settle()
-        assert queue.turns.waiting == 5 and queue.served == []
-        queue.turns.update(3, False)
+        assert queue.slots.waiting == 5 and queue.served == []
+        queue.slots.update(3, False)
         await settle()
         assert [name for name, _ in queue.served] == ["c1", "a1", "b1"]
         queue.ends["c1"].set()
@@ -61,7 +61,7 @@ def test_groups_share_the_slots_and_urgent_tasks_go_first():
 
 def test_a_cancelled_task_gives_its_slot_back():
     async def use(queue):
-        queue.turns.update(1, False)
+        queue.slots.update(1, False)
         first_turn, second_turn, third_turn = (queue.add(name, name) for name in "xyz")
         await settle()
         second_turn.cancel()
@@ -77,7 +77,7 @@ def test_nobody_waits_where_the_cluster_is_given_up():
     async def use(queue):
         tasks = [queue.add(name, name) for name in "xy"]
         await settle()
-        queue.turns.update(0, True)
+        queue.slots.update(0, True)
         await settle()
         assert queue.served == [("x", False), ("y", False)]
         return tasks
@@ -89,11 +89,11 @@ def test_a_slot_is_free_until_a_task_takes_it():
     slot_states = []
 
     async def use(queue):
-        queue.turns.update(1, False)
-        slot_states.append(queue.turns.has_free)
+        queue.slots.update(1, False)
+        slot_states.append(queue.slots.has_free)
         tasks = [queue.add("a", 1)]
         await settle()
-        slot_states.append(queue.turns.has_free)
+        slot_states.append(queue.slots.has_free)
         return tasks
 
     run(use)
