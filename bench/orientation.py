@@ -117,7 +117,7 @@ def slice_part(
     posed_part = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         stl = Path(scratch) / "part.stl"
-        write_stl(stl, posed_part.stl_triangles())
+        write_stl(stl, posed_part.build_stl_triangles())
         path = stl.with_suffix(".gcode")
         try:
             return slice_plate(

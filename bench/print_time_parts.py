@@ -202,9 +202,9 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
             rng.shuffle(parts)  # type: ignore[arg-type]
             for part in parts[:max_parts]:
                 label = f"{count}-{part.id}"
-                yield PosedPart(name, label, True, part.stl_triangles())
+                yield PosedPart(name, label, True, part.build_stl_triangles())
                 if rng.random() < 0.35:
-                    vertices, faces = part.printing_mesh()
+                    vertices, faces = part.build_printing_mesh()
                     turned_mm = vertices @ POSE_ROTATIONS[rng.choice(OTHER_POSES)].T
                     lo, hi = turned_mm.min(axis=0), turned_mm.max(axis=0)
                     corners = round_triangles(turned_mm - [*(lo + hi)[:2] / 2.0, lo[2]], faces)

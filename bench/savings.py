@@ -61,7 +61,7 @@ def slice_part(part: Part, request: SettingsRequest, cache: Path | None) -> floa
     settings = resolve_settings(request, find_resources(), part_settings)
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "part.stl"
-        write_stl(stl, part.stl_triangles())
+        write_stl(stl, part.build_stl_triangles())
         path = stl.with_suffix(".gcode")
         return slice_plate(
             PlateRequest(stl, settings, path, find_engine(), ENDLESS_BED, cache=cache)

@@ -1,4 +1,4 @@
-"""Size at which a model fits too few printers: found on a coarse grid, and checked before it is advised."""
+"""Largest size at which a model fits the printers: found on a coarse grid, checked before it is advised."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 
-COARSE = 8  # granularity of the grid on which sizes are searched
+COARSE_GRANULARITY = 8  # granularity of the grid on which sizes are searched
 HALVINGS = 8  # number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
 TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the last one
@@ -48,7 +48,7 @@ def advise_longest_side_mm(
     max_scale = _find_scale(model, printers, options, cost)
     if max_scale is None:
         return None
-    coarse = replace(options, granularity=COARSE)
+    coarse = replace(options, granularity=COARSE_GRANULARITY)
     low, high = 0.0, max_scale * 1.15  # a part may fit when it lies askew, which the tables do not know
     scale = max_scale
     for _ in range(HALVINGS):
@@ -77,7 +77,7 @@ def _find_scale(
 
     The grid is not scaled; the printers' rooms grow instead. Times have no influence on the fit.
     """
-    problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE))
+    problem = Problem(model, tuple(printers), cost, replace(options, granularity=COARSE_GRANULARITY))
     grid = problem.build_grid(model)
     low, high = 0.0, 1.0
     scale = min(1.0, max(problem.room_mm) / float(model.extents_mm.max()))  # about one part

@@ -167,7 +167,7 @@ class _Trials:
         return _make_rank(decomposition) < _make_rank(self.best)
 
     def try_other_grids(self, granularity: str | int) -> None:
-        """Try grids about one of a granularity, each once, while the possible gain is large enough."""
+        """Try grids around one of a granularity, each once, while the possible gain is large enough."""
         problem, yaw_deg = rotate_about_z(self.problem, self.yaw_deg), self.yaw_deg
         problem = replace(problem, options=replace(problem.options, granularity=granularity))
         extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
@@ -175,7 +175,7 @@ class _Trials:
         for share in OTHER_GRIDS:
             cells = min(MAX_CELLS, round(share * first))
             shape = count_cells(extents_mm, cells)
-            if self.best is not None and self.best.possible_gain(problem.printers) < MIN_GAIN:
+            if self.best is not None and self.best.compute_possible_gain(problem.printers) < MIN_GAIN:
                 break
             if shape not in shapes:
                 shapes.add(shape)
@@ -188,5 +188,5 @@ def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
 
 
 def _make_rank(result: Decomposition) -> tuple[bool, float, int]:
-    """Sort key of a result: lower is better."""
+    """Make the sort key of a result; lower is better."""
     return bool(result.faults), result.makespan_s, len(result.parts)

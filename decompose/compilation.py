@@ -25,13 +25,15 @@ from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 
 _ROOM = PrinterRoom("", ((90.0, 90.0, 60.0),))
-_ONCE = Options(granularity=6, best=BestOptions(budget_s=0.0), parallelobox=ParalleloboxOptions(tries=1))
+_QUICK_OPTIONS = Options(
+    granularity=6, best=BestOptions(budget_s=0.0), parallelobox=ParalleloboxOptions(tries=1)
+)
 _ENGINES = (
-    replace(_ONCE, engine=Engine.GUILLOTINE),
-    replace(_ONCE, engine=Engine.PARALLELOBOX),
-    replace(_ONCE, engine=Engine.PARALLELOBOX, faithful=True),
-    replace(_ONCE, engine=Engine.SYMMETRY),
-    replace(_ONCE, engine=Engine.CUBE_SKELETON),
+    replace(_QUICK_OPTIONS, engine=Engine.GUILLOTINE),
+    replace(_QUICK_OPTIONS, engine=Engine.PARALLELOBOX),
+    replace(_QUICK_OPTIONS, engine=Engine.PARALLELOBOX, faithful=True),
+    replace(_QUICK_OPTIONS, engine=Engine.SYMMETRY),
+    replace(_QUICK_OPTIONS, engine=Engine.CUBE_SKELETON),
 )
 
 

@@ -68,7 +68,9 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     if upright:
         sentences.append(f"Put {_count(upright, 'pin')} into the lower body first, as drawn.")
     if len({round(pin.length_mm, 1) for pin in upright}) > 1:
-        sentences.append("The longer one belongs into the deeper hole: exchanged, the joint stays open.")
+        sentences.append(
+            "The longer one belongs in the deeper hole; if they are exchanged, the joint stays open."
+        )
     if keys:
         sentences.append(f"Lay {_count(keys, 'key')} into the grooves of the lower body, as drawn.")
     for n, body in enumerate(("lower", "upper")):

@@ -105,6 +105,6 @@ def _write_parts(parts: Sequence[Part], folder: Path) -> tuple[Part, ...]:
     """Write an STL per part, and read it back; returns the parts with the names of their files."""
     stored_parts = tuple(replace(part, file=f"{part.id}.stl") for part in parts)
     for part in stored_parts:
-        write_stl(folder / part.file, part.stl_triangles())
+        write_stl(folder / part.file, part.build_stl_triangles())
         check_stl(folder / part.file, part)
     return stored_parts

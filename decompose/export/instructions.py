@@ -110,7 +110,7 @@ def render_instructions(decomposition: Decomposition, pictures: Pictures, faults
         layout=_embed(pictures.layout),
         minutes=_format_minutes(assembly.total_s),
         least_minutes=_format_minutes(assembly.critical_s),
-        seam_mm=f"{decomposition.seam_mm():,.0f}",
+        seam_mm=f"{decomposition.sum_seams_mm():,.0f}",
         thin_rims=decomposition.describe_thin_rims(),
         sheet=make_sheet(decomposition.connectors.pins),
         marked=bool(decomposition.connectors.marks),
@@ -133,7 +133,7 @@ def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None])
     rows = []
     for index in _order_parts(decomposition):
         piece = decomposition.parts[index]
-        vertices, _ = piece.printing_mesh()
+        vertices, _ = piece.build_printing_mesh()
         rows.append(
             {
                 "id": piece.id,
@@ -162,7 +162,7 @@ def _describe_step(
         "fixed": fixed,
         "slides": step.slides,
         "minutes": _format_minutes(step.work_s),
-        "seam_mm": f"{decomposition.seam_mm(step.joints if decomposition.seams else ()):,.0f}",
+        "seam_mm": f"{decomposition.sum_seams_mm(step.joints if decomposition.seams else ()):,.0f}",
         "support": (
             f"Put {fixed} down as drawn, on the grey table: with the joint upwards it stands"
             + (f" on {rest}." if len(step.fixed) > 1 else ".")

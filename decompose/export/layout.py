@@ -69,7 +69,7 @@ def _lay_out(
     colours = make_part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [
-        put_on_bed(*parts[number].printing_mesh(), bed) for number, bed in zip(order, beds, strict=True)
+        put_on_bed(*parts[number].build_printing_mesh(), bed) for number, bed in zip(order, beds, strict=True)
     ]
     extents_mm = np.array(
         [_find_extents(vertices, bed) for (vertices, _), bed in zip(meshes, beds, strict=True)]

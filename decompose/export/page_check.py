@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 from decompose.export.connector_rows import name_mark
 from decompose.results import Decomposition
 
-_LOADS = ("src", "href", "srcset", "poster", "action", "background")
+_LOADING_ATTRIBUTES = ("src", "href", "srcset", "poster", "action", "background")
 
 
 class _Reader(HTMLParser):
@@ -26,7 +26,7 @@ class _Reader(HTMLParser):
         for name, value in attributes:
             if name.startswith("data-"):
                 self.name_counts[name.removeprefix("data-"), value or ""] += 1
-            elif name in _LOADS and not (value or "").startswith(("data:", "#")):
+            elif name in _LOADING_ATTRIBUTES and not (value or "").startswith(("data:", "#")):
                 self.addresses.append(value or "")
 
 
@@ -38,7 +38,7 @@ def find_page_faults(page: str, decomposition: Decomposition) -> list[str]:
     page
         HTML.
     decomposition
-        What it is about; parts without an order may lack joints.
+        Decomposition that the page describes; parts without an order may lack joints.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Exploded picture of the assembly: each part in a colour of its own, with its number."""
+"""Exploded picture of the assembly: each part in its own colour, with its number."""
 
 from __future__ import annotations
 

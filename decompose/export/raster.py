@@ -13,7 +13,7 @@ from decompose.jit import jit
 # Right, up, towards the eye.
 LIGHT_DIRECTION = np.array([-0.25, 0.62, 0.74]) / np.linalg.norm([-0.25, 0.62, 0.74])
 AMBIENT_SHARE = 0.5
-EDGE = 0.6  # brightness of outlines, as a share of that of the colour
+OUTLINE_BRIGHTNESS = 0.6  # brightness of outlines, as a share of that of the colour
 MARGIN = 0.04  # margin as a share of the longer side
 OUTLINE_DEPTH_SHARE = 0.012  # minimum jump of depth at an outline, as a share of the scene's depth
 
@@ -95,7 +95,9 @@ def _colour(front: Ints, depth: Floats, colours: Floats, step: float, oversample
                 horizontal_jump = (
                     max(depth[y, x - 1], background) + max(depth[y, x + 1], background) - doubled_depth
                 )
-            brightness = EDGE if abs(vertical_jump) > step or abs(horizontal_jump) > step else 1.0
+            brightness = (
+                OUTLINE_BRIGHTNESS if abs(vertical_jump) > step or abs(horizontal_jump) > step else 1.0
+            )
             for channel in range(3):
                 picture[y // oversample, x // oversample, channel] += brightness * colours[t, channel]
     return picture * (1.0 / oversample**2)

@@ -201,7 +201,7 @@ def _find_tip(pin: Pin) -> Floats:
 
 
 def _name_pins(axes: Any, drawing: Drawing, scene: Scene, points_mm: Sequence[Floats]) -> None:
-    """Write the length of each pin that is seen beside it."""
+    """Write the length of each visible pin beside it."""
     for number, (pin, point_mm) in enumerate(zip(scene.pins, points_mm, strict=True), scene.first_pin + 1):
         if not (drawing.visible == number).any():
             continue

@@ -45,7 +45,7 @@ def check_head(name: str, head: bytes, size: int, suffix: str, memory_bytes: int
 
 def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
     """Refuse a number of triangles that does not fit the memory. Raises ModelTooDetailed."""
-    limit = max_triangles(memory_bytes)
+    limit = compute_max_triangles(memory_bytes)
     if triangles > limit:
         raise ModelTooDetailed(
             f"{name}: has {triangles / 1e6:.1f} million triangles, and {memory_bytes / 2**30:.1f} GB of "
@@ -53,7 +53,7 @@ def check_triangles(name: str, triangles: int, memory_bytes: int) -> None:
         )
 
 
-def max_triangles(memory_bytes: int) -> int:
+def compute_max_triangles(memory_bytes: int) -> int:
     """Compute the number of triangles that can be read and repaired in an amount of memory."""
     return max(0, memory_bytes - OTHER_BYTES) // BYTES_PER_TRIANGLE
 

@@ -26,8 +26,8 @@ from decompose.files.triangle_limit import (
     STL_COUNT_BYTES,
     STL_FACE_BYTES,
     STL_HEADER_BYTES,
+    compute_max_triangles,
     is_binary_stl,
-    max_triangles,
     read_face_count,
 )
 from decompose.geometry.file_limits import check_limits
@@ -43,7 +43,7 @@ TINY_MM = 5.0  # longest side below which the unit is probably not the mm
 SMALLEST_MM = 0.1  # thinner than the line of any nozzle
 LARGEST_MM = 1e6  # maximum coordinate: beyond it double precision is too coarse for cuts
 FLAT_RATIO = 1e-6  # minimum thickness, as a share of the longest side
-_BATCH = 100_000  # triangles that are measured at a time
+_BATCH_TRIANGLES = 100_000  # measured at a time
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
 
@@ -91,7 +91,7 @@ def load_model(
     Parameters
     ----------
     path
-        STL (ASCII or binary), OBJ, PLY, OFF, 3MF or STEP; these two give their unit, and are read in mm.
+        STL (ASCII or binary), OBJ, PLY, OFF, 3MF or STEP; the last two state their unit and are read in mm.
     scale
         Factor from the file's numbers to mm; 1 by default.
     longest_side_mm
@@ -149,7 +149,9 @@ def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     reach = float(np.abs([lo, hi]).max())
     scale = reach or 1.0  # so that squares neither overflow nor underflow
-    batches = (triangles[i : i + _BATCH] / scale for i in range(0, len(triangles), _BATCH))
+    batches = (
+        triangles[i : i + _BATCH_TRIANGLES] / scale for i in range(0, len(triangles), _BATCH_TRIANGLES)
+    )
     if not any(np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0]).any() for b in batches):
         raise ModelEmpty(f"{name}: holds no triangle with an area; export the model again")
     size = hi / scale - lo / scale
@@ -178,7 +180,7 @@ def _read_triangles(
         raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {formats}")
     if not data:
         raise ModelEmpty(f"{name}: the file is empty; export the model again")
-    triangle_limit = None if memory_bytes is None else max_triangles(memory_bytes)
+    triangle_limit = None if memory_bytes is None else compute_max_triangles(memory_bytes)
     match suffix:
         case ".3mf":
             return read_3mf(name, data, triangle_limit)

@@ -112,19 +112,19 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
     united_solid, remaining_boxes = solid, list(overlaps_before.boxes_mm[:MAX_PLACES])
     try:
         for _ in range(MAX_ROUNDS):
-            chosen_numbers = _choose_apart(remaining_boxes)
+            chosen_numbers = _choose_separate_boxes(remaining_boxes)
             united_solid = _unite_places(united_solid, [remaining_boxes[i] for i in chosen_numbers])
             remaining_boxes = [box_mm for i, box_mm in enumerate(remaining_boxes) if i not in chosen_numbers]
         if united_solid is solid:
             return solid, 0.0
         resolved_mm3 = overlaps_before.volume_mm3 - find_overlaps(united_solid).volume_mm3
-        is_same = resolved_mm3 > 0.0 and _is_same_but_for(resolved_mm3, solid, united_solid)
+        is_same = resolved_mm3 > 0.0 and _has_lost_nothing_else(resolved_mm3, solid, united_solid)
     except ModelNotSolid:  # an operation failed: the solid stays as it was
         is_same = False
     return (united_solid, resolved_mm3) if is_same else (solid, 0.0)
 
 
-def _is_same_but_for(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
+def _has_lost_nothing_else(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
     """Check that the union has lost no body, no volume besides the overlaps, and none of the size."""
     besides_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
@@ -134,7 +134,7 @@ def _is_same_but_for(resolved_mm3: float, solid: Solid, united_solid: Solid) -> 
     )
 
 
-def _choose_apart(boxes_mm: list[Floats]) -> list[int]:
+def _choose_separate_boxes(boxes_mm: list[Floats]) -> list[int]:
     """Choose boxes (2, 3) of which none touches another; earlier boxes take precedence."""
     numbers: list[int] = []
     for i, box in enumerate(boxes_mm):

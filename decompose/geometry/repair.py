@@ -67,7 +67,7 @@ def close_surface(name: str, surface: Surface, report: Report = lambda _: None) 
     bodies_before, bodies_after = len(split_bodies), len(closed_bodies)
     if bodies_after > 1:
         report(f"joining {bodies_after} bodies")
-    solid = _join(name, closed_bodies, messages)
+    solid = _join_bodies(name, closed_bodies, messages)
     del split_bodies, closed_bodies  # those of a large model take a gigabyte
     single_edges, shared = sum(use.single_count for use in uses), sum(use.shared_count for use in uses)
     if is_changed:
@@ -191,7 +191,7 @@ def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -
     if new_share > NEW_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would invent {100 * new_share:.0f} % of its surface (limit "
-            f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; mend it by hand"
+            f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
         )
     shrink = float(
         np.abs(mesh_after.bounds - mesh_before.bounds).max() / np.ptp(mesh_before.bounds, axis=0).max()
@@ -199,7 +199,7 @@ def _refuse_if_changed(name: str, mesh_before: Any, solid: Solid, defect: str) -
     if lost_share > MAX_LOST_SHARE or shrink > EXTENT_SHARE:
         raise ModelNotSolid(
             f"{name}: {defect}, and repairing it would lose {100 * lost_share:.0f} % of its surface and "
-            f"change its size by {100 * shrink:.0f} %; mend it by hand"
+            f"change its size by {100 * shrink:.0f} %; repair it by hand"
         )
     return new_share
 
@@ -286,7 +286,7 @@ def _find_triangles_above(points: Floats, triangles: Floats) -> Ints:
     return counts
 
 
-def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
+def _join_bodies(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
     """Join bodies to one solid: the large ones first, cavities subtracted, bodies in cavities added."""
     volumes_mm3 = np.array([_measure_body(body)[0] for body in bodies])
     if volumes_mm3.sum() < 0.0:

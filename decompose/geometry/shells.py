@@ -75,11 +75,11 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
         pairs = np.concatenate(
             [np.stack([a, b], axis=1), *(pair(pairs_of_edge) for pairs_of_edge in matched)]
         )
-        splits.append(_separate(vertices, faces, pairs))
+        splits.append(_split_surfaces(vertices, faces, pairs))
     return max(splits, key=len)
 
 
-def _separate(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, Ints]]:
+def _split_surfaces(vertices: Floats, faces: Ints, pairs: Ints) -> list[tuple[Floats, Ints]]:
     """Split triangles into the surfaces that pairs (k, 2) of half-edges connect; see `split_shells`."""
     tail, _, face = _list_half_edges(faces)
     a, b = pairs.T

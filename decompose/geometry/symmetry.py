@@ -20,7 +20,7 @@ SAMPLES = 100  # number of normals in a round
 # Angles of the cones of normals about the best one, in the rounds after the first.
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)
 MAX_MIRRORED = 1000  # number of vertices whose mirror images are measured, for a whole model
-FEW_MIRRORED = 300  # the same for a part
+MAX_MIRRORED_OF_PART = 300  # the same for a part
 TOLERANCE = 0.01  # maximum mean distance of mirror images, as a share of the diagonal of the model's box
 SAME_AXIS_RAD = 0.01  # a normal closer to an axis is replaced by the axis if that is as good
 MIN_ANGLE_RAD = 0.5  # minimum angle between the normals of two planes of one part
@@ -46,7 +46,7 @@ class _Cloud:
             vertices = vertices[rng.choice(len(vertices), max_count, replace=False)]
         self.centred_vertices = vertices - self.centre
 
-    def error_mm(self, normal: Floats) -> float:
+    def measure_error_mm(self, normal: Floats) -> float:
         images = self.centred_vertices - 2.0 * np.outer(self.centred_vertices @ normal, normal) + self.centre
         return float(self._tree.query(images)[0].mean())
 
@@ -59,15 +59,18 @@ class _Cloud:
         best_error_mm = error_mm
         for cone in CONES_RAD:
             candidates = _normalise(normal + cone * self.rng.standard_normal((samples, 3)))
-            errors = [self.error_mm(mirror) for mirror in candidates]
+            errors = [self.measure_error_mm(mirror) for mirror in candidates]
             if min(errors) < best_error_mm:
                 normal, best_error_mm = candidates[int(np.argmin(errors))], min(errors)
         axis = np.eye(3)[int(np.abs(normal).argmax())]
-        if abs(normal @ axis) > np.cos(SAME_AXIS_RAD) and self.error_mm(axis) <= 1.05 * best_error_mm + 1e-6:
-            normal, best_error_mm = axis, self.error_mm(axis)
+        if (
+            abs(normal @ axis) > np.cos(SAME_AXIS_RAD)
+            and self.measure_error_mm(axis) <= 1.05 * best_error_mm + 1e-6
+        ):
+            normal, best_error_mm = axis, self.measure_error_mm(axis)
         return normal, best_error_mm
 
-    def principal(self) -> Floats:
+    def find_principal_directions(self) -> Floats:
         """Return the axes, and the principal directions of the cloud: (6, 3)."""
         _, principal = np.linalg.eigh(np.cov(self.centred_vertices.T))
         return np.vstack([np.eye(3), principal.T])
@@ -89,8 +92,8 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
         Mean distance of mirror images that is good enough, as a share of the diagonal of the box about them.
     """
     cloud = _Cloud(vertices, rng)
-    normals = np.vstack([cloud.principal(), cloud.draw_normals()])
-    errors = [cloud.error_mm(normal) for normal in normals]
+    normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
+    errors = [cloud.measure_error_mm(normal) for normal in normals]
     best = int(np.argmin(np.round(errors, 9)))
     normal, best_error_mm = cloud.refine(normals[best], errors[best])
     return (
@@ -110,8 +113,8 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, max_count: int) -> 
     max_count
         Maximum number of planes; their normals differ from each other.
     """
-    cloud = _Cloud(vertices, rng, FEW_MIRRORED)
-    ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
+    cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
+    ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in cloud.draw_normals())
     return [cloud.mirror(np.array(normal), error) for error, normal in _pick_distinct(ranked, max_count)]
 
 
@@ -129,9 +132,9 @@ def find_good_mirrors(
     samples
         Number of normals in a round.
     """
-    cloud = _Cloud(vertices, rng, FEW_MIRRORED)
-    normals = np.vstack([cloud.principal(), cloud.draw_normals()])
-    ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
+    cloud = _Cloud(vertices, rng, MAX_MIRRORED_OF_PART)
+    normals = np.vstack([cloud.find_principal_directions(), cloud.draw_normals()])
+    ranked = sorted((cloud.measure_error_mm(n), tuple(n)) for n in normals)
     mirrors = [cloud.refine(np.array(n), error, samples) for error, n in _pick_distinct(ranked, max_count)]
     refined = _pick_distinct(sorted((error, tuple(normal)) for normal, error in mirrors), max_count)
     max_error_mm = tolerance * _measure_diagonal_mm(vertices)

@@ -159,8 +159,8 @@ def count_cuts(shape: tuple[int, int, int]) -> int:
 def count_cells(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
     """Count cells along each axis: near-cubes, granularity cubed of them, fewer if they get too small.
 
-    There are fewer too where a flat model would have many times as many boxes of cells as a cube, or a long
-    one many times as many cuts.
+    The number is also limited if a flat model would have many times as many boxes of cells as a cube, or a
+    long one many times as many cuts.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def find_bodies(is_full: Bools, is_open: tuple[Bools, Bools, Bools], times: int)
 
 @jit
 def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
-    """Join the groups of two bodies in a forest of parents (bodies,); 1 if they were two, else 0."""
+    """Join the groups of two bodies in a forest of parents (bodies,); return 1 if they differed, else 0."""
     while parent[a] != a:
         parent[a] = parent[parent[a]]
         a = parent[a]

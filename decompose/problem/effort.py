@@ -52,7 +52,7 @@ class Effort:
     Attributes
     ----------
     budget_s
-        Work that may be done, in seconds of one core of a usual machine.
+        Work that may be done, in seconds of one core of a typical machine.
     done
         Units of each kind that were done.
     cut_short
@@ -71,7 +71,7 @@ class Effort:
 
     @property
     def spent_s(self) -> float:
-        """Work done, in seconds of one core of a usual machine."""
+        """Work done, in seconds of one core of a typical machine."""
         return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
     def record(self, work: Work, units: int) -> None:

@@ -21,7 +21,7 @@ ROUNDING_MM3 = 1e-6  # maximum volume of a film that rounding leaves on a cut pl
 
 
 def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
-    """Count the fewest equal blocks along each side of a box (3,) that fit every printer as axis-aligned.
+    """Compute the fewest equal, axis-aligned blocks along each side of a box (3,) that fit every printer.
 
     A box of one block fits; a box of several blocks may still fit when rotated.
     """
@@ -36,7 +36,7 @@ def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int,
 
 
 def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
-    """Count the fewest axis-aligned parts that a solid needs; 1 if it fits as it is."""
+    """Compute the smallest number of axis-aligned parts of a solid; 1 if it fits as it is."""
     return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 

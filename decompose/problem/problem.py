@@ -262,7 +262,7 @@ def validate_problem(
     Raises
     ------
     DecomposeError
-        No printer, a printer without room, or a least wall that is not a length.
+        No printer, a printer without room, or a minimum wall that is not a length.
     """
     if not printers:
         raise NoFit("no printer: name at least one")

@@ -73,7 +73,7 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
     pieces = len(part.solid.pieces())
     if pieces != 1:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
-    vertices_on_bed, _ = part.printing_mesh()
+    vertices_on_bed, _ = part.build_printing_mesh()
     width, depth, height = np.ptp(vertices_on_bed, axis=0) - FIT_MM
     room = rooms.get(part.printer)
     if room is None or not room.fits(width, depth, height):

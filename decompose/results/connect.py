@@ -54,7 +54,7 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
                 break
             connectors = _leave_out(connectors, faults, decomposition)
         else:
-            raise DecomposeError("the rules of pins and marks are broken again and again")
+            raise DecomposeError("the rules of pins and marks are broken repeatedly")
     except Exception as error:  # also of shapely and Qhull: parts are valid without pins and marks
         failure = f"no pins and marks: {error or type(error).__name__}"
         return replace(decomposition, connectors=Connectors(failures=(failure,)))

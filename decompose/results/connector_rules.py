@@ -89,7 +89,7 @@ class DrilledParts:
         ):
             yield Rule.DRILLED, "more was removed than the holes and marks"
         if len(drilled.pieces()) != 1:
-            yield Rule.DRILLED, "it is not one piece any more"
+            yield Rule.DRILLED, "it is no longer one piece"
         sleeves = Solid.union([group.sleeve() for group in groups if not group.exits])
         if sleeves.subtract(undrilled).volume_mm3 > EPS_MM3 or any(
             _is_thick(self._subtract_all(group.sleeve())) for group in groups if group.exits

@@ -77,7 +77,7 @@ class Part:
         """Bed's x, y and z in the model's frame, as rows (3, 3)."""
         return self.to_model[:3, :3].T
 
-    def printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, Ints]:
+    def build_printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, Ints]:
         """Return vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
         solid = self.printed.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.printed
         vertices, faces = solid.arrays()
@@ -85,10 +85,10 @@ class Part:
         placed_vertices[np.abs(placed_vertices[:, 2]) < ON_BED_MM, 2] = 0.0
         return placed_vertices, faces
 
-    def stl_triangles(self) -> npt.NDArray[np.float32]:
+    def build_stl_triangles(self) -> npt.NDArray[np.float32]:
         """Return triangles (m, 3, 3) for an STL, simplified if that is necessary to keep them closed."""
         for tolerance_mm in STL_TOLERANCES_MM:
-            corners = round_triangles(*self.printing_mesh(tolerance_mm))
+            corners = round_triangles(*self.build_printing_mesh(tolerance_mm))
             if corners is not None:
                 return corners
         raise GeometryError(Rule.STL, self.id, "touches itself, so that an STL of it is not closed")
@@ -244,7 +244,7 @@ class Decomposition:
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
 
-    def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
+    def compute_possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
         """Compute the share of the makespan that a perfect balance of the same total work would save.
 
         With it all printers would work until the end, each at its own speed.
@@ -273,7 +273,7 @@ class Decomposition:
             seams = ()  # the parts are valid without lengths of seams
         return replace(self, assembly=assembly, seams=seams)
 
-    def seam_mm(self, joints: Iterable[int] | None = None) -> float:
+    def sum_seams_mm(self, joints: Iterable[int] | None = None) -> float:
         """Add up the length of seams on the model's own surface, of some joints or of all."""
         numbers = range(len(self.seams)) if joints is None else joints
         return sum((self.seams[number].length_mm for number in numbers), start=0.0)
@@ -300,7 +300,7 @@ class Decomposition:
             "coverage": asdict(self.coverage),
             "curve": [asdict(point) for point in self.curve],
             "joints": [self._describe_joint(number, joint) for number, joint in enumerate(self.joints)],
-            "seam_mm": self.seam_mm(),
+            "seam_mm": self.sum_seams_mm(),
             "thin_rims": self.describe_thin_rims(),
             "small_feet": self.describe_small_feet(),
             "assembly": {
@@ -351,7 +351,7 @@ class Decomposition:
             "level": step.level,
             "work_s": step.work_s,
             "starts_s": step.starts_s,
-            "seam_mm": self.seam_mm(step.joints if self.seams else ()),
+            "seam_mm": self.sum_seams_mm(step.joints if self.seams else ()),
             "pins": [n for n, pin in enumerate(self.connectors.pins, 1) if pin.step == number - 1],
             "codes": [
                 {"part": self.parts[mark.part].id, "text": mark.text}

@@ -182,7 +182,7 @@ def test_parts_of_a_rotated_model_are_in_the_original_frame(
     bounds_mm = np.concatenate([part.solid.bounds_mm for part in result.parts])
     np.testing.assert_allclose([bounds_mm.min(axis=0), bounds_mm.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
     for part in result.parts:
-        points, _ = part.printing_mesh()
+        points, _ = part.build_printing_mesh()
         back = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
         vertices, _ = part.solid.arrays()
         np.testing.assert_allclose(back, vertices, atol=1e-4)
@@ -226,8 +226,8 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
     best = find_best(replace(problem(cost), printers=printers), engines)
     assert {cells for _, cells in engines.engine_grids} == {"auto"}
-    assert best.possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
-    assert best.possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
+    assert best.compute_possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
+    assert best.compute_possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
 
 def test_result_with_faults_is_the_last_choice(cost: CostModel, result: Decomposition) -> None:

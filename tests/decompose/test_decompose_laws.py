@@ -55,7 +55,7 @@ def check_laws(result: Decomposition, model: Model, seed: int) -> None:
         mesh = trimesh.Trimesh(vertices, faces, process=False)
         assert mesh.is_watertight and mesh.volume > 0.0
         assert sum(shell.volume > 0.0 for shell in mesh.split(only_watertight=True)) == 1
-        assert (np.sort(np.ptp(part.printing_mesh()[0], axis=0)) <= np.sort(ROOM) + 1e-6).all()
+        assert (np.sort(np.ptp(part.build_printing_mesh()[0], axis=0)) <= np.sort(ROOM) + 1e-6).all()
     assert len({part.printer for part in result.parts}) == len(result.parts)
     for a, b in combinations(result.parts, 2):
         assert a.solid.intersect(b.solid).volume_mm3 < 1e-3

@@ -49,7 +49,7 @@ def read_3mf(name: str, data: bytes, max_triangles: int | None = None) -> tuple[
     package = Package(name, data)
     build = _Build(name, package, max_triangles or MAX_TRIANGLES)
     root = resolve_path(package.find_model())
-    part = build.part(root)
+    part = build.find_part(root)
     if not part.items:
         raise ModelEmpty(f"{name}: its build places no object; place one and export it again")
     unit = build.unit
@@ -108,7 +108,7 @@ class _Build:
     _parts: dict[str, ModelPart] = field(default_factory=dict)
     _sizes: dict[tuple[str, str], _Size | None] = field(default_factory=dict)  # None while it is measured
 
-    def part(self, path: str) -> ModelPart:
+    def find_part(self, path: str) -> ModelPart:
         """Return a model part, with the unit of the first."""
         if path not in self._parts:
             part = read_model_part(self.name, path, self.package.unpack(path), self.max_triangles)
@@ -151,7 +151,7 @@ class _Build:
     def _find(self, path: str, reference: Reference) -> tuple[tuple[str, str], ObjectRecord]:
         """Find the object of a reference in a part, and its key among all objects."""
         target = resolve_path(reference.path) if reference.path else path
-        record = self.part(target).objects.get(reference.object_id)
+        record = self.find_part(target).objects.get(reference.object_id)
         if record is None:
             raise ModelUnreadable(
                 f"{self.name}: its object {reference.object_id[:20]} is missing; export it again"

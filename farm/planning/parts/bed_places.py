@@ -27,7 +27,7 @@ class Bed:
     def place(self, part: Part) -> BedPlace | None:
         """Place a part as `slice_part` does; None if it does not fit."""
         scale = np.array((self.settings.scale_xy, self.settings.scale_xy, self.settings.scale_z))
-        width, depth, height = map(float, np.ptp(part.printing_mesh()[0], axis=0) * scale)
+        width, depth, height = map(float, np.ptp(part.build_printing_mesh()[0], axis=0) * scale)
         placement = place((width, depth, height), self.room)
         if placement is None:
             return None

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.export.raster import AMBIENT_SHARE, EDGE, LIGHT_DIRECTION, Drawing, Shape, draw, make_camera
+from decompose.export.raster import (
+    AMBIENT_SHARE,
+    LIGHT_DIRECTION,
+    OUTLINE_BRIGHTNESS,
+    Drawing,
+    Shape,
+    draw,
+    make_camera,
+)
 
 COLOUR = np.array([0.2, 0.6, 0.9])
 
@@ -31,8 +39,8 @@ def test_only_jumps_of_depth_are_outlined() -> None:
     shade = (AMBIENT_SHARE + (1.0 - AMBIENT_SHARE) * LIGHT_DIRECTION[2]) * COLOUR[2]
     row = int(drawing.place(np.array([[0.0, 0.0, 0.5]]))[0, 1])
     blue = drawing.picture[row, drawing.visible[row] == 1, 2]
-    dark = blue < shade * (1.0 + EDGE) / 2.0
-    assert blue[dark] == pytest.approx(shade * EDGE)
+    dark = blue < shade * (1.0 + OUTLINE_BRIGHTNESS) / 2.0
+    assert blue[dark] == pytest.approx(shade * OUTLINE_BRIGHTNESS)
     assert blue[~dark] == pytest.approx(shade)
     # The rim of the plate and its edge beside the cube, on both sides; the middle of the plate has none.
     assert dark[0] and dark[-1] and 4 <= dark.sum() <= 6

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.errors import ModelTooDetailed, ModelUnreadable
-from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, max_triangles
+from decompose.files.triangle_limit import BYTES_PER_TRIANGLE, OTHER_BYTES, check_head, compute_max_triangles
 from decompose.geometry.file_limits import (
     MAX_CORNERS,
     MAX_PLY_HEADER_BYTES,
@@ -94,5 +94,5 @@ def test_stl_with_missing_triangles_passes_the_limit_check() -> None:
 
 
 def test_limit_without_memory_allows_no_triangle() -> None:
-    assert max_triangles(0) == 0
-    assert np.isclose(max_triangles(4 * 2**30) / 1e6, 2.7, atol=0.05)
+    assert compute_max_triangles(0) == 0
+    assert np.isclose(compute_max_triangles(4 * 2**30) / 1e6, 2.7, atol=0.05)

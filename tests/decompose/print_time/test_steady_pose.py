@@ -89,7 +89,7 @@ def test_makespan_does_not_grow_by_steadier_poses(cost: CostModel, time_factor: 
     assert result.makespan_s == slowest.price_s * time_factor
     pin = min(result.parts, key=lambda part: part.price_s)
     assert pin.small_foot_mm2 is None
-    assert np.ptp(pin.printing_mesh()[0][:, 2]) == pytest.approx(12.0, abs=1e-3)
+    assert np.ptp(pin.build_printing_mesh()[0][:, 2]) == pytest.approx(12.0, abs=1e-3)
     assert result.describe_small_feet() == ""
 
 

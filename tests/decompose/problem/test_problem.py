@@ -87,7 +87,9 @@ def test_bound_scales_with_the_speed_of_the_printers(
     assert quick.makespan_s == pytest.approx(0.5 * usual.makespan_s)
     assert quick.grid_makespan_s == pytest.approx(0.5 * usual.grid_makespan_s)
     assert quick.lower_bound_s == pytest.approx(0.5 * usual.lower_bound_s)
-    assert quick.possible_gain(fleet(*[0.5] * 8)) == pytest.approx(usual.possible_gain(fleet(*[1.0] * 8)))
+    assert quick.compute_possible_gain(fleet(*[0.5] * 8)) == pytest.approx(
+        usual.compute_possible_gain(fleet(*[1.0] * 8))
+    )
 
 
 def test_bound_holds_on_unequal_printers_for_common_boxes(ring_with_bar: Solid, cost: CostModel) -> None:

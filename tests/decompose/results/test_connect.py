@@ -143,7 +143,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     stored = connect_parts(halves)
     for part in stored.parts:
         assert part.printed.volume_mm3 < part.solid.volume_mm3 - 50.0
-        write_stl(tmp_path / f"{part.id}.stl", part.stl_triangles())
+        write_stl(tmp_path / f"{part.id}.stl", part.build_stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
     assert [part.price_s - old.price_s for part, old in zip(stored.parts, halves.parts, strict=True)] == [
         pytest.approx(price_connectors(stored.connectors, number, halves.parts[number].rotation[2]))
@@ -273,7 +273,7 @@ def test_seams_that_cannot_be_measured_are_left_out(
     monkeypatch.setattr(decomposition, "measure_seams", fail)
     result = halves.with_assembly()
     assert result.seams == () and len(result.assembly.steps) == len(halves.assembly.steps)
-    assert result.seam_mm() == 0.0 and result.describe_thin_rims() == ""
+    assert result.sum_seams_mm() == 0.0 and result.describe_thin_rims() == ""
     assert result.as_dict()["joints"][0]["seam_mm"] == 0.0
 
 

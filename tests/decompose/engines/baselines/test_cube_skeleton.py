@@ -203,7 +203,7 @@ def test_engine_returns_checked_parts(interior: Interior, cost: CostModel) -> No
     result = decompose_model(model, printers(20), options, cost)
     assert 8 <= len(result.parts) <= 20
     for part in result.parts:
-        assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
+        assert ROOM.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
     printed_mm3 = sum(p.solid.volume_mm3 for p in result.parts)
     assert (0.3 if interior is Interior.LEAVE else 0.5) < printed_mm3 / model.solid.volume_mm3 < 0.9
     if interior is Interior.LEAVE:

@@ -125,7 +125,7 @@ def test_model_larger_than_the_room_is_cut(rough_ball: Model, cost: CostModel) -
     result = decompose_model(rough_ball, printers(9), OPTIONS, cost)
     assert 8 <= len(result.parts) <= 9
     for part in result.parts:
-        assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
+        assert ROOM.fits(*(np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6))
 
 
 def test_parts_that_do_not_fit_are_counted_in_the_error(rough_ball: Model, cost: CostModel) -> None:

@@ -49,7 +49,7 @@ def tower() -> Model:
 def test_part_may_use_the_full_height_of_its_printer(tower: Model, cost: CostModel) -> None:
     printers = [PrinterRoom("low", LOW), PrinterRoom("high", HIGH)]
     result = decompose_model(tower, printers, OPTIONS, cost)
-    heights = {part.printer: np.ptp(part.printing_mesh()[0], axis=0)[2] for part in result.parts}
+    heights = {part.printer: np.ptp(part.build_printing_mesh()[0], axis=0)[2] for part in result.parts}
     assert heights["low"] <= 100.0
     assert 100.0 < heights["high"] <= 160.0
     with pytest.raises(NoFit, match="needs 3 parts"):

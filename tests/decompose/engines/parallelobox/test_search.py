@@ -275,9 +275,9 @@ def test_engine_returns_checked_parts(
     assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
     assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
     for part in result.parts:  # the print pose is still one that fits
-        width, depth, height = np.ptp(part.printing_mesh()[0], axis=0) - 1e-6
+        width, depth, height = np.ptp(part.build_printing_mesh()[0], axis=0) - 1e-6
         assert plus_room.fits(width, depth, height)
-        assert part.printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
+        assert part.build_printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
     if options.faithful:  # no part crosses the plane of symmetry, x = 0 before the block was turned
         across = make_rotation(0.4, (0.0, 0.0, 1.0))[:, 0]
         sides = [part.solid.arrays()[0] @ across for part in result.parts]

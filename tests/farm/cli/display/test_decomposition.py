@@ -40,13 +40,13 @@ def test_summary_lists_the_pins_to_cut_and_parts_that_were_not_drilled() -> None
     connectors = {
         "pins": [{}] * 3,
         "cut_list": [{"length_mm": 13.0, "count": 1}, {"length_mm": 7.0, "count": 2}],
-        "failures": ["p02 has no holes and marks: it is not one piece any more (rule drilled)"],
+        "failures": ["p02 has no holes and marks: it is no longer one piece (rule drilled)"],
     }
     lines = summarise_decomposition(
         make_report(connectors=connectors, options={"pin_mm": 2.85}), 4, Path("out")
     )
     assert "3 pins of 2.85 mm: cut 1 of 13 mm, 2 of 7 mm" in lines
-    assert "Check: p02 has no holes and marks: it is not one piece any more (rule drilled)" in lines
+    assert "Check: p02 has no holes and marks: it is no longer one piece (rule drilled)" in lines
 
 
 def test_summary_of_a_good_result() -> None:

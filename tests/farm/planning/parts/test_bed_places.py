@@ -29,7 +29,7 @@ def test_part_is_drawn_where_it_is_sliced(size_mm):
     pose = place_on({"um2-01": BED})(part)
     placement = place(size_mm, BED.room)
     assert pose == BedPlace(PROFILE.bed_mm, (placement.x_mm, placement.y_mm), placement.is_turned)
-    vertices, faces = part.printing_mesh()
+    vertices, faces = part.build_printing_mesh()
     drawn_mm, _ = put_on_bed(vertices, faces, pose)
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.apply_transform(slice_part._transform(mesh, placement, np.ones(3)))
