@@ -16,15 +16,15 @@ from decompose.options import Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
-COARSE = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
+COARSE_OPTIONS = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
 
 
 def test_expensive_handling_uses_fewer_printers(
     ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
-    result = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(0.0, 0.0))
-    fewest = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(1e5, 1e5))
+    result = auto.decompose_auto(model, fleet, COARSE_OPTIONS, cost, goal=auto.CountGoal(0.0, 0.0))
+    fewest = auto.decompose_auto(model, fleet, COARSE_OPTIONS, cost, goal=auto.CountGoal(1e5, 1e5))
     assert [p.printer for p in fewest.parts] == [fleet[0].name]
     assert len(result.parts) > 1
     assert [p.printers for p in result.curve] == list(range(1, len(fleet) + 1))
@@ -36,7 +36,9 @@ def test_curve_considers_the_speed_of_printers(
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
     printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
-    equal, slow = (auto.decompose_auto(model, rooms, COARSE, cost).curve for rooms in (fleet[:2], printers))
+    equal, slow = (
+        auto.decompose_auto(model, rooms, COARSE_OPTIONS, cost).curve for rooms in (fleet[:2], printers)
+    )
     speed_ratio, curve_ratio = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
     assert speed_ratio == pytest.approx(2.0)
     assert curve_ratio == pytest.approx(8.0 / 3.0, rel=0.05)  # distributed to two printers of these speeds
@@ -46,7 +48,7 @@ def test_curve_considers_the_room_of_printers(cost: CostModel) -> None:
     """Use a model higher than two low printers, which needs three parts in their common room."""
     low_room, high_room = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
-    fine = replace(COARSE, granularity=6)
+    fine = replace(COARSE_OPTIONS, granularity=6)
     result = auto.decompose_auto(model, [low_room, high_room], fine, cost)
     assert [point.printers for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
@@ -64,14 +66,14 @@ def test_all_printers_are_used_if_the_curve_is_too_optimistic(
 ) -> None:
     model = Model(Solid.union([ring_with_bar, Solid.box((0, 0, 300), (20, 20, 320))]), (), 1.0)
     monkeypatch.setattr(auto, "build_curve", lambda problem: (CurvePoint(1, 100.0),))
-    assert len(auto.decompose_auto(model, fleet[:3], COARSE, cost).parts) > 1
+    assert len(auto.decompose_auto(model, fleet[:3], COARSE_OPTIONS, cost).parts) > 1
 
 
 def test_curve_is_in_the_report(
     tmp_path: Path, ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
-    write_decomposition(auto.decompose_auto(model, fleet[:3], COARSE, cost), tmp_path)
+    write_decomposition(auto.decompose_auto(model, fleet[:3], COARSE_OPTIONS, cost), tmp_path)
     curve = json.loads((tmp_path / "decomposition.json").read_text())["curve"]
     assert [set(point) for point in curve] == [{"printers", "makespan_s"}] * len(curve)
     assert curve
@@ -79,4 +81,4 @@ def test_curve_is_in_the_report(
 
 def test_too_few_printers_are_refused(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
     with pytest.raises(NoFit, match="there are 2"):
-        auto.decompose_auto(ball, fleet[:2], COARSE, cost)
+        auto.decompose_auto(ball, fleet[:2], COARSE_OPTIONS, cost)

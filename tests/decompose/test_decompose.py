@@ -19,7 +19,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem.granularity import choose_granularity
 from decompose.results import Decomposition
 
-COARSE = Options(granularity="vcoarse")
+COARSE_OPTIONS = Options(granularity="vcoarse")
 
 
 def list_boxes(result: Decomposition) -> list[list[float]]:
@@ -27,7 +27,7 @@ def list_boxes(result: Decomposition) -> list[list[float]]:
 
 
 def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
-    result = decompose_model(ball, fleet, COARSE, cost)
+    result = decompose_model(ball, fleet, COARSE_OPTIONS, cost)
     assert [p.id for p in result.parts] == [f"p{i:02d}" for i in range(1, len(result.parts) + 1)]
     assert len({p.printer for p in result.parts}) == len(result.parts) <= 8
     assert result.makespan_s == max(p.price_s for p in result.parts)
@@ -36,7 +36,7 @@ def test_ball_is_cut_for_eight_printers(ball: Model, fleet: list[PrinterRoom], c
     assert result.gap == pytest.approx(result.grid_makespan_s / result.lower_bound_s - 1.0)
     assert result.serial_s <= result.serial_as_is_s
     assert result.coverage.surface_error < 1e-6
-    second_result = decompose_model(ball, fleet, COARSE, cost)
+    second_result = decompose_model(ball, fleet, COARSE_OPTIONS, cost)
     assert list_boxes(second_result) == list_boxes(result)
     assert all(
         (a.to_model == b.to_model).all() for a, b in zip(second_result.parts, result.parts, strict=True)
@@ -47,7 +47,7 @@ def test_more_printers_never_take_longer(
     ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     model = Model(ring_with_bar, (), 1.0)
-    options = replace(COARSE, best=BestOptions(0.0), prove=False)
+    options = replace(COARSE_OPTIONS, best=BestOptions(0.0), prove=False)
     makespans = [decompose_model(model, fleet[:n], options, cost).makespan_s for n in range(1, 6)]
     assert all(b <= a + 1.0 for a, b in pairwise(makespans))
 
@@ -55,7 +55,7 @@ def test_more_printers_never_take_longer(
 def test_one_printer_prints_a_small_model_whole(
     ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet[:1], COARSE, cost)
+    result = decompose_model(Model(ring_with_bar, (), 1.0), fleet[:1], COARSE_OPTIONS, cost)
     (part,) = result.parts
     assert part.solid.volume_mm3 == pytest.approx(ring_with_bar.volume_mm3)
     assert part.price_s == pytest.approx(result.serial_s)
@@ -92,25 +92,29 @@ def test_too_few_printers_are_reported_with_the_required_number(
     ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
     with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as error:
-        decompose_model(ball, fleet[:2], COARSE, cost)
+        decompose_model(ball, fleet[:2], COARSE_OPTIONS, cost)
     printers_needed = error.value.printers_needed
     assert printers_needed is not None
     assert printers_needed > 2
-    decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed)], COARSE, cost)
+    decompose_model(
+        ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed)], COARSE_OPTIONS, cost
+    )
     with pytest.raises(NoFit):
         decompose_model(
-            ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed - 1)], COARSE, cost
+            ball, [replace(fleet[0], name=f"p{i}") for i in range(printers_needed - 1)], COARSE_OPTIONS, cost
         )
     with pytest.raises(NoFit, match="name at least one"):
-        decompose_model(ball, [], COARSE, cost)
+        decompose_model(ball, [], COARSE_OPTIONS, cost)
     with pytest.raises(NoFit, match="no-bed has no room"):
-        decompose_model(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE, cost)
+        decompose_model(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE_OPTIONS, cost)
     with pytest.raises(NoFit, match="mm each way would be enough"):
-        decompose_model(ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE, cost)
+        decompose_model(
+            ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE_OPTIONS, cost
+        )
 
 
 def test_printer_may_print_in_several_rounds(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
-    result = decompose_model(ball, fleet[:3] * 3, COARSE, cost)
+    result = decompose_model(ball, fleet[:3] * 3, COARSE_OPTIONS, cost)
     counts = [[p.printer for p in result.parts].count(r.name) for r in fleet[:3]]
     assert sum(counts) == len(result.parts) > 3
     assert max(counts) <= 3
@@ -120,9 +124,9 @@ def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: Cost
     two = Model(
         Solid.union([Solid.box((0, 0, 0), (30, 30, 30)), Solid.box((60, 5, 0), (90, 35, 30))]), (), 1.0
     )
-    assert len(decompose_model(two, fleet[:2], COARSE, cost).parts) == 2
+    assert len(decompose_model(two, fleet[:2], COARSE_OPTIONS, cost).parts) == 2
     with pytest.raises(NoFit, match="needs 2 parts"):
-        decompose_model(two, fleet[:1], COARSE, cost)
+        decompose_model(two, fleet[:1], COARSE_OPTIONS, cost)
 
 
 def test_pieces_in_one_cell_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
@@ -164,7 +168,7 @@ def test_written_parts_fit_together_to_the_model(
     ring_with_bar: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
 ) -> None:
     result = write_decomposition(
-        decompose_model(Model(ring_with_bar, (), 1.0), fleet[:4], COARSE, cost), tmp_path / "out"
+        decompose_model(Model(ring_with_bar, (), 1.0), fleet[:4], COARSE_OPTIONS, cost), tmp_path / "out"
     )
     book = json.loads((tmp_path / "out" / "decomposition.json").read_text())
     assert book["schema"] == 1

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(__file__).resolve().parents[2] / ".ci" / "commit-subjects"
-LONG = "x" * 73
+LONG_SUBJECT = "x" * 73
 
 
 class Repository:
@@ -43,7 +43,7 @@ def repository(tmp_path: Path) -> Repository:
     folder.mkdir()
     new_repository = Repository(folder)
     new_repository.git("init", "--quiet")
-    new_repository.begin_rule_at(new_repository.commit("before the rule: " + LONG))
+    new_repository.begin_rule_at(new_repository.commit("before the rule: " + LONG_SUBJECT))
     return new_repository
 
 
@@ -52,7 +52,7 @@ def test_subject_of_72_characters_passes(repository: Repository):
     assert repository.check().returncode == 0
 
 
-@pytest.mark.parametrize("subject", [LONG, "Ends with a period."])
+@pytest.mark.parametrize("subject", [LONG_SUBJECT, "Ends with a period."])
 def test_bad_subject_is_refused_and_named(repository: Repository, subject: str):
     commit = repository.commit(subject)
     repository.commit("Good")
@@ -69,7 +69,7 @@ def test_shallow_clone_without_the_base_is_checked(repository: Repository, tmp_p
     repository.git("clone", "--quiet", "--depth", "1", f"file://{repository.folder}", str(clone.folder))
     clone.begin_rule_at(base)
     assert clone.check().returncode == 0
-    clone.commit(LONG)
+    clone.commit(LONG_SUBJECT)
     assert clone.check().returncode == 1
 
 
@@ -81,7 +81,7 @@ def test_folder_without_git_passes(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("message", "code"),
-    [("# help\n\nGood\n\nwhy\n", 0), (f"{LONG}\n", 1), ("# only help\n", 0)],
+    [("# help\n\nGood\n\nwhy\n", 0), (f"{LONG_SUBJECT}\n", 1), ("# only help\n", 0)],
     ids=["good", "long", "empty"],
 )
 def test_hook_reads_the_subject_of_a_message(repository: Repository, tmp_path: Path, message: str, code: int):

@@ -69,19 +69,19 @@ def install(tmp_path: Path):
     return run
 
 
-def downloaded(folder: Path) -> set[str]:
+def list_downloads(folder: Path) -> set[str]:
     return set((folder / "downloaded").read_text().split()) if (folder / "downloaded").exists() else set()
 
 
 def test_installed_packages_are_not_fetched(install, tmp_path: Path):
     assert "OctoPrint" in install("ssh ssh-keygen sshd ser2net tcc promtool prusa-slicer")
     assert install() == ""
-    assert not downloaded(tmp_path)
+    assert not list_downloads(tmp_path)
 
 
 def test_missing_packages_are_unpacked_and_not_installed(install, tmp_path: Path):
     install("ssh ssh-keygen")
-    assert downloaded(tmp_path) == {
+    assert list_downloads(tmp_path) == {
         *("libx", "openssh-server", "prometheus", "prusa-slicer", "ser2net", "tcc")
     }
     assert not (tmp_path / "other-calls").exists()

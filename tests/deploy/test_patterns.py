@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("farm", "drivers", "decompose", "slicing", "bench", "examples", "docs", "tests")
-WRONG = re.compile(r"\(\?>|[*+?}]\+")  # an atomic group, a possessive quantifier
+POSSESSIVE_SYNTAX = re.compile(r"\(\?>|[*+?}]\+")  # an atomic group, a possessive quantifier
 NO_PATTERN = {"k-means++"}
 
 
@@ -24,7 +24,7 @@ def list_literals(tree: ast.AST) -> Iterator[str]:
 
 def is_wrong(text: str) -> bool:
     """Check if a literal, read as a pattern, uses syntax that is broken in Python 3.11.2."""
-    if text in NO_PATTERN or WRONG.search(text) is None:
+    if text in NO_PATTERN or POSSESSIVE_SYNTAX.search(text) is None:
         return False
     try:
         with warnings.catch_warnings(action="ignore"):

@@ -80,7 +80,7 @@ def test_board_that_prints_from_its_card_is_not_reset():
     path = Path(os.ttyname(slave))  # the slave stays open: a close would be seen by the master
     received_data = b""
 
-    def board() -> None:
+    def serve_board() -> None:
         nonlocal received_data
         while True:
             try:
@@ -93,7 +93,7 @@ def test_board_that_prints_from_its_card_is_not_reset():
                     os.write(master, b"SD printing byte 77/900\n")
                 os.write(master, b"ok T:200.0 /200.0 B:60.0 /60.0 @:0 B@:0\n" if b"M105" in line else b"ok\n")
 
-    thread = threading.Thread(target=board, daemon=True)
+    thread = threading.Thread(target=serve_board, daemon=True)
     thread.start()
     try:
         with pytest.raises(PortError, match="SD card"):

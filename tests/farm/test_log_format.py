@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from farm.log_format import JsonFormatter, LogFormat, PrinterLog, start_log
 
-ANY_TEXT = st.text()
+TEXTS = st.text()
 
 
 def record(text: str, **extra: object) -> logging.LogRecord:
@@ -21,7 +21,7 @@ def record(text: str, **extra: object) -> logging.LogRecord:
     )
 
 
-@given(ANY_TEXT, ANY_TEXT)
+@given(TEXTS, TEXTS)
 def test_any_text_is_one_line_of_json(text: str, user: str):
     line = JsonFormatter().format(record(text.replace("%", "%%"), job=3, who=user))
     assert len(line.splitlines()) == 1 and line.isascii()

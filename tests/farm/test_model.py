@@ -6,7 +6,7 @@ from pydantic import ValidationError
 from farm.model import Part, PartGeometry, PartPrintOptions
 from make_books import make_plan_event
 
-FLAT = {
+FLAT_PART = {
     "id": "1/p01",
     "job": 1,
     "plate": "1/01",
@@ -23,16 +23,16 @@ FLAT = {
 
 
 def test_part_of_farm_0_1_is_read_into_nested_records():
-    part = Part.model_validate(FLAT)
+    part = Part.model_validate(FLAT_PART)
     assert part.print_options == PartPrintOptions(brim_width_mm=3.0, layer_0_expansion_mm=-0.2, stands=False)
     assert (part.geometry, part.cut_from) == (make_plan_event().parts[0].geometry, "1/p00")
     assert Part.model_validate_json(part.model_dump_json()) == part
-    assert "brim_width_mm" in FLAT  # the input is unchanged
+    assert "brim_width_mm" in FLAT_PART  # the input is unchanged
 
 
 def test_part_without_print_options_has_those_of_its_quality():
     options = ("brim_width_mm", "layer_0_expansion_mm", "stands")
-    part = Part.model_validate({name: value for name, value in FLAT.items() if name not in options})
+    part = Part.model_validate({name: value for name, value in FLAT_PART.items() if name not in options})
     assert part.print_options == PartPrintOptions()
     assert isinstance(part.geometry, PartGeometry)
 
@@ -40,7 +40,7 @@ def test_part_without_print_options_has_those_of_its_quality():
 @pytest.mark.parametrize("damage", [{"to_model": None}, {"stand": True}, {"volume_mm3": "much"}])
 def test_damaged_part_is_refused(damage):
     with pytest.raises(ValidationError):
-        Part.model_validate({**FLAT, **damage})
+        Part.model_validate({**FLAT_PART, **damage})
 
 
 def test_plate_of_farm_0_1_is_read_by_its_former_names():

@@ -212,7 +212,7 @@ def test_degrees_stay_in_view_beside_a_chart_that_scrolls(tmp_path, width_px):
 
 
 PAPER_PX = 718  # A4 between margins of 10 mm, at 96 px an inch
-LIGHT = "getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)'"
+IS_LIGHT_SCRIPT = "getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)'"
 FIELDS = "[...document.querySelectorAll('nav, form, input')].filter((one) => one.checkVisibility()).length"
 
 
@@ -225,7 +225,7 @@ def test_pages_fit_on_paper_without_forms_and_on_white(tmp_path, path):
         size = {"width": PAPER_PX, "height": 1000, "deviceScaleFactor": 1, "mobile": False}
         await browser.call("Emulation.setDeviceMetricsOverride", **size)
         assert await browser.evaluate(FIELDS) == 0
-        assert await browser.evaluate(LIGHT) is True
+        assert await browser.evaluate(IS_LIGHT_SCRIPT) is True
         assert await browser.evaluate("document.documentElement.scrollWidth") <= PAPER_PX
         pdf = base64.b64decode((await browser.call("Page.printToPDF"))["data"])
         assert pdf.startswith(b"%PDF-")

@@ -22,7 +22,7 @@ pytestmark = [
 ]
 GCODE = "\n".join(make_marlin()).encode() + b"\n"
 UPLOAD = "/api/files/local"
-ONE = "/to/a"  # printer of the farm; OctoPrint has one only
+PRINTER_PATH = "/to/a"  # printer of the farm; OctoPrint has one only
 FLAGS = ("error", "closedOrError", "paused", "pausing", "printing", "cancelling", "ready", "operational")
 FORM = ["done", "effectivePrint", "effectiveSelect", "files.local.name", "files.local.origin"]
 FORM += ["files.local.path", "files.local.refs.resource"]
@@ -39,7 +39,7 @@ ANSWERS = {  # title -> (method, path, body), keys that clients read
     "settings": (("GET", "/api/settings", {}), ["feature.sdSupport", "plugins", "webcam"]),
     "printer": (("GET", "/api/printer", {}), [*(f"state.flags.{flag}" for flag in FLAGS), "state.text"]),
     "printer of an address": (
-        ("GET", f"{ONE}/api/printer", {}),
+        ("GET", f"{PRINTER_PATH}/api/printer", {}),
         [f"temperature.{heater}.{word}" for heater in ("tool0", "bed") for word in ("actual", "target")],
     ),
     "job": (
@@ -128,7 +128,7 @@ def test_answer_is_a_subset_of_the_one_of_octoprint(title, octoprint, farm_answe
     (method, path, body), required_keys = ANSWERS[title]
     answer, reference = (
         farm_answers.ask(method, path, **body),
-        octoprint.ask(method, path.removeprefix(ONE), **body),
+        octoprint.ask(method, path.removeprefix(PRINTER_PATH), **body),
     )
     assert answer.status_code == reference.status_code, (answer.text, reference.text)
     if "location" in reference.headers:

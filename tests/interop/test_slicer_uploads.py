@@ -19,7 +19,7 @@ from real_farm import PATIENCE_S, RealFarm, wait_for
 
 FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))
-PRINTED = ("printed", "done")
+END_STATES = ("printed", "done")
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(not PYTHON.exists(), reason="make interop"),
@@ -54,7 +54,7 @@ class ServedFarm(RealFarm):
 
     def wait_printed(self, job):
         """Wait until a job is printed, clear its bed, and return the printer."""
-        wait_for(f"job {job}", lambda: self.job(job)["state"] in PRINTED)
+        wait_for(f"job {job}", lambda: self.job(job)["state"] in END_STATES)
         (plate,) = self.job(job)["plates"]
         self.ok("cleared", plate["printer"])
         return plate["printer"]

@@ -24,7 +24,7 @@ from types import ModuleType, SimpleNamespace
 
 PLUS, LONG_PLUS = "ultimaker2_plus", "ultimaker2_extended_plus"
 PLAIN, LONG, GO = "ultimaker2", "ultimaker2_extended", "ultimaker2_go"
-STREAMED = {"machine_gcode_flavor": "RepRap (Marlin/Sprinter)", "machine_firmware_retract": False}
+MARLIN_FLAVOUR = {"machine_gcode_flavor": "RepRap (Marlin/Sprinter)", "machine_firmware_retract": False}
 SUPPORT_VALUES = {
     "support_enable": True,
     "support_type": "everywhere",
@@ -32,7 +32,7 @@ SUPPORT_VALUES = {
     "brim_width": 8.0,
 }
 PAPER = {
-    **STREAMED,
+    **MARLIN_FLAVOUR,
     **SUPPORT_VALUES,
     "layer_height": 0.25,
     "infill_sparse_density": 5.0,
@@ -41,19 +41,19 @@ PAPER = {
     "material_bed_temperature": 50.0,
 }
 GLUE = {
-    **STREAMED,
+    **MARLIN_FLAVOUR,
     **SUPPORT_VALUES,
     "layer_height": "=round(max(extruderValues('machine_nozzle_size')) / 2, 2)",
     "infill_sparse_density": 10.0,
     "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
 }
-ODD = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
+ODD_SETTINGS = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
 # Cura leaves the material of a plain Ultimaker 2 to its menu; here it is in the stack.
 COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
     (PLUS, "0.4 mm", "generic_pla", "fast", {}),
     (PLUS, "0.4 mm", "generic_pla", "fast", PAPER),
     (PLUS, "0.4 mm", "generic_pla", "fast", GLUE),
-    (PLUS, "0.4 mm", "generic_pla", "normal", ODD),
+    (PLUS, "0.4 mm", "generic_pla", "normal", ODD_SETTINGS),
     (PLUS, "0.25 mm", "generic_pla", "high", {}),
     (PLUS, "0.6 mm", "generic_abs", "fast", {}),
     (PLUS, "0.8 mm", "generic_pla", "draft", GLUE),
@@ -64,7 +64,7 @@ COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
     (LONG_PLUS, "0.4 mm", "generic_nylon", "fast", GLUE),
     (LONG_PLUS, "0.6 mm", "generic_cpe_plus", "draft", {}),
     (LONG_PLUS, "0.4 mm", "generic_pc", "draft", PAPER),
-    (LONG_PLUS, "0.8 mm", "generic_cpe", "draft", ODD),
+    (LONG_PLUS, "0.8 mm", "generic_cpe", "draft", ODD_SETTINGS),
     (PLAIN, "0.4 mm", "generic_pla", "fast", {}),
     (PLAIN, "0.4 mm", "generic_abs", "normal", GLUE),
     (LONG, "0.4 mm", "generic_pla", "draft", PAPER),

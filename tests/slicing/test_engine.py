@@ -42,7 +42,7 @@ def run(tmp_path, script, monkeypatch):
 
 
 @contextmanager
-def writers(fifo):
+def wait_for_writers(fifo):
     """Wait until no process holds the writing end of a FIFO."""
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
@@ -98,7 +98,7 @@ def test_success_at_the_second_attempt_counts(run, tmp_path):
 
 def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with writers(fifo) as hang_up_poll:
+    with wait_for_writers(fifo) as hang_up_poll:
         with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
             run(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
         assert hang_up_poll()
@@ -106,7 +106,7 @@ def test_hanging_engine_is_killed_with_its_children(run, tmp_path):
 
 def test_children_left_running_are_killed(run, tmp_path):
     fifo = tmp_path / "fifo"
-    with writers(fifo) as hang_up_poll:
+    with wait_for_writers(fifo) as hang_up_poll:
         assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
         assert hang_up_poll()
 
@@ -159,7 +159,7 @@ def test_engine_dies_with_its_caller(tmp_path, script):
         f"limits = EngineLimits(1, 600)\n"
         f"run_engine(pathlib.Path({str(engine)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
     )
-    with writers(fifo) as hang_up_poll:
+    with wait_for_writers(fifo) as hang_up_poll:
         root = Path(engine_module.__file__).parents[1]
         environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
         worker = subprocess.Popen([sys.executable, "-c", code], env=environ)

@@ -27,7 +27,7 @@ def decompose_task(bar, files, tmp_path, printers=2, rounds=1):
     )
 
 
-class Slice:
+class FakeSliceResult:
     """Result of slicing a part."""
 
     def __init__(self, sliced_s):
@@ -55,4 +55,4 @@ def slice_late(work, decomposition, late_s):
     seconds = [part.price_s - prelude_s for part in decomposition.parts]
     mean_s = sum(seconds) / len(seconds)
     seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]
-    return join_slices(work, decomposition, tasks, map(Slice, seconds))
+    return join_slices(work, decomposition, tasks, map(FakeSliceResult, seconds))

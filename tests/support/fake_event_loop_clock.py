@@ -55,7 +55,7 @@ class FakeTime:
 
     def run(self, work):
         """Run a coroutine to its end."""
-        loop = asyncio.SelectorEventLoop(_Patient(self))
+        loop = asyncio.SelectorEventLoop(_ClockSelector(self))
         loop.time = lambda: self.now_s - self.begun_s
         try:
             return loop.run_until_complete(work)
@@ -63,7 +63,7 @@ class FakeTime:
             loop.close()
 
 
-class _Patient(selectors.SelectSelector):
+class _ClockSelector(selectors.SelectSelector):
     """A selector that advances the clock instead of waiting."""
 
     def __init__(self, time):

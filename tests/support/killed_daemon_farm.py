@@ -24,7 +24,7 @@ from farm.state.storage.store import Store
 from make_gcode import make_marlin, make_square
 from real_farm import PATIENCE_S, RealFarm, wait_for
 
-RESTARTED_DAEMON = Path(__file__).with_name("restarted_daemon.py")
+RESTART_SCRIPT = Path(__file__).with_name("restarted_daemon.py")
 MODEL = "ultimaker2_plus"
 PRIMED_MM = 7.8  # filament of every print besides its plate's, from parked to parked
 POLL_S = 0.05  # interval of the operator's polls
@@ -56,7 +56,7 @@ class KilledFarm(RealFarm):
         """Start daemons that die as `fates` says; the last one survives."""
         self.kill_daemons()
         self.state.mkdir(exist_ok=True)
-        command = [sys.executable, "-P", RESTARTED_DAEMON, json.dumps(fates), *self.list_daemon_arguments()]
+        command = [sys.executable, "-P", RESTART_SCRIPT, json.dumps(fates), *self.list_daemon_arguments()]
         if self.disk is not None:
             command = self.disk.command(command)
         with self.log_file.open("ab") as log:

@@ -19,7 +19,7 @@ def write_step_text(size_mm, unit_mm=1.0):
         records.append(text)
         return f"#{len(records)}"
 
-    def vector(kind, values):
+    def write_vector(kind, values):
         return add(f"{kind}('',({','.join(f'{value:.6f}' for value in values)}))")
 
     metres = add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
@@ -39,31 +39,31 @@ def write_step_text(size_mm, unit_mm=1.0):
     )
     x, y, z = (side / unit_mm for side in size_mm)
     corners = [(0, 0, 0), (x, 0, 0), (x, y, 0), (0, y, 0), (0, 0, z), (x, 0, z), (x, y, z), (0, y, z)]
-    vertices = [add(f"VERTEX_POINT('',{vector('CARTESIAN_POINT', corner)})") for corner in corners]
+    vertices = [add(f"VERTEX_POINT('',{write_vector('CARTESIAN_POINT', corner)})") for corner in corners]
 
-    def direction(start, end):
+    def write_direction(start, end):
         steps = [b - a for a, b in zip(corners[start], corners[end], strict=True)]
         length = sum(step * step for step in steps) ** 0.5
         return [step / length for step in steps]
 
     edges = {}
 
-    def edge(start, end):
+    def write_edge(start, end):
         if (end, start) in edges:
             return add(f"ORIENTED_EDGE('',*,*,{edges[end, start]},.F.)")
-        along = add(f"VECTOR('',{vector('DIRECTION', direction(start, end))},1.)")
-        line = add(f"LINE('',{vector('CARTESIAN_POINT', corners[start])},{along})")
+        along = add(f"VECTOR('',{write_vector('DIRECTION', write_direction(start, end))},1.)")
+        line = add(f"LINE('',{write_vector('CARTESIAN_POINT', corners[start])},{along})")
         edges[start, end] = add(f"EDGE_CURVE('',{vertices[start]},{vertices[end]},{line},.T.)")
         return add(f"ORIENTED_EDGE('',*,*,{edges[start, end]},.T.)")
 
     faces = []
     for side in _SIDES:
-        ring = [edge(a, b) for a, b in zip(side, (*side[1:], side[0]), strict=True)]
-        u, v = direction(side[0], side[1]), direction(side[1], side[2])
+        ring = [write_edge(a, b) for a, b in zip(side, (*side[1:], side[0]), strict=True)]
+        u, v = write_direction(side[0], side[1]), write_direction(side[1], side[2])
         normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
         place = add(
-            f"AXIS2_PLACEMENT_3D('',{vector('CARTESIAN_POINT', corners[side[0]])},"
-            f"{vector('DIRECTION', normal)},{vector('DIRECTION', u)})"
+            f"AXIS2_PLACEMENT_3D('',{write_vector('CARTESIAN_POINT', corners[side[0]])},"
+            f"{write_vector('DIRECTION', normal)},{write_vector('DIRECTION', u)})"
         )
         loop = add(f"EDGE_LOOP('',({','.join(ring)}))")
         bound = add(f"FACE_OUTER_BOUND('',{loop},.T.)")

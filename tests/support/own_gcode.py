@@ -11,7 +11,7 @@ from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
 from slicing_printers import UM2_PLUS
 
-ON_THE_LIST = re.compile(
+ALLOWED_COMMAND = re.compile(
     rb"(G0|G1|G4|G28|G90|G91|G92|G21|M82|M84|M104|M106|M107|M109|M140|M190|M220 S100|M221 S100)( |\Z)"
 )
 
@@ -53,7 +53,7 @@ def select_extrusions(moves):
 def check_rules(result):
     """Check a program by the rules for all programs of the farm, and return it."""
     program = read_program(result.gcode.splitlines(), ULTIMAKER2_PLUS)
-    assert all(ON_THE_LIST.match(line) for line in program.read_lines(0, program.count))
+    assert all(ALLOWED_COMMAND.match(line) for line in program.read_lines(0, program.count))
     for heater in HeaterName:
         assert program.find_target_c(heater, program.count) == 0
     assert measure_retraction(program, program.count) == pytest.approx(20.0, abs=1e-3)

@@ -20,7 +20,7 @@ from farm.state.storage.store import Store
 
 MOMENTS = ("before", "within", "after")
 """Before the transaction begins, before its COMMIT, and when it is on the disk."""
-LATER = "later"
+AFTER_DELAY = "later"
 
 
 class NoWorkers:
@@ -50,8 +50,8 @@ def report_death(*arguments):
 
 def schedule_death(moment, event_or_delay_s):
     """Make this process die at a commit or at a time."""
-    if moment == LATER:
-        threading.Timer(event_or_delay_s, lambda: (report_death(LATER), die())).start()
+    if moment == AFTER_DELAY:
+        threading.Timer(event_or_delay_s, lambda: (report_death(AFTER_DELAY), die())).start()
         return
     commit = Store.commit
 

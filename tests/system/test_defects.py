@@ -68,7 +68,7 @@ def write_in_metres(path):
     trimesh.creation.box((0.26, 0.1, 0.1)).export(path)
 
 
-REFUSED = {
+REFUSALS = {
     "random_bytes": (write_random_bytes, "model.stl"),
     "unknown_kind": (write_unknown_kind, "not a known kind"),
     "empty": (write_empty, "empty"),
@@ -87,9 +87,9 @@ def read_one_line(stderr):
     return lines[0]
 
 
-@pytest.mark.parametrize("defect", REFUSED)
+@pytest.mark.parametrize("defect", REFUSALS)
 def test_unusable_model_is_refused(shared_farm, tmp_path, defect):
-    make, message = REFUSED[defect]
+    make, message = REFUSALS[defect]
     path = tmp_path / "model.stl"
     path = make(path) or path
     result = shared_farm.run("submit", path, "--wait")

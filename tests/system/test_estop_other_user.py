@@ -15,9 +15,9 @@ import pytest
 
 from real_farm import RealFarm
 
-NOBODY = 65534
-CROWD = 80  # that connects and asks for nothing
-ANOTHER = """
+NOBODY_UID = 65534
+CLIENT_COUNT = 80  # that connects and asks for nothing
+ESTOP_AS_USER = """
 import os, sys
 from farm.cli.main import app
 os.setgroups([]); os.setgid(int(sys.argv[1])); os.setuid(int(sys.argv[1]))
@@ -49,7 +49,7 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
     ]
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
-        os.chown(path, -1, NOBODY)
+        os.chown(path, -1, NOBODY_UID)
         path.chmod(0o660)
         listener.listen(128)
         hung, server = [], None
@@ -58,8 +58,8 @@ def test_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang(tmp_pat
             hung += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
             for pid in hung:
                 os.kill(pid, signal.SIGSTOP)
-            arguments = [sys.executable, "-c", ANOTHER, str(NOBODY), shared_folder / "farm.sock"]
-            idle = [connected(path) for _ in range(CROWD)]
+            arguments = [sys.executable, "-c", ESTOP_AS_USER, str(NOBODY_UID), shared_folder / "farm.sock"]
+            idle = [connected(path) for _ in range(CLIENT_COUNT)]
             server = subprocess.Popen(command, stdin=listener)  # as systemd does it
             client = subprocess.Popen(arguments, stdout=subprocess.PIPE)
             message, _ = client.communicate(timeout=120)

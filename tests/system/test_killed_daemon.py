@@ -8,7 +8,7 @@ import random
 import pytest
 
 from killed_daemon_farm import KilledFarm
-from restarted_daemon import LATER, MOMENTS
+from restarted_daemon import AFTER_DELAY, MOMENTS
 
 pytestmark = pytest.mark.system
 
@@ -36,7 +36,7 @@ def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm
         fate
         for round_number in range(rounds)
         for place, event in enumerate(JOB)
-        for fate in ((MOMENTS[(place + round_number) % 3], event), (LATER, rng.uniform(0.3, 2.0)))[
+        for fate in ((MOMENTS[(place + round_number) % 3], event), (AFTER_DELAY, rng.uniform(0.3, 2.0)))[
             : 1 + place % 2
         ]
     ]
@@ -48,5 +48,5 @@ def test_no_plate_is_lost_or_printed_twice_after_a_kill_at_any_event(killed_farm
         killed_farm.judge_prints_good()
     killed_farm.check()
     assert killed_farm.list_deaths() == [
-        moment if moment == LATER else f"{moment} {of}" for moment, of in fates
+        moment if moment == AFTER_DELAY else f"{moment} {of}" for moment, of in fates
     ]

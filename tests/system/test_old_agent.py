@@ -12,12 +12,12 @@ from drivers.remote import kill_agent
 from real_farm import RealFarm, wait_for
 
 ROOT = Path(__file__).parents[2]
-OLD = "00f76ab"  # the last commit before agents told what they speak
+OLD_COMMIT = "00f76ab"  # the last commit before agents told what they speak
 
 
 def write_old_sources(folder):
     """Write the earlier drivers into a folder; skip if the history lacks them."""
-    command = ["git", "-C", str(ROOT), "archive", OLD, "drivers"]
+    command = ["git", "-C", str(ROOT), "archive", OLD_COMMIT, "drivers"]
     archive = subprocess.run(command, check=False, capture_output=True)
     if archive.returncode != 0:
         pytest.skip("the history does not go back so far")

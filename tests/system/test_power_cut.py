@@ -15,8 +15,8 @@ from farm.state.storage.file_store import compute_sha256, store_file
 from farm.state.storage.store import Store
 from power_cut import PowerCut
 
-CC = shutil.which("cc")
-SYNCED = Path(__file__).parents[1] / "support" / "synced.c"
+C_COMPILER = shutil.which("cc")
+SHIM_SOURCE = Path(__file__).parents[1] / "support" / "synced.c"
 COMMITS = """
 import sys
 from pathlib import Path
@@ -75,15 +75,15 @@ def test_database_is_synced_at_every_commit(tmp_path):
         assert store._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
 
-@pytest.mark.skipif(CC is None, reason="needs a C compiler")
+@pytest.mark.skipif(C_COMPILER is None, reason="needs a C compiler")
 def test_database_keeps_every_committed_event(tmp_path):
     """Record what SQLite syncs by a library that is loaded before libc."""
     shim, synced_folder, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
-    subprocess.run([CC, "-shared", "-fPIC", "-o", shim, SYNCED, "-ldl"], check=True)
+    subprocess.run([C_COMPILER, "-shared", "-fPIC", "-o", shim, SHIM_SOURCE, "-ldl"], check=True)
     synced_folder.mkdir()
     books.parent.mkdir()
     env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced_folder)}
-    env["PYTHONPATH"] = os.pathsep.join((str(SYNCED.parent), str(SYNCED.parents[2])))
+    env["PYTHONPATH"] = os.pathsep.join((str(SHIM_SOURCE.parent), str(SHIM_SOURCE.parents[2])))
     command = [sys.executable, "-c", COMMITS, str(books)]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, env=env, stdin=pipe, stdout=pipe, text=True) as process:

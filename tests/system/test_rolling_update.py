@@ -18,8 +18,8 @@ pytestmark = pytest.mark.system
 MODEL = "ultimaker2_plus"
 OLD, BROKEN, NEW = "1.0.0", "1.1.0", "1.1.1"
 HOSTS = {"pc-a": ("a1", "a2"), "pc-b": ("b1", "b2")}
-PRINTING = "a1"
-BREAKAGE = 'raise SystemExit("no such library")\n'
+PRINTING_PRINTER = "a1"
+BROKEN_MAIN = 'raise SystemExit("no such library")\n'
 PRINT_S = 4500.0  # on the farm's clock: longer than the update of the other printers
 
 
@@ -40,7 +40,7 @@ class HostsFarm(RealFarm):
                 "name": name,
                 "model": MODEL,
                 "port": f"sim://{MODEL}",
-                "colour": "red" if name == PRINTING else "white",
+                "colour": "red" if name == PRINTING_PRINTER else "white",
                 "host": host,
                 "host_command": f"XDG_STATE_HOME={folder / host / 'there'} {command}",
             }
@@ -88,7 +88,7 @@ def farm(tmp_path, monkeypatch):
     for version in (OLD, BROKEN, NEW):
         packages = farm.versions.install(version)
         if version == BROKEN:
-            (packages / "drivers" / "agent" / "__main__.py").write_text(BREAKAGE)
+            (packages / "drivers" / "agent" / "__main__.py").write_text(BROKEN_MAIN)
     farm.versions.use(OLD)
     try:
         farm.up()
@@ -101,7 +101,7 @@ def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_fi
     slow = tmp_path / "slow.gcode"
     slow.write_text(write_slow_gcode(moves=int(PRINT_S / 20), move_s=20.0))
     farm.ok("submit", slow, "--colour", "red")
-    wait_for("the print", lambda: farm.printer(PRINTING)["state"] == "printing")
+    wait_for("the print", lambda: farm.printer(PRINTING_PRINTER)["state"] == "printing")
     old_agents = farm.agents()
     assert {version for version, _ in old_agents.values()} == {OLD}
 
@@ -120,7 +120,7 @@ def test_agents_are_replaced_when_idle_one_host_first_and_brought_back_at_the_fi
         agents = farm.agents()
         states.append({name: version for name, (version, _) in agents.items()})
         if farm.job()["printed"] == 0:
-            assert agents[PRINTING] == old_agents[PRINTING]
+            assert agents[PRINTING_PRINTER] == old_agents[PRINTING_PRINTER]
         return {version for version, _ in agents.values()} == {NEW}
 
     wait_for("the update", is_updated)

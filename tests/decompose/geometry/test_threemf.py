@@ -21,12 +21,12 @@ BOX = write_mesh_xml(trimesh.creation.box((10, 20, 30)))
 OTHER_MODEL = "3D/Objects/other.model"
 
 
-def bounds(data: bytes) -> list[list[float]]:
+def read_bounds(data: bytes) -> list[list[float]]:
     triangles, _ = read_3mf("a.3mf", data)
     return [triangles.min(axis=(0, 1)).tolist(), triangles.max(axis=(0, 1)).tolist()]
 
 
-def volume(data: bytes) -> float:
+def compute_volume(data: bytes) -> float:
     triangles, _ = read_3mf("a.3mf", data)
     return float(np.linalg.det(triangles).sum() / 6)
 
@@ -50,7 +50,7 @@ def test_unit_of_a_3mf_file_is_converted_to_mm(unit: str | None, factor: float) 
 def test_only_objects_placed_by_the_build_are_read() -> None:
     items = ['objectid="1" transform="1 0 0 0 1 0 0 0 1 100 0 5"', 'objectid="1"']
     data = pack_3mf(write_model_xml([write_object_xml(1, BOX), write_object_xml(2, BOX)], items))
-    assert bounds(data) == [[-5, -10, -15], [105, 10, 20]]
+    assert read_bounds(data) == [[-5, -10, -15], [105, 10, 20]]
     _, notes = read_3mf("a.3mf", data)
     assert notes == (
         "Read 2 objects as one model, placed as in the file.",
@@ -74,12 +74,12 @@ def test_components_of_components_are_placed_by_all_their_transforms() -> None:
     outer = write_components_xml('objectid="2" transform="2 0 0 0 2 0 0 0 2 0 0 0"', 'objectid="1"')
     objects = [write_object_xml(1, BOX), write_object_xml(2, inner), write_object_xml(3, outer)]
     data = pack_3mf(write_model_xml(objects, ['objectid="3" transform="1 0 0 0 1 0 0 0 1 1 0 0"']))
-    assert bounds(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
+    assert read_bounds(data) == [[-9, -20, -16], [11, 20, 44]]  # the inner box: (z + 7) * 2, then x + 1
 
 
 def test_mirrored_object_is_not_inside_out() -> None:
     items = ['objectid="1" transform="-1 0 0 0 1 0 0 0 1 0 0 0"']
-    assert volume(pack_3mf(write_model_xml([write_object_xml(1, BOX)], items))) == pytest.approx(6000)
+    assert compute_volume(pack_3mf(write_model_xml([write_object_xml(1, BOX)], items))) == pytest.approx(6000)
 
 
 def test_objects_of_other_parts_keep_their_own_numbers() -> None:
@@ -92,7 +92,7 @@ def test_objects_of_other_parts_keep_their_own_numbers() -> None:
         [write_object_xml(1, BOX), write_object_xml(2, components)], ['objectid="1"', 'objectid="2"']
     )
     data = pack_3mf(root, {OTHER_MODEL: write_model_xml([write_object_xml(1, small_box)], [])})
-    assert bounds(data) == [[-5, -10, -15], [51, 10, 15]]
+    assert read_bounds(data) == [[-5, -10, -15], [51, 10, 15]]
 
 
 def test_supports_and_unprinted_items_are_left_out() -> None:
@@ -144,7 +144,7 @@ def compute_determinant(matrix: list[float]) -> float:
 def test_any_transform_scales_the_volume_by_its_determinant(matrix: list[float], move: list[float]) -> None:
     transform = " ".join(map(repr, [*matrix, *move]))
     data = pack_3mf(write_model_xml([write_object_xml(1, BOX)], [f'objectid="1" transform="{transform}"']))
-    assert volume(data) == pytest.approx(6000 * abs(compute_determinant(matrix)))
+    assert compute_volume(data) == pytest.approx(6000 * abs(compute_determinant(matrix)))
 
 
 # -- hostile files ------------------------------------------------------------------------------------

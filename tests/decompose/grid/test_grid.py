@@ -31,7 +31,7 @@ from decompose.print_time import CostModel, Recipe, price_axis_poses_s
 from decompose.printers import PrinterRoom
 
 Triangles = np.ndarray
-HUGE = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
+HUGE_ROOM = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def recipe_cost() -> CostModel:
 
 @pytest.fixture(scope="module")
 def boxes(grid: Grid, recipe_cost: CostModel) -> BoxTables:
-    return price_boxes(grid, [HUGE], recipe_cost)
+    return price_boxes(grid, [HUGE_ROOM], recipe_cost)
 
 
 @st.composite

@@ -21,7 +21,7 @@ from decompose.pieces.joints import _unite_triangles
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
-FAR = 1e3
+FAR_MM = 1e3
 
 
 def make_block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
@@ -32,7 +32,7 @@ def cut(
     solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
 ) -> list[Piece]:
     """Cut a solid by planes through all of it; return the pieces."""
-    spans = [list(pairwise([-FAR, *sorted(cuts_mm), FAR])) for cuts_mm in (x, y, z)]
+    spans = [list(pairwise([-FAR_MM, *sorted(cuts_mm), FAR_MM])) for cuts_mm in (x, y, z)]
     return [
         piece
         for (x0, x1), (y0, y1), (z0, z1) in product(*spans)

@@ -13,11 +13,11 @@ from decompose.geometry import Solid
 from decompose.pieces import Piece, Seam, cut_box, describe_thin_rims, find_joints, measure_seams
 from decompose.pieces.seams import _build_area
 
-FAR = 1e3
+FAR_MM = 1e3
 
 
 def cut(solid: Solid, axis: int, at_mm: float) -> list[Piece]:
-    lo, hi = np.full(3, -FAR), np.full(3, FAR)
+    lo, hi = np.full(3, -FAR_MM), np.full(3, FAR_MM)
     lower, upper = hi.copy(), lo.copy()
     lower[axis] = upper[axis] = at_mm
     return [*cut_box(solid, lo, lower), *cut_box(solid, upper, hi)]
@@ -46,7 +46,7 @@ def test_inner_edges_are_no_seam() -> None:
         piece
         for x in (0, 30)
         for y in (0, 30)
-        for piece in cut_box(solid, (x, y, -FAR), (x + 30, y + 30, FAR))
+        for piece in cut_box(solid, (x, y, -FAR_MM), (x + 30, y + 30, FAR_MM))
     ]
     seams = measure(quarters)
     assert len(seams) == 4

@@ -27,7 +27,9 @@ from decompose.problem import Effort, Problem, Work
 from decompose.problem.effort import WORK_NS
 from decompose.results import Decomposition
 
-COARSE = Options(granularity=5, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False)
+COARSE_OPTIONS = Options(
+    granularity=5, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False
+)
 
 
 class ReversedExecutor(Executor):
@@ -75,12 +77,12 @@ def model() -> Model:
 def run_within(cost: CostModel, model: Model) -> RunWithin:
     """Cut the step for four printers within a budget."""
 
-    def decomposed(budget_s: float, executor: Executor | None = None) -> Decomposition:
+    def decompose(budget_s: float, executor: Executor | None = None) -> Decomposition:
         return decompose_module.decompose_model(
-            model, PRINTERS, replace(COARSE, best=BestOptions(budget_s)), cost, executor
+            model, PRINTERS, replace(COARSE_OPTIONS, best=BestOptions(budget_s)), cost, executor
         )
 
-    return decomposed
+    return decompose
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +124,7 @@ def test_search_ends_with_the_best_so_far_within_the_budget(
 
 
 def test_draws_beyond_the_budget_do_not_start(cost: CostModel, model: Model) -> None:
-    options = replace(COARSE, engine=Engine.PARALLELOBOX)
+    options = replace(COARSE_OPTIONS, engine=Engine.PARALLELOBOX)
     unlimited_effort, limited_effort = Effort(), Effort(1e-4)
     ENGINES[Engine.PARALLELOBOX](Problem(model, PRINTERS, cost, options, effort=unlimited_effort))
     with pytest.raises(NoFit):

@@ -41,7 +41,7 @@ def task(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) ->
     return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
 
 
-def seconds(cost: CostModel, size_mm: float) -> float:
+def estimate_s(cost: CostModel, size_mm: float) -> float:
     (pose,) = task(cost, fleet(1.0)).find_poses([block(size_mm)])
     assert pose is not None
     return pose.price_s
@@ -49,7 +49,7 @@ def seconds(cost: CostModel, size_mm: float) -> float:
 
 def test_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
     problem = task(cost, fleet(1.5, 0.5))
-    short_s, long_s = seconds(cost, 30.0), seconds(cost, 60.0)
+    short_s, long_s = estimate_s(cost, 30.0), estimate_s(cost, 60.0)
     expected_s = max(1.5 * short_s, 0.5 * long_s)
     slow, quick = problem.printers
     assert problem.compute_makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
@@ -69,7 +69,7 @@ def test_bound_is_proven_for_candidates_only(factor: float, cost: CostModel) -> 
     """Prove the partition with fewer parts if two end at the same time."""
     problem = task(cost, fleet(factor, factor), prove=True)
     pieces = [block(30.0), block(60.0)]
-    ends_s = factor * seconds(cost, 60.0)
+    ends_s = factor * estimate_s(cost, 60.0)
     assert problem.needs_proof(pieces)
     assert replace(problem, best_known_s=ends_s).needs_proof(pieces)
     assert replace(problem, best_known_s=1.001 * ends_s).needs_proof(pieces)

@@ -42,7 +42,7 @@ def halves(grid: Grid) -> list[Box]:
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def part(solid: Solid, name: str, printer: str) -> Part:
+def make_part(solid: Solid, name: str, printer: str) -> Part:
     matrix = np.eye(4)
     lo, hi = solid.bounds_mm
     matrix[:3, 3] = [*(lo + hi)[:2] / 2.0, lo[2]]
@@ -58,7 +58,7 @@ def valid_result(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     base = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
     parts = [
-        replace(part(piece.solid, f"p{i + 1:02d}", f"p{i}"), planes=piece.planes)
+        replace(make_part(piece.solid, f"p{i + 1:02d}", f"p{i}"), planes=piece.planes)
         for i, box in enumerate(halves)
         for piece in cut_cells(model.solid, grid, box)
     ]
@@ -167,12 +167,12 @@ def test_hollows_must_be_whole_cells_inside_the_wall(cost: CostModel) -> None:
             (lo, 6, 0, 6, 10, 10), (lo, 4, 0, 6, 6, 4), (lo, 4, 6, 6, 6, 10),
         ]  # fmt: skip
 
-    hollow = replace(base, parts=(part(shell, "p01", "p"),))
+    hollow = replace(base, parts=(make_part(shell, "p01", "p"),))
     check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around(4)), block, 15.0)
     with pytest.raises(GeometryError) as error:
         check_missing(hollow.parts, convert_to_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert error.value.rule == Rule.INSIDE
-    thin = replace(base, parts=(part(near, "p01", "p"),))
+    thin = replace(base, parts=(make_part(near, "p01", "p"),))
     with pytest.raises(GeometryError) as error:
         check_missing(thin.parts, convert_to_mm(grid, list_boxes_around(1)), block, 15.0)
     assert error.value.rule == Rule.WALL
@@ -197,7 +197,7 @@ def test_wall_is_measured_to_faces_not_only_to_their_corners(
     ]  # fmt: skip
     assert grid.shape == (3, 3, 3)
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
-    hollow = replace(base, parts=(part(shell, "p01", "p"),))
+    hollow = replace(base, parts=(make_part(shell, "p01", "p"),))
     if gap is None:
         check_missing(hollow.parts, convert_to_mm(grid, list_boxes_around), cube, 10.0)
         return

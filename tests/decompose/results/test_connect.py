@@ -27,14 +27,14 @@ from decompose.results import Decomposition, Part, check_stl, connect, connect_p
 from decompose.results.connector_prices import price_connectors
 from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
-ALL = ConnectorOptions(2.85, 0.4, marks=True)
-UP = np.array([0.0, 0.0, 1.0])
-LEANING = np.array([0.0, 0.6, -0.8])  # level faces take holes in this pose, but no grooves
+ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
+UP_AXIS = np.array([0.0, 0.0, 1.0])
+LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces take holes in this pose, but no grooves
 
 
 @pytest.fixture(scope="module")
 def drilled_parts() -> DrilledParts:
-    return drill_tower(LEANING)
+    return drill_tower(LEANING_AXIS)
 
 
 def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) -> DrilledParts:
@@ -48,9 +48,11 @@ def drill_tower(up: np.ndarray, fits_mm: tuple[float, ...] = (0.4, 0.4, 0.4)) ->
     assembly = plan_assembly(pieces, joints)
     blanks = [
         Blank(str(n), piece.solid, pose_up, fit_mm)
-        for n, (piece, pose_up, fit_mm) in enumerate(zip(pieces, (UP, up, UP), fits_mm, strict=True), 1)
+        for n, (piece, pose_up, fit_mm) in enumerate(
+            zip(pieces, (UP_AXIS, up, UP_AXIS), fits_mm, strict=True), 1
+        )
     ]
-    connectors = plan_connectors(blanks, joints, assembly, ALL, 25.0)
+    connectors = plan_connectors(blanks, joints, assembly, ALL_CONNECTORS, 25.0)
     return DrilledParts(blanks, drill(blanks, connectors), joints, assembly.steps, connectors)
 
 
@@ -132,7 +134,7 @@ def test_pins_of_one_depth_or_of_one_distance_fit_wrongly(drilled_parts: Drilled
 def halves() -> Decomposition:
     model = Model(Solid.box((0, 0, 0), (80, 40, 30)), (), 1.0)
     printers = [PrinterRoom(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(2)]
-    options = Options(Engine.GUILLOTINE, granularity=6, prove=False, connectors=ALL)
+    options = Options(Engine.GUILLOTINE, granularity=6, prove=False, connectors=ALL_CONNECTORS)
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     return decompose_model(model, printers, options, cost).with_assembly()
 
@@ -161,7 +163,7 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
     assert report["failures"] == report["unpinned"] == report["unmarked"] == []
 
 
-@pytest.mark.parametrize("up", [UP, LEANING])
+@pytest.mark.parametrize("up", [UP_AXIS, LEANING_AXIS])
 def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(up: np.ndarray) -> None:
     parts = drill_tower(up, (0.4, 0.7, 0.4))
     assert len(parts.connectors.pins) == 4 and list(parts.find_faults()) == []
@@ -176,7 +178,7 @@ def test_hole_is_as_wide_as_its_printer_needs_and_both_grooves_as_the_wider_fit(
 
 
 def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
-    fits_mm = replace(ALL, printer_fits_mm=((halves.parts[1].printer, 0.7),))
+    fits_mm = replace(ALL_CONNECTORS, printer_fits_mm=((halves.parts[1].printer, 0.7),))
     stored = connect_parts(replace(halves, options=replace(halves.options, connectors=fits_mm)))
     assert not stored.connectors.failures
     assert [pin.depth_mm for pin in stored.connectors.pins] == pytest.approx([3.55 / np.sqrt(2.0)] * 2)
@@ -191,7 +193,7 @@ def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts)
     assert [less < price for less, price in zip(less_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
-    assert price_connectors(Connectors(), 0, UP) == 0.0
+    assert price_connectors(Connectors(), 0, UP_AXIS) == 0.0
 
 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from decompose.results.overhangs import measure_ceiling_mm2
 
-UP = np.array([0.0, 0.0, 1.0])
+UP_AXIS = np.array([0.0, 0.0, 1.0])
 SIDE = np.array([1.0, 0.0, 0.0])
 
 
@@ -20,7 +20,7 @@ def make_cone(width_mm: float, height_mm: float) -> np.ndarray:
     """Make a hollow that opens on the bed and ends in a point."""
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1) * width_mm / 2.0
-    return np.vstack([ring - 0.1 * UP, ring + UP, [[0.0, 0.0, 1.0 + height_mm]]])
+    return np.vstack([ring - 0.1 * UP_AXIS, ring + UP_AXIS, [[0.0, 0.0, 1.0 + height_mm]]])
 
 
 @pytest.mark.parametrize(
@@ -29,19 +29,19 @@ def make_cone(width_mm: float, height_mm: float) -> np.ndarray:
         (make_prism([(-2, 0), (2, 0), (2, 3), (-2, 3)]), SIDE, 15.0, 24.0),  # a flat ceiling
         (make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)]), SIDE, 0.0, 0.0),  # a roof of 45 degrees
         (make_prism([(-2, 0), (2, 0), (2, 3), (0, 4), (-2, 3)]), SIDE, 0.5, 24.0),  # a roof that is too flat
-        (make_cone(3.0, 2.0), UP, 0.005, 0.2),  # the slicer closes a point one layer early
-        (make_cone(3.0, 0.5), UP, 1.0, 8.0),
-        (make_cone(3.0, 2.0) * [1, 1, -1], -UP, 0.0, 0.0),  # opens to the top
+        (make_cone(3.0, 2.0), UP_AXIS, 0.005, 0.2),  # the slicer closes a point one layer early
+        (make_cone(3.0, 0.5), UP_AXIS, 1.0, 8.0),
+        (make_cone(3.0, 2.0) * [1, 1, -1], -UP_AXIS, 0.0, 0.0),  # opens to the top
     ],
 )  # fmt: skip
 def test_ceiling_that_needs_support_is_found(
     tool: np.ndarray, into: np.ndarray, least_mm2: float, most_mm2: float
 ) -> None:
-    assert least_mm2 <= measure_ceiling_mm2([tool], into, 0.0, UP) <= most_mm2
+    assert least_mm2 <= measure_ceiling_mm2([tool], into, 0.0, UP_AXIS) <= most_mm2
 
 
 def test_bodies_that_meet_are_one_hollow() -> None:
     """Join a roof, which alone needs no support, with a body through its ridge: a flat ceiling."""
     roof = make_prism([(-2, 0), (2, 0), (2, 3), (0, 5.1), (-2, 3)])
     through = make_prism([(-1, 3), (1, 3), (1, 6), (-1, 6)])
-    assert measure_ceiling_mm2([roof, through], SIDE, 0.0, UP) > 5.0
+    assert measure_ceiling_mm2([roof, through], SIDE, 0.0, UP_AXIS) > 5.0

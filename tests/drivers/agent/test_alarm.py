@@ -20,7 +20,7 @@ from drivers.safety import NO_COMMAND
 from print_rig import PLUS, Rig, make_gcode
 
 DEADLINE_S = 20.0
-CUT = "power_off_cmd cut its mains"
+CUT_OUTCOME = "power_off_cmd cut its mains"
 
 
 class Agent:
@@ -83,8 +83,8 @@ def test_finding_on_an_idle_printer_cuts_the_mains_once(tmp_path: Path, mark: Pa
     agent.report(90.0, 50)
     alarm = agent.wait_for_outcome()
     agent.report(120.0, 50)
-    assert alarm.outcome == CUT and runs(mark) == 1
-    assert agent.look.count("gets hotter") == agent.look.count(CUT) == 1
+    assert alarm.outcome == CUT_OUTCOME and runs(mark) == 1
+    assert agent.look.count("gets hotter") == agent.look.count(CUT_OUTCOME) == 1
 
 
 def test_printer_with_an_attention_reason_has_its_mains_cut(tmp_path: Path, mark: Path):
@@ -104,7 +104,10 @@ def test_maxtemp_on_an_idle_board_cuts_the_mains(tmp_path: Path, mark: Path):
     agent.report(21.0)
     agent.wait_for_outcome()
     assert runs(mark) == 1
-    assert agent.look == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT}"
+    assert (
+        agent.look
+        == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT_OUTCOME}"
+    )
 
 
 def test_without_a_command_a_person_is_notified_once(tmp_path: Path):
@@ -152,10 +155,10 @@ def test_next_agent_completes_a_requested_power_off(tmp_path: Path, mark: Path):
     for _ in range(2):  # and not by the one after that
         agent = Agent(tmp_path, relay(mark))
         agent.recorder.record_changes()
-        assert agent.wait_for_outcome().outcome == CUT
+        assert agent.wait_for_outcome().outcome == CUT_OUTCOME
         agent.recorder.record_changes()
         assert runs(mark) == 1
-    assert agent.look == f"{alarm.text}; {CUT}"
+    assert agent.look == f"{alarm.text}; {CUT_OUTCOME}"
 
 
 def test_next_agent_cuts_the_mains_for_a_heater_not_seen_to_cool(tmp_path: Path, mark: Path):
@@ -176,7 +179,7 @@ def test_full_disk_does_not_prevent_the_power_off(tmp_path: Path, mark: Path):
     agent.journal.write = full  # type: ignore[method-assign]
     agent.report(21.0)
     agent.report(90.0, 20)
-    assert agent.wait_for_outcome().outcome == CUT and runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and runs(mark) == 1
 
 
 def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
@@ -189,13 +192,13 @@ def test_hanging_command_does_not_block_the_agent(tmp_path: Path, mark: Path):
     agent.report(99.0, 100)
     assert agent.alarm is not None and agent.alarm.is_pending
     (tmp_path / "gate").write_text("go\n")
-    assert agent.wait_for_outcome().outcome == CUT and runs(mark) == 1
+    assert agent.wait_for_outcome().outcome == CUT_OUTCOME and runs(mark) == 1
 
 
 # --- during a print ---
 
 
-def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
+def start_print(folder: Path, command: str | None) -> tuple[Agent, Rig]:
     agent, rig = Agent(folder, command), Rig(text=make_gcode(4000)).run_until_printing(300)
     shot = PrintSnapshot(print_id="p-1", phase=PrintPhase.PRINTING, extruded=True)
     agent.journal.write(0.0, print=shot.model_dump(mode="json"), filament=Filament.AT_NOZZLE.value)
@@ -218,7 +221,7 @@ def step_until(agent: Agent, rig: Rig, wait_until: Callable[[], bool]) -> None:
 def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     tmp_path: Path, mark: Path, heater: str, command: bool
 ):
-    agent, rig = printing(tmp_path, relay(mark) if command else None)
+    agent, rig = start_print(tmp_path, relay(mark) if command else None)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
@@ -227,7 +230,7 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     step_until(agent, rig, lambda: agent.board.session is None)
     ended_print = agent.journal.state.print
     assert ended_print is not None and ended_print.phase is PrintPhase.FAILED
-    message = CUT if command else NO_COMMAND
+    message = CUT_OUTCOME if command else NO_COMMAND
     assert str(ended_print.reason).count(message) == 1 and len(str(ended_print.reason)) < 250
     assert runs(mark) == command
     assert agent.look == ended_print.reason
@@ -238,7 +241,7 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
 
 def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mark: Path):
     os.mkfifo(tmp_path / "gate")
-    agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
+    agent, rig = start_print(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: rig.session.context.ended)
     agent.recorder.record_changes()
@@ -251,7 +254,7 @@ def test_end_of_a_print_waits_for_the_outcome_of_the_command(tmp_path: Path, mar
 
 
 def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
-    agent, rig = printing(tmp_path, relay(mark))
+    agent, rig = start_print(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.compute_temperature_c(rig.now_s)
@@ -262,7 +265,7 @@ def test_cooling_heater_ends_the_alarm(tmp_path: Path, mark: Path):
 
 
 def test_cancelled_print_with_a_stuck_heater_needs_attention(tmp_path: Path, mark: Path):
-    agent, rig = printing(tmp_path, relay(mark))
+    agent, rig = start_print(tmp_path, relay(mark))
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
     step_until(agent, rig, lambda: agent.board.session is None)

@@ -31,7 +31,7 @@ def signals() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-def agent(folder: Path) -> Agent:
+def make_agent(folder: Path) -> Agent:
     printer = Agent(StartFile("a", MODEL, f"sim://{MODEL}"), folder)
     printer._board.state.bed_unknown_reason = None
     return printer
@@ -54,7 +54,7 @@ def test_forgotten_print_is_not_started_a_second_time(tmp_path: Path):
         done_print = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
         journal.write(1.0, print=done_print.model_dump(mode="json"), filament="parked")
     journal.write(2.0, print=None)
-    printer = agent(tmp_path)
+    printer = make_agent(tmp_path)
     for print_id in ("p-1", "p-2"):
         reply = printer._answer(start(tmp_path, print_id))
         assert reply.error is None

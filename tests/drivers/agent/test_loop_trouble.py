@@ -20,10 +20,10 @@ from drivers.errors import Fault, JournalError
 from drivers.records import Journal, StartFile
 
 
-class Driven(Agent):
+class ScriptedAgent(Agent):
     """Agent in this process, with an action at each step of its loop."""
 
-    do: Callable[["Driven"], None]
+    do: Callable[["ScriptedAgent"], None]
 
     def _push(self) -> None:
         super()._push()
@@ -50,9 +50,9 @@ class Driven(Agent):
 
 
 @pytest.fixture
-def driven(tmp_path: Path) -> Iterator[Driven]:
+def driven(tmp_path: Path) -> Iterator[ScriptedAgent]:
     handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
-    agent = Driven(StartFile("um2-01", MODEL, f"sim://{MODEL}", SCALE, time.time()), tmp_path)
+    agent = ScriptedAgent(StartFile("um2-01", MODEL, f"sim://{MODEL}", SCALE, time.time()), tmp_path)
     try:
         yield agent
     finally:
@@ -64,8 +64,8 @@ def driven(tmp_path: Path) -> Iterator[Driven]:
 
 
 @pytest.mark.system
-def test_agent_with_an_internal_error_switches_the_heaters_off(driven: Driven, tmp_path: Path):
-    def do(agent: Driven) -> None:
+def test_agent_with_an_internal_error_switches_the_heaters_off(driven: ScriptedAgent, tmp_path: Path):
+    def do(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY:
             assert agent.start(tmp_path / "a.gcode", make_gcode(50_000)).error is None
@@ -105,7 +105,7 @@ def test_agent_without_a_writable_journal_ends_the_heat_of_the_previous_one(tmp_
 
 @pytest.mark.system
 def test_full_disk_stops_no_print_and_starts_none(
-    driven: Driven, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    driven: ScriptedAgent, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     is_full = False
     tell = Journal.write
@@ -118,7 +118,7 @@ def test_full_disk_stops_no_print_and_starts_none(
 
     monkeypatch.setattr(Journal, "write", write)
 
-    def do(agent: Driven) -> None:
+    def do(agent: ScriptedAgent) -> None:
         nonlocal is_full
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
@@ -145,14 +145,14 @@ def test_full_disk_stops_no_print_and_starts_none(
 
 
 @pytest.mark.system
-def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_path: Path):
+def test_agent_lists_its_prints_including_forgotten_ones(driven: ScriptedAgent, tmp_path: Path):
     text = make_gcode(300)
     phases: list[m.PrintPhase] = []
 
     def list_prints(since_s: float) -> tuple[m.PrintSnapshot, ...]:
         return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
 
-    def do(agent: Driven) -> None:
+    def do(agent: ScriptedAgent) -> None:
         snapshot = agent.snapshot
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             assert list_prints(0.0) == ()
@@ -177,11 +177,11 @@ def test_agent_lists_its_prints_including_forgotten_ones(driven: Driven, tmp_pat
     assert m.PrintPhase.PRINTING in phases
 
 
-def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:
+def test_agent_stays_while_heat_may_be_on(driven: ScriptedAgent) -> None:
     """Keep the agent running, to switch the heat off when the port returns."""
     replies = []
 
-    def do(agent: Driven) -> None:
+    def do(agent: ScriptedAgent) -> None:
         if agent.snapshot.link is m.LinkState.READY:
             agent._board.state.hot = True
             replies.append(agent._answer(m.Shutdown(id=1)).error)
@@ -195,7 +195,7 @@ def test_agent_stays_while_heat_may_be_on(driven: Driven) -> None:
 @pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
 @pytest.mark.system
 def test_ending_agent_switches_off_heat_left_by_an_ended_print(
-    driven: Driven, tmp_path: Path, end: m.Shutdown | signal.Signals
+    driven: ScriptedAgent, tmp_path: Path, end: m.Shutdown | signal.Signals
 ):
     was_heated = False
 
@@ -203,7 +203,7 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
         status = read_status(tmp_path / "emulator")
         return {status.nozzle_target_c, status.bed_target_c}
 
-    def do(agent: Driven) -> None:
+    def do(agent: ScriptedAgent) -> None:
         nonlocal was_heated
         board = agent._board
         if agent.snapshot.link is m.LinkState.READY and not was_heated:
@@ -224,12 +224,12 @@ def test_ending_agent_switches_off_heat_left_by_an_ended_print(
 
 @pytest.mark.system
 def test_late_start_is_refused_and_a_print_ends_by_its_time_limit_without_a_daemon(
-    driven: Driven, tmp_path: Path
+    driven: ScriptedAgent, tmp_path: Path
 ):
     replies: list[m.Reply] = []
     failed_prints: list[m.PrintSnapshot] = []
 
-    def do(agent: Driven) -> None:
+    def do(agent: ScriptedAgent) -> None:
         snapshot, now_s = agent.snapshot, agent._clock.now()
         if snapshot.link is m.LinkState.READY and snapshot.print is None:
             replies.append(agent.start(tmp_path / "a.gcode", make_gcode(20_000), not_after_s=now_s - 1.0))

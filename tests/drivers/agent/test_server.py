@@ -15,7 +15,7 @@ from drivers.agent import server as module
 from drivers.agent.server import Server
 from drivers.messages import AGENT_SOCKET
 
-MANY = 40
+IDLE_CLIENTS = 40
 
 
 class ServerBench:
@@ -72,7 +72,7 @@ def is_open(client: socket.socket) -> bool:
 
 def test_idle_clients_are_limited_and_the_latest_requester_is_kept(bench: ServerBench):
     asks = bench.client(b'{"do": "hello", "id": 1}\n')
-    idle = [bench.client() for _ in range(MANY)]
+    idle = [bench.client() for _ in range(IDLE_CLIENTS)]
     assert is_open(asks) and is_open(idle[-1])
     assert sum(map(is_open, idle)) == module._MAX_CLIENTS - 1
 
@@ -96,7 +96,7 @@ def test_incomplete_request_is_dropped_after_its_time_limit(bench: ServerBench):
 def test_loop_pauses_without_free_descriptors_and_continues_later(
     bench: ServerBench, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
-    class Full:
+    class FullListener:
         def __init__(self, listener: socket.socket) -> None:
             self.listener, self.tries = listener, 0
 
@@ -108,7 +108,7 @@ def test_loop_pauses_without_free_descriptors_and_continues_later(
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
     listener = bench.server._listener
-    full_listener = Full(listener)
+    full_listener = FullListener(listener)
     monkeypatch.setattr(bench.server, "_listener", full_listener)
     with caplog.at_level(logging.WARNING):
         waiting_client = bench.client()

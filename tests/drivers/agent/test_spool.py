@@ -40,11 +40,11 @@ def test_full_disk_leaves_no_partial_copy(tmp_path: Path, monkeypatch: pytest.Mo
     source.write_bytes(b"G28\n")
     spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
 
-    class Full:
+    class FullDiskHash:
         def update(self, _: bytes) -> None:
             raise OSError(errno.ENOSPC, "no room")
 
-    monkeypatch.setattr(hashlib, "sha256", Full)
+    monkeypatch.setattr(hashlib, "sha256", FullDiskHash)
     with pytest.raises(AgentError, match="make room"):
         spool.take("p-1", source, "0" * 64)
     assert not list((tmp_path / "spool").iterdir())

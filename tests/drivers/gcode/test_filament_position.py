@@ -12,12 +12,12 @@ from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 HEAD = "M82\nG28\nM109 S210\nG92 E0\nG1 F47 X10 Y10 Z1 E7.8\nG92 E0\n"
 
 
-def program(text: str) -> Program:
+def parse_program(text: str) -> Program:
     return read_program(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
 
 
 def measure_after(text: str, stopped_at: tuple[float, float, float, float] | None = None) -> float:
-    p = program(text)
+    p = parse_program(text)
     return measure_retraction(p, p.count, stopped_at)
 
 

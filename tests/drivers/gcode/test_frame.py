@@ -38,7 +38,7 @@ class FirmwareReceiver(EmulatedFirmware):
         return [line for line in self._buffer if any(letter in line for letter in b"GMT")]
 
 
-EAR = FirmwareReceiver()
+RECEIVER = FirmwareReceiver()
 
 
 def read_values(line: bytes) -> dict[bytes, float]:
@@ -76,9 +76,11 @@ def draw_numbered_moves(draw: st.DrawFn, letters: bytes = b"FXYE") -> tuple[int,
 def test_flipped_bit_is_never_accepted_as_another_line(line):
     number, command = line
     frame = add_frame(number, command)
-    assert [read_values(executed_line) for executed_line in EAR.take(number, frame)] == [read_values(command)]
+    assert [read_values(executed_line) for executed_line in RECEIVER.take(number, frame)] == [
+        read_values(command)
+    ]
     for data in list_flips(frame):
-        for executed_line in EAR.take(number, data + ULTIMAKER2.last_line_query):
+        for executed_line in RECEIVER.take(number, data + ULTIMAKER2.last_line_query):
             assert read_values(executed_line) == read_values(command), (data, executed_line)
 
 
@@ -90,7 +92,7 @@ def test_flipped_bit_is_never_accepted_as_another_line(line):
 def test_flipped_bit_is_never_accepted_in_lines_of_a_session(command):
     for number in (0, 1, 38, 999_999):
         for data in list_flips(add_frame(number, command)):
-            for line in EAR.take(number, data + ULTIMAKER2.last_line_query):
+            for line in RECEIVER.take(number, data + ULTIMAKER2.last_line_query):
                 assert read_values(line) == read_values(command), (data, line)
 
 

@@ -13,7 +13,7 @@ from drivers.gcode import Feature, HeaterName, Mark, MotionState, Program, measu
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
-def program(text: str) -> Program:
+def parse_program(text: str) -> Program:
     return read_program(io.BytesIO(text.encode()), ULTIMAKER2_PLUS)
 
 
@@ -40,14 +40,14 @@ M140 S0
 
 
 def test_comments_blanks_and_queries_are_not_sent():
-    p = program(SLICED_GCODE)
+    p = parse_program(SLICED_GCODE)
     assert p.read_lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
     assert p.count == 11
     assert not any(b";" in line or b"M105" in line for line in p.read_lines(0, p.count))
 
 
 def test_heating_lines_are_listed_with_their_targets():
-    p = program(SLICED_GCODE)
+    p = parse_program(SLICED_GCODE)
     waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
     assert p.find_target_c(HeaterName.NOZZLE, 0) is None
@@ -56,7 +56,7 @@ def test_heating_lines_are_listed_with_their_targets():
 
 
 def test_progress_is_linear_in_time_within_a_layer():
-    p = program(SLICED_GCODE)
+    p = parse_program(SLICED_GCODE)
     assert p.home_line == 1
     assert p.extrusion_line == 5
     assert p.compute_progress(0).seconds == 0.0
@@ -90,7 +90,7 @@ G28
 
 
 def test_marks_hold_time_layer_height_and_feature():
-    p = program(FEATURES)
+    p = parse_program(FEATURES)
     assert tuple(p.timeline) == (
         Mark(1, 0.0, 0, 0.27, None),
         Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
@@ -125,7 +125,7 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
     commands = [command for line in lines if (command := line.partition(";")[0].strip())]
     if not commands:
         return
-    p = program("\n".join(lines))
+    p = parse_program("\n".join(lines))
     assert [line.decode() for line in p.read_lines(0, p.count)] == commands
     marks = [(mark.line, mark.seconds) for mark in p.timeline]
     assert marks == sorted(marks)
@@ -182,7 +182,7 @@ def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
 )
 def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, message: str):
     with pytest.raises(BadGcode) as error:
-        program("G28\n" + line + "\n")
+        parse_program("G28\n" + line + "\n")
     assert str(error.value).startswith("line 2: ")
     assert message in str(error.value)
     assert "\n" not in str(error.value)
@@ -190,7 +190,7 @@ def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, 
 
 def test_file_without_a_command_is_refused():
     with pytest.raises(BadGcode):
-        program("; nothing\n\n")
+        parse_program("; nothing\n\n")
 
 
 @given(
@@ -219,11 +219,11 @@ def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], star
     ],
 )
 def test_readable_lines_are_rewritten_in_one_form(line: str, sent_line: bytes):
-    assert program(line + "\n").read_lines(0, 1) == [sent_line]
+    assert parse_program(line + "\n").read_lines(0, 1) == [sent_line]
 
 
 def test_display_texts_are_dropped():
-    p = program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
+    p = parse_program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
     assert p.read_lines(0, p.count) == [b"G28"]
 
 
@@ -238,7 +238,7 @@ _ANSWER_STARTS = [
 NUMBERS = st.sampled_from(_NUMBERS)
 LETTERS = st.sampled_from([*"XYZEFSPGMTNxé*:;"])
 WORDS = st.builds("{}{}{}".format, st.sampled_from(["", " ", "  ", "\t"]), LETTERS, NUMBERS)
-HARD = st.builds(
+HARD_LINES = st.builds(
     "{}{}{}".format,
     st.sampled_from(_ANSWER_STARTS),
     st.lists(WORDS, max_size=4).map("".join),
@@ -246,19 +246,19 @@ HARD = st.builds(
 )
 
 
-@given(st.lists(HARD, min_size=1, max_size=12), st.data())
+@given(st.lists(HARD_LINES, min_size=1, max_size=12), st.data())
 @settings(deadline=None)
 def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str], data: st.DataObject):
     """Read numbers of the file in the middle of a print, as a pause, a cancel or a snapshot does."""
     accepted_lines = []
     for line in ["M109 S210", *lines]:
         try:
-            p = program("\n".join(["M109 S210", *accepted_lines, line]))
+            p = parse_program("\n".join(["M109 S210", *accepted_lines, line]))
         except BadGcode as refused:
             assert str(refused).startswith("line ") and "\n" not in str(refused)
         else:
             accepted_lines.append(line)
-    p = program("\n".join(accepted_lines))
+    p = parse_program("\n".join(accepted_lines))
     line_count = data.draw(st.integers(0, p.count))
     moves = MotionState(p, line_count)
     expected = [mm for mm in (*moves.position, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
@@ -269,7 +269,7 @@ def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str
         abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.compute_highest_mm(line_count), p.time_s)
     )
     sent_lines = p.read_lines(0, p.count)
-    assert program("\n".join(line.decode() for line in sent_lines)).read_lines(0, p.count) == sent_lines
+    assert parse_program("\n".join(line.decode() for line in sent_lines)).read_lines(0, p.count) == sent_lines
     assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent_lines)
 
 
@@ -283,14 +283,14 @@ def test_any_bytes_are_read_or_refused(data: bytes):
 
 
 def test_heating_lines_are_found_in_every_notation():
-    p = program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
+    p = parse_program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
     results = [(h.heater, h.target_c, h.waits) for h in p.heats]
     nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
     assert results == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
 
 
 def test_g92_is_not_counted_as_extrusion():
-    p = program("G92 E0\nM109 S210\nG1 X1 E1\n")
+    p = parse_program("G92 E0\nM109 S210\nG1 X1 E1\n")
     assert p.extrusion_line == 2
 
 
@@ -320,7 +320,7 @@ class DiscardingStore:
 
 @given(st.lists(st.sampled_from(["G90", "G91", "M82", "M83", "G1 X1", "G1 Z2", "G1 Z7"]), min_size=1))
 def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str]):
-    p = program("\n".join(lines))
+    p = parse_program("\n".join(lines))
     relative = relative_e = False
     highest_mm = 0.0
     for n, line in enumerate(lines):
@@ -335,6 +335,6 @@ def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str
 @pytest.mark.parametrize("command", ["M104", "M109", "M140", "M190"])
 def test_targets_above_the_limits_of_the_printer_are_refused(command: str):
     heater, max_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
-    assert program(f"{command} S{max_c}\n").heats[0].target_c == max_c
+    assert parse_program(f"{command} S{max_c}\n").heats[0].target_c == max_c
     with pytest.raises(BadGcode, match=f"{max_c + 0.5} C is too hot for the {heater}: at most {max_c} C"):
-        program(f"{command} S{max_c + 0.5}\n")
+        parse_program(f"{command} S{max_c + 0.5}\n")

@@ -14,13 +14,13 @@ from drivers.link import Link, Phase
 from drivers.printers import PROFILES
 
 MEDIAN_S, WORST_S = 1.0, 3.0  # simulated seconds
-OFTEN = 200
-SELDOM = 30  # of the lines without a move
+FREQUENT_FAULTS = 200
+RARE_FAULTS = 30  # of the lines without a move
 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_transmission_fault_stops_the_head_briefly_and_repeats_no_line(name: str):
-    faults = SELDOM if name.startswith("M") else OFTEN
+    faults = RARE_FAULTS if name.startswith("M") else FREQUENT_FAULTS
     outcome = run(KINDS[name], faults, seed=0)
     assert outcome.fault is None
     assert outcome.exact

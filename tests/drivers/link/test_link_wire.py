@@ -123,11 +123,11 @@ def test_checksum_collision_is_counted():
     assert firmware.noise is not None
     firmware.feed(b"", 10.0)
 
-    class TwoFlips(Noise):
+    class SwappedDigits(Noise):
         def carry(self, data: bytes) -> bytes:
             return data.replace(b"X12", b"X21")
 
-    firmware.noise.__class__ = TwoFlips
+    firmware.noise.__class__ = SwappedDigits
     link = Link(ULTIMAKER2)
     link.on_opened(10.0)
     firmware.reset(10.0)

@@ -28,19 +28,19 @@ MODEL = "ultimaker2_plus"
 DEADLINE_S = 60.0
 pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # pyserial's
 SER2NET = shutil.which("ser2net", path="/usr/sbin:" + os.environ["PATH"])
-CC = shutil.which("cc") or shutil.which("tcc")
+C_COMPILER = shutil.which("cc") or shutil.which("tcc")
 
 
 @pytest.fixture
 def url(tmp_path: Path) -> Iterator[str]:
     """Start an emulated printer behind ser2net, with the DTR of `modem_lines.c`."""
-    if SER2NET is None or CC is None:
+    if SER2NET is None or C_COMPILER is None:
         pytest.skip("needs ser2net and a C compiler")
     emulator = tmp_path / "emulator"
     launch(f"sim://{MODEL}", emulator, Clock(60.0, time.time()))
     lines = tmp_path / "lines.so"
     source = Path(__file__).with_name("modem_lines.c")
-    subprocess.run([CC, "-shared", "-fPIC", "-nostdlib", "-o", lines, source], check=True)
+    subprocess.run([C_COMPILER, "-shared", "-fPIC", "-nostdlib", "-o", lines, source], check=True)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         number = probe.getsockname()[1]

@@ -197,7 +197,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
     master, slave = pty.openpty()
     tty.setraw(slave)
 
-    def board() -> None:
+    def serve_board() -> None:
         os.write(master, b"start\necho:   M301 P10.03\n")
         with suppress(OSError):
             while data := os.read(master, 4096):
@@ -211,7 +211,7 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
         if not listens:
             raise BrokenPipeError
 
-    threading.Timer(0.2, board).start()
+    threading.Timer(0.2, serve_board).start()
     try:
         result = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=tell)
         assert not result.seen_off and "not seen to cool" in result.text

@@ -18,7 +18,7 @@ from print_rig import PLUS, Rig, make_gcode, make_retracting_gcode
 
 NEAR_MM = 0.5
 DELAYED_FAULTS = [field.name for field in fields(Faults) if field.name.endswith("_after")]
-MADE_MM = Rig(text=make_gcode(150)).run().firmware.board.filament_mm
+COMPLETE_PRINT_MM = Rig(text=make_gcode(150)).run().firmware.board.filament_mm
 
 Leave = Callable[[Rig], None]
 
@@ -103,12 +103,12 @@ def let_pause_expire(rig: Rig) -> None:
     pause(rig, 60.0)
 
 
-EVERYDAY: list[Leave] = [
+COMMON_LEAVES: list[Leave] = [
     finish_print, cancelled, let_pause_expire,
     cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
 ]  # fmt: skip
 LEAVES: list[Leave] = [
-    *EVERYDAY,
+    *COMMON_LEAVES,
     *(cancelled_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
     *(cancelled_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
     *(killed_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
@@ -165,7 +165,7 @@ def test_fault_at_any_line_ends_the_print_safely(leave: Leave, lines: int, secon
 @pytest.mark.parametrize("lines", [60, 137, 210])
 def test_responsive_firmware_parks_the_filament(lines: int):
     """Check that usual ends of a print need no person."""
-    for leave in EVERYDAY:
+    for leave in COMMON_LEAVES:
         assert (
             end_print(leave, lines, 0.7, make_retracting_gcode(50)).session.context.filament
             is Filament.PARKED
@@ -228,4 +228,4 @@ def test_any_print_ends_and_reports_its_heaters_correctly(
     if session.context.phase is PrintPhase.DONE and not (
         rig.firmware.noise and rig.firmware.noise.altered_lines
     ):
-        assert board.filament_mm == pytest.approx(MADE_MM, abs=0.05)
+        assert board.filament_mm == pytest.approx(COMPLETE_PRINT_MM, abs=0.05)

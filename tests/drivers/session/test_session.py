@@ -149,11 +149,11 @@ def test_stopped_firmware_is_detected_by_its_targets():
     rig = Rig(Faults(stop_after=700), text=make_gcode(1000))
     listen = rig.link.receive
 
-    def deaf(data: bytes, now_s: float) -> object:
+    def receive_garbled(data: bytes, now_s: float) -> object:
         altered_data = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
         return listen(altered_data, now_s)
 
-    rig.link.receive = deaf  # type: ignore[method-assign, assignment]
+    rig.link.receive = receive_garbled  # type: ignore[method-assign, assignment]
     assert_end_with_heaters_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 

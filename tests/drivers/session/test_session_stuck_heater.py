@@ -175,7 +175,7 @@ def test_rules_allow_for_the_delays_of_an_accelerated_clock():
     assert rig.session.context.wants_power_off
 
 
-def overshoot(now_s: float, peak_c: float) -> float:
+def compute_overshoot_c(now_s: float, peak_c: float) -> float:
     """Compute the temperature after switching off: 200 C, `peak_c` more after 12 s, then falling."""
     return 200.0 + (
         peak_c * math.sin(now_s / 12.0 * math.pi / 2) if now_s < 12.0 else peak_c - (now_s - 12.0)
@@ -189,11 +189,13 @@ def observe(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])
 def test_overshoot_of_a_healthy_nozzle_causes_no_finding(peak_c: float):
     watch = HeaterWatch(4.0)
-    assert all(observe(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
+    assert all(observe(watch, compute_overshoot_c(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
 
 
 def test_heat_before_the_off_command_is_not_a_fault():
     """Report the former target while a command waits for homing."""
     watch = HeaterWatch(4.0)
     assert all(observe(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
-    assert all(observe(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))
+    assert all(
+        observe(watch, compute_overshoot_c(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60))
+    )

@@ -19,9 +19,9 @@ from make_books import make_plan_event
 from recording_controller import MODEL, Farm
 
 NOW_S = datetime(2026, 11, 1).timestamp()
-WILD = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
-moments = st.sampled_from([None, *WILD])
-numbers = st.sampled_from(WILD)
+WILD_NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
+moments = st.sampled_from([None, *WILD_NUMBERS])
+numbers = st.sampled_from(WILD_NUMBERS)
 
 
 class Clock:

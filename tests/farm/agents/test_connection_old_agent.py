@@ -34,7 +34,7 @@ KNOWN_REQUESTS = {  # the requests of the first protocol, and their fields
     "cleared": {"do", "id", "filament"},
     "shutdown": {"do", "id", "now"},
 }
-PRINTING = {"print_id": "p", "phase": "printing", "line": 10, "lines": 100, "print_time_s": 60.0}
+PRINT_REPORT = {"print_id": "p", "phase": "printing", "line": 10, "lines": 100, "print_time_s": 60.0}
 
 
 class OldAgent:
@@ -54,7 +54,7 @@ class OldAgent:
             "link": "busy" if prints else "ready",
             "heaters_off": not prints,
             "filament": "parked",
-            "print": PRINTING if prints else None,
+            "print": PRINT_REPORT if prints else None,
         }
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

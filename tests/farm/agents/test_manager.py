@@ -219,7 +219,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
     def fleet(name: str) -> Fleet:
         return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
 
-    async def until(links: AgentManager, link: Link) -> None:
+    async def wait_until(links: AgentManager, link: Link) -> None:
         async with asyncio.timeout(DEADLINE_S):
             while listener.last is None or listener.last.link is not link:
                 links.watch()
@@ -228,17 +228,17 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
     async def scenario() -> None:
         old_manager = AgentManager(fleet("old"), state, clock, listener)
         old_manager.start(())
-        await until(old_manager, Link.FAULT)  # no person has allowed to open the port
+        await wait_until(old_manager, Link.FAULT)  # no person has allowed to open the port
         old_manager.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
-        await until(old_manager, Link.READY)
+        await wait_until(old_manager, Link.READY)
         await old_manager.close()
         listener.last = None
         new_manager = AgentManager(fleet("new"), state, clock, listener)
         new_manager.start(())
         try:
-            await until(new_manager, Link.FAULT)
+            await wait_until(new_manager, Link.FAULT)
             new_manager.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
-            await until(new_manager, Link.READY)
+            await wait_until(new_manager, Link.READY)
             assert not is_alive(state.agent("old"))
             old_process = old_manager._connections["old"]._process
             assert old_process is not None and old_process.wait(10.0) == 0

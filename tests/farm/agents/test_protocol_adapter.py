@@ -19,7 +19,7 @@ from farm.views import ViewContext, describe_printer
 CLOCK = Clock(1.0, 0.0)
 
 
-def snapshot(**fields):
+def make_snapshot(**fields):
     return m.Snapshot.model_validate(
         {"printer": "a", "agent_pid": 7, "link": "ready", "protocol": m.PROTOCOL, **fields}
     )
@@ -32,7 +32,7 @@ def convert_snapshot(message, is_simulated=False, bed_cleared=False):
 @pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
 def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
     """Ignore the alarm of a snapshot that left its agent before the command arrived."""
-    message = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
+    message = make_snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
     assert getattr(convert_snapshot(message), field) is not None
     assert getattr(convert_snapshot(message, bed_cleared=True), field) is None
 
@@ -40,7 +40,7 @@ def test_earlier_snapshot_does_not_undo_a_cleared_bed(field):
 def test_readings_of_a_printer_are_copied_to_its_view():
     readings = {"heaters_off": True, "board_resets": 3}
     assert set(readings) == set(m.PrinterReadings.model_fields)
-    snapshot_view = convert_snapshot(snapshot(**readings))
+    snapshot_view = convert_snapshot(make_snapshot(**readings))
     assert snapshot_view.dump_readings() == readings
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": "m", "port": "/dev/a"}]})
     books, _ = apply(ev.PrinterAdded(at_s=0.0, printer="a", bed="clear"), Books())
@@ -49,24 +49,24 @@ def test_readings_of_a_printer_are_copied_to_its_view():
 
 
 def test_bed_is_reported_by_emulators_only():
-    message = snapshot(bed_clear=True)
+    message = make_snapshot(bed_clear=True)
     assert convert_snapshot(message, is_simulated=True).bed_clear is True
     assert convert_snapshot(message).bed_clear is None
 
 
 def test_agent_reports_its_own_printer_only():
-    assert convert_snapshot(snapshot(printer="b")).printer == "a"
+    assert convert_snapshot(make_snapshot(printer="b")).printer == "a"
 
 
 def test_filament_of_an_older_agent_is_unknown_to_the_farm():
     facts = {"filament": "parked", "doubt": "the board was reset"}
-    assert convert_snapshot(snapshot(**facts)).filament is FilamentState.PARKED
-    assert convert_snapshot(snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
-    assert convert_snapshot(snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
+    assert convert_snapshot(make_snapshot(**facts)).filament is FilamentState.PARKED
+    assert convert_snapshot(make_snapshot(**facts, protocol=2)).filament is FilamentState.UNKNOWN
+    assert convert_snapshot(make_snapshot(filament="parked", protocol=2)).filament is FilamentState.PARKED
 
 
 def test_idle_agent_of_an_older_version_gets_no_prints():
-    old_snapshot = convert_snapshot(snapshot(protocol=m.StartPrint.min_protocol - 1))
+    old_snapshot = convert_snapshot(make_snapshot(protocol=m.StartPrint.min_protocol - 1))
     assert (old_snapshot.link, old_snapshot.outdated) == (Link.FAULT, True)
     assert "farm up --replace a" in old_snapshot.reason
 

@@ -37,7 +37,7 @@ from silent_network import SilentRoute
 MODEL = "ultimaker2_plus"
 SCALE = 120.0
 DEADLINE_S = 60.0
-GONE_S = 600.0  # of the farm's clock
+OUTAGE_S = 600.0  # of the farm's clock
 SSHD = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:" + os.environ["PATH"])
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
 TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
@@ -217,7 +217,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
     gcode = tmp_path / "only-here.gcode"
     gcode.write_bytes(text)
 
-    async def until(condition: Any) -> AgentSnapshot:
+    async def wait_until(condition: Any) -> AgentSnapshot:
         async with asyncio.timeout(DEADLINE_S):
             while not condition(listener.last):
                 await asyncio.sleep(0.05)
@@ -227,7 +227,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
         link = AgentConnection("a", section, state, clock, listener, "test")
         link.start()
         try:
-            await until(lambda s: s.link is Link.READY)
+            await wait_until(lambda s: s.link is Link.READY)
             sha256 = hashlib.sha256(text).hexdigest()
             link.send(
                 m.StartPrint(
@@ -239,17 +239,17 @@ def test_print_survives_a_network_failure_of_ten_minutes(
                     filament=m.Filament.PARKED,
                 )
             )
-            await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
+            await wait_until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
             first_pid = find_agent_pid(remote_folder)
             started_s = clock.now()
             remote_host.cut()
-            await until(lambda s: s.link is Link.STARTING)
+            await wait_until(lambda s: s.link is Link.STARTING)
             async with asyncio.timeout(DEADLINE_S):
-                while clock.now() < started_s + GONE_S:
+                while clock.now() < started_s + OUTAGE_S:
                     assert is_alive(remote_folder)
                     await asyncio.sleep(0.05)
             remote_host.mend()
-            snapshot = await until(lambda s: s.print is not None and s.print.state.ended)
+            snapshot = await wait_until(lambda s: s.print is not None and s.print.state.ended)
             assert snapshot.print is not None and snapshot.print.state is PrintState.DONE, snapshot
             assert find_agent_pid(remote_folder) == first_pid
             if isinstance(remote_host, SilentNetwork):
@@ -261,7 +261,7 @@ def test_print_survives_a_network_failure_of_ten_minutes(
             listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
             link = AgentConnection("a", None, state, clock, listener)  # removed from the fleet meanwhile
             link.start()
-            await until(lambda s: s.print is not None and s.print.state.ended)
+            await wait_until(lambda s: s.print is not None and s.print.state.ended)
             assert read_status(remote_folder / "emulator").starved_s < 60.0
             await link.shut_down()
             async with asyncio.timeout(DEADLINE_S):
@@ -309,7 +309,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
         raw = {"fleet": {"name": "test"}, "printers": printers}
         return AgentManager(Fleet.model_validate(raw), state, clock, RecordingListener())
 
-    async def until(condition: Callable[[], bool]) -> None:
+    async def wait_until(condition: Callable[[], bool]) -> None:
         async with asyncio.timeout(DEADLINE_S):
             while not condition():
                 await asyncio.sleep(0.05)
@@ -317,14 +317,14 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     async def scenario() -> None:
         old_printer = farm("a")
         old_printer.start(())
-        await until(lambda: is_alive(remote_folder))
+        await wait_until(lambda: is_alive(remote_folder))
         await old_printer.close()
         for _ in range(2):  # the second time no agent runs there
             load_route = kept_file.read_text()
             new_printer = farm()
             new_printer.start(())
-            await until(lambda: not kept_file.exists())
-            await until(lambda: not is_alive(remote_folder))
+            await wait_until(lambda: not kept_file.exists())
+            await wait_until(lambda: not is_alive(remote_folder))
             await new_printer.close()
             kept_file.write_text(load_route)
 

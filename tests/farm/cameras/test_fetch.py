@@ -62,10 +62,12 @@ def test_basic_authentication_is_sent_when_asked_for():
 
 
 def test_digest_authentication_is_sent_when_asked_for():
-    def digest(text):
+    def compute_digest(text):
         return hashlib.md5(text.encode()).hexdigest()
 
-    expected_digest = digest(f"{digest(f'look:camera:{SECRET}')}:abc:{digest('GET:/shot')}")
+    expected_digest = compute_digest(
+        f"{compute_digest(f'look:camera:{SECRET}')}:abc:{compute_digest('GET:/shot')}"
+    )
 
     def answer(request):
         if f'response="{expected_digest}"' in (request.headers["authorization"] or ""):

@@ -8,11 +8,11 @@ import pytest
 from farm.cli import estop_server
 from farm.cli.estop_server import MAX_PER_USER, MAX_TOTAL, REQUEST_S, EstopServer, read_peer_uid
 
-CROWD = 80
+CLIENT_COUNT = 80
 REQUEST = b'{"printers":[]}\n'
 
 
-class Work:
+class FakeEstop:
     """Emergency stop that ends on request."""
 
     def __init__(self):
@@ -35,7 +35,7 @@ class Bench:
         self.server = EstopServer(self.listening, self.begin, lambda _: self.uid)
 
     def begin(self, connection, request):
-        work = Work()
+        work = FakeEstop()
         self.begun.append((request, work))
         return work
 
@@ -89,7 +89,7 @@ def test_connection_without_a_request_is_ended_after_two_seconds(bench, message)
 
 
 def test_requests_are_limited_per_user(bench):
-    clients = [bench.connect(1000) for _ in range(CROWD)]
+    clients = [bench.connect(1000) for _ in range(CLIENT_COUNT)]
     assert sum(not is_refused(client) for client in clients) == MAX_PER_USER
     bench.connect(2000, REQUEST)
     assert len(bench.begun) == 1
@@ -112,14 +112,14 @@ def test_total_number_of_requests_is_limited(bench):
 
 
 def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch):
-    class Full:
+    class FullListener:
         def fileno(self):
             return bench.listening.fileno()
 
         def accept(self):
             raise OSError(24, "Too many open files")
 
-    monkeypatch.setattr(bench.server, "_listener", Full())
+    monkeypatch.setattr(bench.server, "_listener", FullListener())
     bench.connect(1000, REQUEST)
     monkeypatch.setattr(bench.server, "_listener", bench.listening)
     bench.serve_once(0.5)

@@ -27,8 +27,8 @@ REMOTE = {
     "load": ["a", "pla"],
     "maintenance": ["a", "--why", "cleaning"],
 }
-WITHOUT_FARM = {"coupon", "decompose", "host", "slice", "worker"}
-LOCAL_IN_NEED = {"daemon", "doctor", "discover", "estop"}
+COMMANDS_WITHOUT_FARM = {"coupon", "decompose", "host", "slice", "worker"}
+LOCAL_AND_REMOTE_COMMANDS = {"daemon", "doctor", "discover", "estop"}
 URL = "http://127.0.0.1:9"  # nothing listens on the port `discard`
 
 
@@ -45,7 +45,9 @@ def run(tmp_path, monkeypatch):
 
 
 def test_every_command_is_remote_or_local():
-    assert set(load_commands(app)) - {"setup"} == REMOTE.keys() | LOCAL_COMMANDS.keys() | WITHOUT_FARM
+    assert (
+        set(load_commands(app)) - {"setup"} == REMOTE.keys() | LOCAL_COMMANDS.keys() | COMMANDS_WITHOUT_FARM
+    )
 
 
 @pytest.mark.parametrize("command", REMOTE)
@@ -63,7 +65,7 @@ def test_local_command_refuses_a_url_with_the_reason(run, command):
     assert LOCAL_COMMANDS[command] in str(result.exception)
 
 
-@pytest.mark.parametrize("command", sorted(set(LOCAL_COMMANDS) - LOCAL_IN_NEED))
+@pytest.mark.parametrize("command", sorted(set(LOCAL_COMMANDS) - LOCAL_AND_REMOTE_COMMANDS))
 def test_farm_url_of_another_farm_changes_nothing_here(run, command, monkeypatch):
     monkeypatch.setenv("FARM_URL", URL)
     assert isinstance(run(command).exception, Refused)

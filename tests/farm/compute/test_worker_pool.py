@@ -59,7 +59,7 @@ def test_work_that_kills_every_worker_is_reported_and_the_next_runs(pool, tmp_pa
     assert has_ended(pool.run(use))
 
 
-async def until(condition):
+async def wait_until(condition):
     async with asyncio.timeout(120.0):
         while not condition():
             await asyncio.sleep(0.01)
@@ -69,9 +69,9 @@ def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
-        await until(lambda: workers.starting == "compiling")
+        await wait_until(lambda: workers.starting == "compiling")
         await asyncio.to_thread((tmp_path / "fifo").write_text, "go on")
-        await until(lambda: workers.starting is None)
+        await wait_until(lambda: workers.starting is None)
         return await workers.run(work.get_pid)
 
     assert pool.run(use, warm=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
@@ -81,7 +81,7 @@ def test_work_is_given_to_a_started_worker(pool, tmp_path):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
-        await until(lambda: workers.starting is None)
+        await wait_until(lambda: workers.starting is None)
         return [await workers.run(work.get_pid) for _ in range(3)]
 
     warm_up = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")

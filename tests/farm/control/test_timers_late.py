@@ -38,7 +38,7 @@ def test_missed_timer_runs_once(begin):
         if len(times_s) == 10:
             time.stall(3 * HOUR_S)
 
-    async def evening():
+    async def run_evening():
         timers = Timers(time)
         timers.call_every(60.0, "turn", turn)
         for hour in (1.0, 2.0, 6.0):
@@ -48,7 +48,7 @@ def test_missed_timer_runs_once(begin):
         timers.stop()
         await asyncio.sleep(0)
 
-    time.run(evening())
+    time.run(run_evening())
     woke_s = 600.0 + 3 * HOUR_S
     assert times_s[:10] == pytest.approx([60.0 * n for n in range(1, 11)], abs=1e-3)
     assert woke_s <= times_s[10] < times_s[11] <= woke_s + 61.0  # one for all those missed, then as before
@@ -64,7 +64,7 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
     times_s, alarms = [], []
     alarm_s = time.begun_s + 7 * HOUR_S
 
-    async def day():
+    async def run_day():
         timers = Timers(time)
         timers.call_every(1.0, "turn", lambda: times_s.append(time.now_s - time.begun_s))
         timers.call_at(alarm_s, "alarm", lambda: alarms.append(time.now()))
@@ -78,7 +78,7 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
         timers.stop()
         await asyncio.sleep(0)
 
-    time.run(day())
+    time.run(run_day())
     assert max(next_s - previous_s for previous_s, next_s in itertools.pairwise(times_s)) <= 3.0
     assert alarms == pytest.approx([alarm_s], abs=1.0)
 
@@ -94,7 +94,7 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
     Store(state.books).close()
     errors, cleanups = [], []
 
-    async def nights():
+    async def run_nights():
         timers = Timers(time)
         nightly = NightlyBackup(state, time, BERLIN, timers.call_at, errors.append, cleanups.append)
         timers.start()
@@ -106,7 +106,7 @@ def test_books_are_backed_up_once_a_night(begin, tmp_path, first, asleep):
         timers.stop()
         await asyncio.sleep(0)
 
-    time.run(nights())
+    time.run(run_nights())
     days = [datetime.fromisoformat(first) + timedelta(days=n) for n in range(5)]
     backup_times_s = [
         datetime.fromtimestamp(parse_backup_time_s(copy), BERLIN).replace(tzinfo=None)

@@ -37,14 +37,14 @@ BOOKS = apply_events(
     ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
     make_end_event("x"),
 )[0]
-SPOILT = put(BOOKS, replace_fields(BOOKS.printers["a"], bed=Bed.CLEAR))
+SPOILT_BOOKS = put(BOOKS, replace_fields(BOOKS.printers["a"], bed=Bed.CLEAR))
 FLEET = Fleet.model_validate(
     {
         "fleet": {"timezone": "Europe/London", "operators": "ops"},
         "printers": [{"name": "a", "model": "ultimaker2_plus", "port": "/dev/ttyUSB0"}],
     }
 )
-SOUND = Facts(
+SOUND_FACTS = Facts(
     version="1.2",
     fleet_path="fleet.yaml",
     books=BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=BOOKS),
@@ -72,13 +72,13 @@ CASES = {
     "daemon down": ({"daemon_error": "no answer"}, "warning", "daemon", "no answer"),
     "old daemon": ({"daemon_version": "1.1"}, "warning", "daemon", "farm 1.1, this is 1.2"),
     "another's folder": (
-        {"user": replace(SOUND.user, state_owner="ann")},
+        {"user": replace(SOUND_FACTS.user, state_owner="ann")},
         "warning",
         "user",
         "the state folder belongs to ann",
     ),
     "no such group": (
-        {"user": replace(SOUND.user, known_groups=frozenset())},
+        {"user": replace(SOUND_FACTS.user, known_groups=frozenset())},
         "problem",
         "groups",
         "there is no group ops",
@@ -91,7 +91,7 @@ CASES = {
         "plate 3 was changed",
     ),
     "books that contradict themselves": (
-        {"books": BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=SPOILT)},
+        {"books": BooksFacts("/s/farm.db", schema_version=SCHEMA_VERSION, books=SPOILT_BOOKS)},
         "problem",
         "database",
         "printer a: its bed is clear, and print x on it is not judged",
@@ -137,33 +137,38 @@ CASES = {
         "may not be read and written by farm",
     ),
     "no engine": (
-        {"cura": replace(SOUND.cura, engine=None, engine_error="none: set it")},
+        {"cura": replace(SOUND_FACTS.cura, engine=None, engine_error="none: set it")},
         "problem",
         "cura",
         "none",
     ),
-    "broken engine": ({"cura": replace(SOUND.cura, engine_version=None)}, "problem", "cura", "version"),
+    "broken engine": ({"cura": replace(SOUND_FACTS.cura, engine_version=None)}, "problem", "cura", "version"),
     "no settings": (
-        {"cura": replace(SOUND.cura, resources=None, resources_error="no files: set it")},
+        {"cura": replace(SOUND_FACTS.cura, resources=None, resources_error="no files: set it")},
         "problem",
         "cura",
         "no files",
     ),
     "clock of 1970": ({"clock": ClockFacts(1000.0, True)}, "problem", "clock", "1970-01-01: it is not set"),
-    "no NTP": ({"clock": replace(SOUND.clock, synchronised=False)}, "warning", "clock", "no NTP"),
+    "no NTP": ({"clock": replace(SOUND_FACTS.clock, synchronised=False)}, "warning", "clock", "no NTP"),
     "another scale": (
-        {"clock": replace(SOUND.clock, anchor=(60.0, NOW_S))},
+        {"clock": replace(SOUND_FACTS.clock, anchor=(60.0, NOW_S))},
         "problem",
         "clock",
         "time_scale 60, fleet.yaml says 1",
     ),
     "clock set back": (
-        {"clock": replace(SOUND.clock, anchor=(1.0, NOW_S + 9e5))},
+        {"clock": replace(SOUND_FACTS.clock, anchor=(1.0, NOW_S + 9e5))},
         "warning",
         "clock",
         "was set back",
     ),
-    "another zone": ({"clock": replace(SOUND.clock, host_zone="Etc/UTC")}, "warning", "clock", "Etc/UTC"),
+    "another zone": (
+        {"clock": replace(SOUND_FACTS.clock, host_zone="Etc/UTC")},
+        "warning",
+        "clock",
+        "Etc/UTC",
+    ),
     "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
     "soon full": (
         {"disk": DiskUse(free_bytes=3e9, stored_bytes=20e9, prunable_bytes=0.0, day_bytes=2e9)},
@@ -183,14 +188,16 @@ CASES = {
 
 
 def test_sound_installation_has_no_problem():
-    findings = check_installation(SOUND)
+    findings = check_installation(SOUND_FACTS)
     assert {item.level for item in findings} == {Level.OK}
     assert not any(item.action for item in findings)
 
 
 @pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)
 def test_problem_is_named_with_an_action(changes, level, check, text):
-    problems = [item for item in check_installation(replace(SOUND, **changes)) if item.level is not Level.OK]
+    problems = [
+        item for item in check_installation(replace(SOUND_FACTS, **changes)) if item.level is not Level.OK
+    ]
     results = [item for item in problems if item.check == check and text in item.text]
     assert [item.level for item in results] == [level]
     assert results[0].action
@@ -199,7 +206,7 @@ def test_problem_is_named_with_an_action(changes, level, check, text):
 def test_action_of_a_missing_fleet_file_is_that_of_its_error(tmp_path):
     with pytest.raises(FarmError) as error:
         load_fleet(tmp_path / "fleet.yaml", frozenset())
-    facts = replace(SOUND, fleet=None, fleet_error=str(error.value))
+    facts = replace(SOUND_FACTS, fleet=None, fleet_error=str(error.value))
     (finding,) = (item for item in check_installation(facts) if item.check == "fleet")
     assert finding.text == f"{tmp_path}/fleet.yaml: no such file"
     assert finding.action.startswith("write one with the printers that `farm discover` lists")
@@ -207,7 +214,7 @@ def test_action_of_a_missing_fleet_file_is_that_of_its_error(tmp_path):
 
 def test_stopped_farm_without_books_is_no_problem():
     facts = replace(
-        SOUND, daemon_error="down", agents=(AgentFacts("a", False),), books=BooksFacts("/s", False)
+        SOUND_FACTS, daemon_error="down", agents=(AgentFacts("a", False),), books=BooksFacts("/s", False)
     )
     problems = [item.check for item in check_installation(facts) if item.level is not Level.OK]
     assert problems == ["daemon"]
@@ -216,14 +223,16 @@ def test_stopped_farm_without_books_is_no_problem():
 def test_missing_engine_is_named_with_one_advice():
     with pytest.raises(EngineMissing) as error:
         find_engine({"PATH": ""})
-    facts = replace(SOUND, cura=replace(SOUND.cura, engine=None, engine_error=str(error.value)))
+    facts = replace(SOUND_FACTS, cura=replace(SOUND_FACTS.cura, engine=None, engine_error=str(error.value)))
     (finding,) = (item for item in check_installation(facts) if item.level is not Level.OK)
     assert finding.text == "there is no CuraEngine on PATH"
     assert finding.action == "run 'farm setup', or set FARM_CURA_ENGINE to the program"
 
 
 def test_action_adds_the_user_to_the_group_of_the_port():
-    facts = replace(SOUND, user=STRANGER, ports=(PortFacts("a", "/dev/ttyUSB0", True, False, "dialout"),))
+    facts = replace(
+        SOUND_FACTS, user=STRANGER, ports=(PortFacts("a", "/dev/ttyUSB0", True, False, "dialout"),)
+    )
     (port,) = (item for item in check_installation(facts) if item.check == "ports")
     assert port.action == "`sudo usermod -aG dialout farm`, then log in again"
 
@@ -232,7 +241,7 @@ def test_many_contradictions_are_counted():
     names = tuple(f"job 1: {number}" for number in range(9))
     results = [
         item
-        for item in check_installation(replace(SOUND, files=FileFacts(9, names)))
+        for item in check_installation(replace(SOUND_FACTS, files=FileFacts(9, names)))
         if item.check == "files"
     ]
     assert len(results) == 6 and "and 4 more" in results[-1].text

@@ -20,14 +20,14 @@ def places(tmp_path):
     return Places(StateFolder(state), tmp_path / "farm.sock", tmp_path / "fleet.yaml")
 
 
-def findings(places, check):
+def list_findings(places, check):
     result = check_installation(collect_facts(places, None, "it is down"))
     return [finding for finding in result if finding.check == check]
 
 
 def test_books_are_read_and_not_changed(places):
     old_files = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
-    (books,) = findings(places, "database")
+    (books,) = list_findings(places, "database")
     assert (books.level, "5 jobs" in books.text) == (Level.OK, True)
     new_files = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
     assert new_files["farm.db"] == old_files["farm.db"]
@@ -42,10 +42,10 @@ def test_files_that_are_missing_or_changed_are_named(places):
     kept_file.write_bytes(b"other")
     assert any(
         finding.text.endswith(f"{kept_file} has changed since it was planned")
-        for finding in findings(places, "files")
+        for finding in list_findings(places, "files")
     )
     kept_file.unlink()
-    assert any(finding.text.endswith(f"{kept_file} is missing") for finding in findings(places, "files"))
+    assert any(finding.text.endswith(f"{kept_file} is missing") for finding in list_findings(places, "files"))
 
 
 def _is_needed(facts, name):
@@ -57,22 +57,24 @@ def test_row_that_was_changed_is_a_problem(places):
     with sqlite3.connect(places.state.books) as db:
         db.execute("UPDATE printer SET body = replace(body, 'clear', 'unknown')")
     db.close()
-    (books,) = findings(places, "database")
+    (books,) = list_findings(places, "database")
     assert books.level is Level.PROBLEM and "was changed" in books.text
 
 
 def test_missing_and_invalid_books_are_reported(places):
     for path in places.state.root.glob("farm.db*"):
         path.unlink()
-    assert [finding.level for finding in findings(places, "database")] == [Level.OK]
+    assert [finding.level for finding in list_findings(places, "database")] == [Level.OK]
     places.state.books.write_bytes(b"no books" * 1000)
-    assert [finding.level for finding in findings(places, "database")] == [Level.PROBLEM]
+    assert [finding.level for finding in list_findings(places, "database")] == [Level.PROBLEM]
 
 
 def test_silent_agent_is_a_problem(places):
     lock = acquire_lock(places.state.agent("um2-01") / AGENT_LOCK)
     try:
-        (agent,) = (finding for finding in findings(places, "agents") if finding.text.startswith("um2-01:"))
+        (agent,) = (
+            finding for finding in list_findings(places, "agents") if finding.text.startswith("um2-01:")
+        )
     finally:
         os.close(lock)
     assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent is running but does not answer")

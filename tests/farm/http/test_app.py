@@ -59,7 +59,7 @@ def ask(app, method, path, **options):
     return asyncio.run(call())
 
 
-def stl():
+def make_stl():
     file = io.BytesIO()
     trimesh.creation.box((30.0, 20.0, 10.0)).export(file, "stl")
     return file.getvalue()
@@ -96,14 +96,14 @@ def test_unprintable_own_gcode_is_refused_with_its_name(daemon, name, options, c
 
 
 def test_repeated_submission_is_one_job(daemon):
-    assert submit(daemon, stl()).json() == {"job": 1, "again": False}
-    assert submit(daemon, stl()).json() == {"job": 1, "again": True}
+    assert submit(daemon, make_stl()).json() == {"job": 1, "again": False}
+    assert submit(daemon, make_stl()).json() == {"job": 1, "again": True}
     assert len(daemon.state.controller.books.jobs) == 1
 
 
 @pytest.mark.parametrize("size", [0, 10, 10_000_000])
 def test_truncated_upload_creates_no_job_and_no_file(daemon, size):
-    answer = submit(daemon, stl(), size=size)
+    answer = submit(daemon, make_stl(), size=size)
     assert answer.status_code == 409
     assert answer.json()["exit_code"] == 5
     assert "submit it again" in answer.json()["error"]
@@ -114,13 +114,13 @@ def test_truncated_upload_creates_no_job_and_no_file(daemon, size):
 def endless_body(chunks):
     """Yield a JSON string without an end; append the size of each chunk that is read to `chunks`."""
 
-    async def pieces():
+    async def send_pieces():
         yield b'{"why": "'
         for _ in range(1000):
             chunks.append(4096)
             yield b"x" * 4096
 
-    return pieces()
+    return send_pieces()
 
 
 @pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
@@ -154,10 +154,10 @@ def test_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatc
     assert not chunks
     usage = shutil.disk_usage(daemon.state.folder.root)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=500_000_500))
-    assert "free_gb" in submit(daemon, stl()).json()["error"]
+    assert "free_gb" in submit(daemon, make_stl()).json()["error"]
     assert not daemon.state.controller.books.jobs
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=501_000_000))
-    assert submit(daemon, stl()).status_code == 200
+    assert submit(daemon, make_stl()).status_code == 200
 
 
 def test_incomplete_upload_is_refused_and_leaves_no_file(daemon):
@@ -192,7 +192,7 @@ NAMES = {
 
 @pytest.mark.parametrize("name", NAMES)
 def test_path_in_a_model_name_is_removed(daemon, name):
-    answer = submit(daemon, stl(), name=name)
+    answer = submit(daemon, make_stl(), name=name)
     assert answer.status_code == 200, answer.text
     folders = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
     assert folders <= {"state", "files"}
@@ -201,13 +201,13 @@ def test_path_in_a_model_name_is_removed(daemon, name):
 
 @pytest.mark.parametrize("name", ["..", ".", "box", "box." + "\N{SNAKE}" * 150])
 def test_name_without_a_known_suffix_is_refused(daemon, name):
-    answer = submit(daemon, stl(), name=name)
+    answer = submit(daemon, make_stl(), name=name)
     assert answer.status_code == 400
     assert "not a known kind of model" in answer.json()["error"]
 
 
 def test_unknown_printer_is_refused_at_once(daemon):
-    answer = submit(daemon, stl(), options='{"material": "generic_pal"}')
+    answer = submit(daemon, make_stl(), options='{"material": "generic_pal"}')
     assert answer.status_code == 409
     assert "no printer of the fleet has generic_pal; there is generic_pla" in answer.json()["error"]
 
@@ -217,7 +217,7 @@ BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{
 
 @pytest.mark.parametrize("options", BAD_OPTIONS)
 def test_unknown_options_are_refused(daemon, options):
-    answer = submit(daemon, stl(), options=options)
+    answer = submit(daemon, make_stl(), options=options)
     assert answer.status_code == 400
     assert answer.json()["exit_code"] == 2
 
@@ -231,7 +231,7 @@ def test_unknown_path_is_not_found(daemon):
 
 
 def test_status_has_the_documented_fields(daemon):
-    submit(daemon, stl())
+    submit(daemon, make_stl())
     status = ask(daemon, "GET", "/status").json()
     assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night", "cluster"]
     assert status["schema"] == 1
@@ -265,7 +265,7 @@ def test_status_has_the_documented_fields(daemon):
 
 
 def test_shutdown_is_refused_during_planning(daemon):
-    submit(daemon, stl())
+    submit(daemon, make_stl())
     assert daemon.state.controller.books.jobs[1].state == "planning"
     answer = ask(daemon, "POST", "/down", json={})
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
@@ -287,7 +287,7 @@ def test_shutdown_is_refused_during_planning(daemon):
     ],
 )
 def test_request_for_too_many_printers_is_reported(daemon, options, notices):
-    assert submit(daemon, stl(), options=options).json().get("notices") == notices
+    assert submit(daemon, make_stl(), options=options).json().get("notices") == notices
 
 
 def test_shutdown_is_refused_during_an_inspection(daemon):
@@ -310,7 +310,7 @@ def test_routes_reach_the_commands(daemon):
     printer = ask(daemon, "GET", "/status").json()["printers"][0]
     assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
     assert ask(daemon, "POST", "/printers/a/maintained", json=body_bytes).status_code == 200
-    submit(daemon, stl())
+    submit(daemon, make_stl())
     assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
     assert ask(daemon, "GET", "/jobs/1").json()["job"]["paused"]
     assert ask(daemon, "POST", "/jobs/1/resume").status_code == 200

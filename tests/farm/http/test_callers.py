@@ -62,7 +62,7 @@ def ask(app, person, method, path, **options):
     return asyncio.run(call())
 
 
-LIMITED = (
+OPERATOR_REQUESTS = (
     ("/printers/a/cleared", {}),
     ("/printers/a/load", {"grams": 500}),
     ("/printers/a/maintained", {}),
@@ -73,7 +73,7 @@ LIMITED = (
 )
 
 
-@pytest.mark.parametrize(("path", "body"), LIMITED)
+@pytest.mark.parametrize(("path", "body"), OPERATOR_REQUESTS)
 def test_commands_that_continue_prints_are_for_operators(tmp_path, path, body):
     app = make(tmp_path, operators=NO_GROUP)
     answer = ask(app, STRANGER, "POST", path, json=body)
@@ -162,7 +162,7 @@ def test_unusable_socket_path_is_reported(tmp_path):
         assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700
 
 
-ASK = """
+REQUEST_AS_USER = """
 import os, socket, sys
 os.setgroups([]); os.setgid(int(sys.argv[2])); os.setuid(int(sys.argv[2]))
 way = socket.socket(socket.AF_UNIX)
@@ -183,7 +183,7 @@ async def post_as(app, *uids):
     serve_task = asyncio.create_task(server.serve(sockets=[listener]))
     answers = []
     for uid in uids:
-        command = [sys.executable, "-c", ASK, listener.getsockname().hex(), str(uid)]
+        command = [sys.executable, "-c", REQUEST_AS_USER, listener.getsockname().hex(), str(uid)]
         process = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
         answers.append((await process.communicate())[0].decode())
     server.should_exit = True

@@ -26,14 +26,14 @@ from farm.http.connections import (
 from real_farm import RealFarm, wait_for
 
 DESCRIPTOR_LIMIT = 64
-IDLE = 80
+IDLE_CLIENTS = 80
 INCOMPLETE_REQUEST = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
-LARGE = 20_000_000
+LARGE_BYTES = 20_000_000
 COMPLETE_REQUEST = INCOMPLETE_REQUEST + b"Connection: close\r\n\r\n"
 
 
 @dataclass
-class One:
+class WaitingClient:
     waiting_since_s: float | None
 
 
@@ -46,7 +46,11 @@ def test_descriptors_are_reserved_for_the_farm(descriptors, printers, workers, m
 
 
 def test_incomplete_requests_are_ended_the_oldest_first():
-    busy_connection, old_connection, young_connection = One(None), One(0.0), One(5.0)
+    busy_connection, old_connection, young_connection = (
+        WaitingClient(None),
+        WaitingClient(0.0),
+        WaitingClient(5.0),
+    )
     assert find_overdue([busy_connection, old_connection, young_connection], REQUEST_S + 0.1) == [
         old_connection
     ]
@@ -67,7 +71,7 @@ async def hello(scope, receive, send):
     while (await receive()).get("more_body"):
         pass
     await send({"type": "http.response.start", "status": 200, "headers": []})
-    size = LARGE if scope["path"] == "/large" else 0
+    size = LARGE_BYTES if scope["path"] == "/large" else 0
     await send({"type": "http.response.body", "body": b"well" + bytes(size), "more_body": True})
     await send({"type": "http.response.body", "body": b""})
 
@@ -275,7 +279,7 @@ def test_killed_agent_is_restarted_despite_many_idle_clients(tmp_path):
         farm.wrapper = []
         killed_pid = farm.printer("um2-01")["agent_pid"]
         with ExitStack() as idle:
-            for number in range(IDLE):
+            for number in range(IDLE_CLIENTS):
                 client = idle.enter_context(closing(socket.socket(socket.AF_UNIX)))
                 client.settimeout(30.0)
                 client.connect(str(farm.state / "farm.sock"))

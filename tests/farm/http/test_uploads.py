@@ -70,10 +70,12 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         workers = SimpleNamespace(run=run, starting="loading the planning code", memory_bytes=GB)
         uploads = Uploads(controller, state, workers, inspections)
 
-        async def content():
+        async def send_content():
             yield b"solid"
 
-        first_upload = asyncio.create_task(uploads.receive_model(content(), "a", "a.stl", 5, JobOptions()))
+        first_upload = asyncio.create_task(
+            uploads.receive_model(send_content(), "a", "a.stl", 5, JobOptions())
+        )
         await may_check.wait()
         assert uploads.describe("a").step == "waiting for the workers to start: loading the planning code"
         workers.starting = None
@@ -84,12 +86,12 @@ def test_open_uploads_count_until_inspected(tmp_path, monkeypatch):
         with pytest.raises(NoSuchThing):
             uploads.describe("b")
         with pytest.raises(Refused, match="1 model being received"):
-            await uploads.receive_model(content(), "b", "b.stl", 5, JobOptions())
+            await uploads.receive_model(send_content(), "b", "b.stl", 5, JobOptions())
         was_checked.set()
         assert await first_upload == "inspected"
         with pytest.raises(Refused, match="stopped after 5 of 6 bytes"):
-            await uploads.receive_model(content(), "c", "c.stl", 6, JobOptions())
-        assert await uploads.receive_model(content(), "d", "d.stl", 5, JobOptions()) == "inspected"
+            await uploads.receive_model(send_content(), "c", "c.stl", 6, JobOptions())
+        assert await uploads.receive_model(send_content(), "d", "d.stl", 5, JobOptions()) == "inspected"
         assert list(state.work.iterdir()) == []
         assert inspections == {}
 
@@ -105,7 +107,7 @@ def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tm
     uploads = Uploads(controller, state, SimpleNamespace(memory_bytes=GB), {})
     size = 84 + 50 * 4_000_000
 
-    async def content():
+    async def send_content():
         yield b"\0" * 40  # the header may come in pieces
         yield b"\0" * 40 + (4_000_000).to_bytes(4, "little")
         yield b"\0" * HEAD_BYTES
@@ -115,7 +117,7 @@ def test_stl_with_too_many_triangles_is_refused_before_the_rest_of_it_arrives(tm
         r"big.STL: has 4.0 million triangles.*simplify its mesh, or raise `fleet.compute.memory_gb`"
     )
     with pytest.raises(FarmError, match=expected_text) as error:
-        asyncio.run(uploads.receive_model(content(), "a", "big.STL", size, JobOptions()))
+        asyncio.run(uploads.receive_model(send_content(), "a", "big.STL", size, JobOptions()))
     assert error.value.code is ErrorCode.LIMIT
     assert list(state.work.iterdir()) == []
 

@@ -151,7 +151,7 @@ def test_useless_relevel_is_discarded(state, bar, fail, monkeypatch):
     assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
 
 
-class NotingWorkers(SameProcess):
+class RecordingWorkers(SameProcess):
     """Workers that record their tasks, each in its own step of the event loop; drawings may be held."""
 
     def __init__(self, held=(), has_idle=True):
@@ -177,7 +177,7 @@ def plan_noted(state, job, workers, monkeypatch):
 
 
 def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
-    workers = NotingWorkers()
+    workers = RecordingWorkers()
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert workers.begun == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
@@ -187,7 +187,7 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
 
 def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    workers = NotingWorkers(held={"draw_job 0"})
+    workers = RecordingWorkers(held={"draw_job 0"})
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert {"draw_job 0", "draw_job 1"} <= set(workers.begun) and "draw_job 0" not in workers.ended
@@ -199,7 +199,7 @@ def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypa
 
 def test_parts_that_may_be_cut_again_are_drawn_by_idle_workers_alone(state, bar, monkeypatch):
     slow_down_slices(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
-    workers = NotingWorkers(has_idle=False)
+    workers = RecordingWorkers(has_idle=False)
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
     assert "relevel_parts 0" in workers.begun

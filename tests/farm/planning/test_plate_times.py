@@ -19,7 +19,7 @@ def test_time_factor_applies_to_layers_only():
     assert compute_plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(prelude_s + 1200.0)
 
 
-def makespan(loads_s, takes, factors):
+def compute_makespan(loads_s, takes, factors):
     return max(load_s * factors[takes[name]] for name, load_s in loads_s.items())
 
 
@@ -33,7 +33,7 @@ def test_loads_move_only_between_equal_printers_without_delay(loads_s, factors, 
     assert sorted(takes) == sorted(takes.values()) == NAMES
     assert all(kinds[item] == kinds[other_item] for item, other_item in takes.items())
     stays = {name: name for name in NAMES}
-    assert makespan(loads_s, takes, factors) <= makespan(loads_s, stays, factors)
+    assert compute_makespan(loads_s, takes, factors) <= compute_makespan(loads_s, stays, factors)
 
 
 def test_loads_stay_without_learned_factors():

@@ -24,11 +24,13 @@ def lose_printer(printer, at_s, fault="port_lost"):
     return make_end_event(printer, PrintState.FAILED, at_s, fault=fault, reason="the port is not there")
 
 
-TWO = (("1/01", "a"), ("1/02", "b"))
+TWO_PLATES = (("1/01", "a"), ("1/02", "b"))
 
 
 def test_losses_within_the_window_are_one_outage_without_attempts():
-    books, _ = apply_events(make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0))
+    books, _ = apply_events(
+        make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0)
+    )
     assert (books.outage, books.prints["a"].charged) == (None, True)
     books, _ = apply_events(books, lose_printer("b", 100.0 + WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
@@ -44,11 +46,11 @@ def test_outage_window_covers_reporting_delays_on_a_fast_clock():
     assert [compute_outage_window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
     second_loss = lose_printer("b", 250.0)  # half a wall second after the other
     real, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second_loss
+        make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_loss
     )
     assert real.outage is None
     fast = replace(make_printing_books(), outage_window_s=compute_outage_window_s(300.0))
-    fast, _ = apply_events(fast, *make_assigned_events(*TWO), lose_printer("a", 100.0), second_loss)
+    fast, _ = apply_events(fast, *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_loss)
     assert fast.outage.printers == ("a", "b")
 
 
@@ -57,7 +59,7 @@ def test_outage_window_covers_reporting_delays_on_a_fast_clock():
 )
 def test_failure_counts_as_an_attempt(second_failure):
     books, _ = apply_events(
-        make_printing_books(), *make_assigned_events(*TWO), lose_printer("a", 100.0), second_failure
+        make_printing_books(), *make_assigned_events(*TWO_PLATES), lose_printer("a", 100.0), second_failure
     )
     assert books.outage is None
     assert [books.prints[name].charged for name in "ab"] == [True, True]

@@ -12,11 +12,11 @@ from farm.views.tasks import list_requests
 from make_books import apply_events, make_end_event, make_printing_books
 from scheduling_examples import make_printer
 
-WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
+WHITE_REEL = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
 
 def load_reel(**changes):
-    loaded_event = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE.model_copy(update=changes), by="ann")
+    loaded_event = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE_REEL.model_copy(update=changes), by="ann")
     books, _ = apply_events(
         make_printing_books(),
         loaded_event,
@@ -64,7 +64,7 @@ def test_fleet_shows_the_loaded_reels():
 
 
 def test_restored_reels_must_be_weighed_before_printing():
-    load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
+    load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE_REEL, by="ann")
     books, _ = apply_events(make_printing_books(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
     assert [
         printer_record.reel and printer_record.reel.uncertain for printer_record in books.printers.values()

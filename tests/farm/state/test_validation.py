@@ -10,18 +10,18 @@ from farm.state.validation import validate_books
 from make_books import apply_events, make_end_event, make_printing_books
 from recorded_state import unpack_state
 
-BEGUN = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 
 
 def done():
-    return apply_events(make_printing_books(), BEGUN, make_end_event("x"))[0]
+    return apply_events(make_printing_books(), ASSIGNMENT, make_end_event("x"))[0]
 
 
 def add_entries(books, *entries):
     return put(books, *entries)
 
 
-BROKEN = {
+BROKEN_BOOKS = {
     "a plate is missing": (
         lambda b: add_entries(b, replace_fields(b.jobs[1], plates=("1/01", "1/09"))),
         "job 1: its plate 1/09 does not exist",
@@ -104,7 +104,7 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize(("spoil", "problem"), BROKEN.values(), ids=BROKEN)
+@pytest.mark.parametrize(("spoil", "problem"), BROKEN_BOOKS.values(), ids=BROKEN_BOOKS)
 def test_contradiction_is_named(spoil, problem):
     assert problem in validate_books(spoil(done()))
 

@@ -66,7 +66,7 @@ def link_files(books, state, number):
     name_files(state.job(number), state.files, names)
 
 
-class AtNow(Clock):
+class StoppedClock(Clock):
     """Clock that does not advance."""
 
     def now(self):
@@ -88,9 +88,9 @@ def fill(root, ages=AGES, events=40):
     return state, books
 
 
-def begin(state, work=omit_pictures, **keep):
+def open_upkeep(state, work=omit_pictures, **keep):
     """Open a daemon's upkeep on a state folder; close its store at the end."""
-    farm = Farm(state.root, (PLUS,) * 3, clock=AtNow(), keep=keep)
+    farm = Farm(state.root, (PLUS,) * 3, clock=StoppedClock(), keep=keep)
     farm.controller._effects = LinkingEffects(state)
     return farm, Upkeep(farm.controller, farm.store, state, InlineWorkers(work))
 
@@ -121,7 +121,7 @@ def check_whole(state, books, old_books):
 
 def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
     state, old_books = fill(tmp_path)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         answer = asyncio.run(run.prune("ann", dry_run=False))
         books = farm.controller.books
@@ -142,7 +142,7 @@ def test_files_of_old_jobs_are_deleted_except_pictures(tmp_path):
 
 def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
     state, old_books = fill(tmp_path)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         preview = asyncio.run(run.prune("ann", dry_run=True))
         assert farm.controller.books == old_books and not list_backups(state)
@@ -153,7 +153,7 @@ def test_dry_run_lists_the_same_and_changes_nothing(tmp_path):
 
 def test_full_store_deletes_the_oldest_files_first(tmp_path):
     state, _ = fill(tmp_path)
-    farm, run = begin(state, days=365, gb=36e-6)
+    farm, run = open_upkeep(state, days=365, gb=36e-6)
     with farm.store:
         answer = asyncio.run(run.prune("ann", dry_run=False))
     assert [job.id for job in answer.jobs] == [1]
@@ -165,7 +165,7 @@ def test_parts_of_a_pruned_job_keep_small_pictures(tmp_path):
     for name in ("1-p01.stl", "1-p02.stl"):
         trimesh.creation.box((10, 20, 30)).export(state.files / name)
         os.utime(state.files / name, (1000.0, 1000.0))
-    farm, run = begin(state, work=None)
+    farm, run = open_upkeep(state, work=None)
     with farm.store:
         asyncio.run(run.prune("ann", dry_run=False))
         books = farm.controller.books
@@ -182,7 +182,7 @@ def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
         stored_s = time.time() - (89 if name.endswith("gcode") else 91) * DAY_S
         os.utime(state.files / name, (stored_s, stored_s))
     state.books.rename(tmp_path / "moved.db")
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         asyncio.run(finish(run))
     assert list_files(state.files).keys() == {
@@ -192,7 +192,7 @@ def test_files_of_an_unknown_database_stay_for_the_kept_days(tmp_path):
 
 def test_old_events_are_deleted_after_the_backup(tmp_path):
     state, books = fill(tmp_path, events=400)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         answer = asyncio.run(run.prune("ann", dry_run=False))
         events = farm.store.events()
@@ -213,7 +213,7 @@ def test_old_events_are_deleted_after_the_backup(tmp_path):
 def test_backup_from_before_a_compaction_is_restored(tmp_path):
     """Mark the jobs that were pruned since the backup as pruned again; none of its files is missing."""
     state, old_books = fill(tmp_path)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         asyncio.run(run.prune("ann", dry_run=False))
     state.books.write_bytes(b"damage" * 1000)
@@ -222,7 +222,7 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
     store, copied_s = open_books(state, NOW_S)
     assert copied_s == NOW_S and store.load() == old_books
     store.close()
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         farm.controller.handle(ev.BooksRestored(at_s=NOW_S, copied_s=copied_s))
         for name in "abc":
@@ -236,7 +236,7 @@ def test_backup_from_before_a_compaction_is_restored(tmp_path):
 
 def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
     state, _ = fill(tmp_path)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         asyncio.run(run.prune("ann", dry_run=False))
         with pytest.raises(Refused, match=r"were pruned on \d{4}-\d\d-\d\d .*submit bracket.stl again"):
@@ -247,9 +247,9 @@ def test_reprint_of_a_pruned_job_is_refused_with_its_reason(tmp_path):
 
 def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch):
     state, _ = fill(tmp_path)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
 
-    async def nights():
+    async def run_nights():
         backup = back_up(state, NOW_S)
         with monkeypatch.context() as patch:
             patch.setattr(upkeep, "delete_files", fail)
@@ -264,7 +264,7 @@ def test_failed_run_is_reported_and_the_next_one_continues(tmp_path, monkeypatch
         raise OSError("no disk")
 
     with farm.store:
-        asyncio.run(nights())
+        asyncio.run(run_nights())
         assert farm.view_context(state).warnings == ()
         assert list_files(state.files).keys() == list_named_files(farm.controller.books)
 
@@ -278,7 +278,7 @@ def test_full_disk_deletes_jobs_from_before_the_last_backup(tmp_path, monkeypatc
         raise StoreError("the disk is full")
 
     monkeypatch.setattr(upkeep, "back_up", fail)
-    farm, run = begin(state)
+    farm, run = open_upkeep(state)
     with farm.store:
         answer = asyncio.run(run.prune("ann", dry_run=False))
         assert [job.id for job in answer.jobs] == [1, 2]  # job 3 ended since
@@ -305,7 +305,7 @@ def run_until_killed(state, step):
             for owner, name in CHANGES:
                 function = getattr(owner, name)
                 setattr(owner, name, lambda *args, _f=function, **kwargs: die_at_call(_f, *args, **kwargs))
-            _, run = begin(state)
+            _, run = open_upkeep(state)
             asyncio.run(run.prune("ann", dry_run=False))
             os._exit(0)
         finally:
@@ -326,7 +326,7 @@ def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):
     for step in range(200):
         state, old_books = fill(tmp_path / str(step), events=10)
         is_done = run_until_killed(state, step)
-        farm, run = begin(state)
+        farm, run = open_upkeep(state)
         with farm.store:
             check_whole(state, farm.controller.books, old_books)  # before any change is complete
             asyncio.run(finish(run))

@@ -16,7 +16,7 @@ from farm.web.guard import MAX_HEAD_BYTES, check_head
 
 INCOMPLETE_REQUEST = b"GET / HTTP/1.1\r\nHost: farm\r\n"
 COMPLETE_REQUEST = INCOMPLETE_REQUEST + b"Connection: close\r\n\r\n"
-SLOW = INCOMPLETE_REQUEST + b"X-Slow: yes\r\n\r\n"
+SLOW_REQUEST = INCOMPLETE_REQUEST + b"X-Slow: yes\r\n\r\n"
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_idle_connections_are_closed_for_their_own_client_only():
 
 def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
     async def scenario(server, address):
-        busy_clients = [await connect(address, "127.0.0.1", SLOW) for _ in range(4)]
+        busy_clients = [await connect(address, "127.0.0.1", SLOW_REQUEST) for _ in range(4)]
         await wait_until(
             lambda: sum(connection.waiting_since_s is None for connection in server.connections) == 4
         )

@@ -14,7 +14,7 @@ from farm.model import Role
 from farm.web.access import ROLES
 from network_farm import NetworkFarm
 
-AT_ONCE = 8
+CONCURRENT_CLIENTS = 8
 PATIENCE_S = 20.0
 ANSWER_S = 5.0
 
@@ -42,7 +42,7 @@ async def fuzz(farm, requests):
             request = waiting_requests.pop()
             answers.append((request, await send(port, request, ANSWER_S)))
 
-    await asyncio.gather(*(work() for _ in range(AT_ONCE)))
+    await asyncio.gather(*(work() for _ in range(CONCURRENT_CLIENTS)))
     server.should_exit = True
     await asyncio.wait_for(serve_task, PATIENCE_S)
     listener.close()

@@ -18,7 +18,7 @@ from http_caller import DAEMON_USER, call_as
 from network_farm import HOST, OWN_PAGE, NetworkFarm
 
 TLS = {"tls": {"cert": "c.pem", "key": "k.pem"}}
-CLEARED = "/api/v1/printers/a/cleared"
+CLEARED_PATH = "/api/v1/printers/a/cleared"
 
 
 @pytest.fixture
@@ -177,8 +177,8 @@ def ask_socket(farm, person, path):
 
 
 def test_event_log_names_every_kind_of_caller(farm):
-    farm.browse("POST", CLEARED, farm.open_session(Role.OPERATE, "ann"), json={})
-    farm.ask("POST", CLEARED, farm.add(Role.OPERATE, "panel").text, json={})
+    farm.browse("POST", CLEARED_PATH, farm.open_session(Role.OPERATE, "ann"), json={})
+    farm.ask("POST", CLEARED_PATH, farm.add(Role.OPERATE, "panel").text, json={})
     assert ask_socket(farm, DAEMON_USER, "/printers/a/cleared").status_code == 200
     cleared_event = [json.loads(body)["by"] for _, kind, body in farm.store.events() if kind == "BedCleared"]
     assert cleared_event == ["ann", "key panel", DAEMON_USER.name]
@@ -250,9 +250,9 @@ def test_ten_wrong_sessions_are_delayed_but_a_valid_one_is_not(farm):
 
 def test_session_does_no_more_than_its_user_may_now(farm):
     text = farm.open_session(Role.OPERATE, "ann")
-    assert farm.browse("POST", CLEARED, text, json={}).status_code == 200
+    assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
     farm.user_roles["ann"] = Role.PRINT
-    answer = farm.browse("POST", CLEARED, text, json={})
+    answer = farm.browse("POST", CLEARED_PATH, text, json={})
     assert (answer.status_code, "needs a key with the role operate; ann has print" in answer.text) == (
         403,
         True,
@@ -262,12 +262,12 @@ def test_session_does_no_more_than_its_user_may_now(farm):
     gone = farm.browse("GET", "/", text)
     assert (gone.status_code, "this host has no user ann any more" in gone.text) == (403, True)
     farm.user_roles["ann"] = Role.OPERATE  # as after a failure of the user database
-    assert farm.browse("POST", CLEARED, text, json={}).status_code == 200
+    assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
 
 
 def test_session_does_no_more_than_it_was_opened_for(farm):
     text = farm.open_session(Role.PRINT, "ann")  # a user who becomes an operator logs in again
-    assert farm.browse("POST", CLEARED, text, json={}).status_code == 403
+    assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 403
 
 
 def test_stream_of_a_session_ends_when_its_user_is_gone(farm):
@@ -295,7 +295,7 @@ def test_key_opens_a_session_of_its_role_and_name(farm, role):
     text, attributes = read_cookie(log_in_answer)
     assert {"httponly", "samesite=lax", "path=/"} <= attributes
     assert f"key panel ({role})" in farm.browse("GET", "/", text).text
-    change_answer = farm.browse("POST", CLEARED, text, json={})
+    change_answer = farm.browse("POST", CLEARED_PATH, text, json={})
     assert change_answer.status_code == (200 if role is Role.OPERATE else 403)
     if role is Role.OPERATE:
         assert json.loads(farm.read_last_event()[1])["by"] == "key panel"

@@ -201,7 +201,7 @@ def test_settings_that_change_the_outline_are_considered(settings_of, setting):
 
 
 SPHERE = trimesh.creation.icosphere(3, 12)
-GOOD = {
+CLOSED_MESHES = {
     "sphere": SPHERE,
     "hollow": trimesh.boolean.difference([SPHERE, trimesh.creation.icosphere(3, 8)]),
     "torus": trimesh.creation.torus(14, 5),
@@ -217,7 +217,7 @@ GOOD = {
 }
 
 
-@pytest.mark.parametrize("mesh", GOOD.values(), ids=GOOD.keys())
+@pytest.mark.parametrize("mesh", CLOSED_MESHES.values(), ids=CLOSED_MESHES.keys())
 def test_real_slices_of_sound_models_pass(request_for, mesh):
     assert slice_plate(request_for(mesh)).unprinted == ()
 

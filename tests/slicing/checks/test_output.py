@@ -16,7 +16,7 @@ from slicing.checks.output import (
 )
 from slicing.errors import Rule, SliceRejected
 
-GOOD = b""";FLAVOR:Marlin
+VALID_GCODE = b""";FLAVOR:Marlin
 ;Generated with Cura_SteamEngine 4.13.0
 M82 ;absolute extrusion mode
 G28
@@ -64,7 +64,7 @@ def check(gcode, *, height_mm=0.4, cut_mm=0.0, is_top_checked=True, bed=BED):
 
 
 def test_facts_of_a_valid_file():
-    facts = check(GOOD)
+    facts = check(VALID_GCODE)
     assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
     assert (facts.layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
@@ -91,16 +91,16 @@ def test_facts_of_a_valid_file():
     ],
 )
 def test_each_rule_refuses_a_violation(rule, old_text, new_text):
-    assert old_text.encode() in GOOD
+    assert old_text.encode() in VALID_GCODE
     with pytest.raises(SliceRejected) as error:
-        check(GOOD.replace(old_text.encode(), new_text.encode()))
+        check(VALID_GCODE.replace(old_text.encode(), new_text.encode()))
     assert error.value.rule is rule
     assert "\n" not in str(error.value)
     assert "; " in str(error.value)  # the finding; the action
 
 
 def test_file_without_extrusion_is_refused():
-    start, _, gcode_end = GOOD.partition(b";LAYER_COUNT")
+    start, _, gcode_end = VALID_GCODE.partition(b";LAYER_COUNT")
     end = gcode_end.partition(b"G1 F1500 E-3.5")[2]
     with pytest.raises(SliceRejected) as error:
         check(start + end)
@@ -122,20 +122,20 @@ def test_file_without_extrusion_is_refused():
 )
 def test_wrong_height_is_refused(height_mm, cut_mm, is_top_checked, is_good):
     if is_good:
-        check(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
         return
     with pytest.raises(SliceRejected) as error:
-        check(GOOD, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
+        check(VALID_GCODE, height_mm=height_mm, cut_mm=cut_mm, is_top_checked=is_top_checked)
     assert error.value.rule is Rule.HEIGHT
 
 
 def test_one_rectangle_of_the_bed_must_contain_the_print():
     left_box, right_box = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
     with pytest.raises(SliceRejected, match="build volume"):
-        check(GOOD, bed=(left_box, right_box))
-    check(GOOD, bed=(left_box, right_box, *BED))
+        check(VALID_GCODE, bed=(left_box, right_box))
+    check(VALID_GCODE, bed=(left_box, right_box, *BED))
     with pytest.raises(SliceRejected, match="build volume"):
-        check(GOOD, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
+        check(VALID_GCODE, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
 
 
 @pytest.mark.parametrize(
@@ -152,10 +152,10 @@ def test_true_header_replaces_the_placeholder():
     log = (
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
-    gcode = replace_header(GOOD, log)
+    gcode = replace_header(VALID_GCODE, log)
     assert gcode.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
-    assert gcode.partition(b"M82")[2] == GOOD.partition(b"M82")[2]
-    assert replace_header(GOOD, "no header here") == GOOD
+    assert gcode.partition(b"M82")[2] == VALID_GCODE.partition(b"M82")[2]
+    assert replace_header(VALID_GCODE, "no header here") == VALID_GCODE
 
 
 def test_number_of_removed_layers_is_read_from_the_log():

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from slicing.checks.section import cut_sections, measure_rings
 
 
-def sections(mesh, z_mm):
+def compute_sections(mesh, z_mm):
     return measure_rings(cut_sections(np.asarray(mesh.triangles, float), z_mm), len(z_mm))
 
 
 def test_section_of_a_box_with_a_hole():
     box = trimesh.creation.box((40, 30, 10))
     hole = trimesh.creation.box((10, 10, 20), trimesh.transformations.translation_matrix((5, 0, 0)))
-    result = sections(trimesh.boolean.difference([box, hole]), np.array([-9.0, -2.0, 0.0, 3.0]))
+    result = compute_sections(trimesh.boolean.difference([box, hole]), np.array([-9.0, -2.0, 0.0, 3.0]))
     assert result.area_mm2 == pytest.approx([0, 1100, 1100, 1100])
     assert result.length_mm == pytest.approx([0, 180, 180, 180])
     assert result.moment_mm3[1] == pytest.approx([-500, 0])
@@ -30,7 +30,7 @@ def test_sections_add_up_to_the_volume_and_follow_a_move(seed, x_mm, y_mm):
     mesh.apply_translation((x_mm, y_mm, 0))
     step_mm = np.ptp(mesh.bounds[:, 2]) / 400
     z_mm = np.arange(mesh.bounds[0, 2] + step_mm / 2, mesh.bounds[1, 2], step_mm)
-    result = sections(mesh, z_mm)
+    result = compute_sections(mesh, z_mm)
     assert result.area_mm2.sum() * step_mm == pytest.approx(mesh.volume, rel=2e-3)
     centre = result.moment_mm3.sum(axis=0) / result.area_mm2.sum()
     assert centre == pytest.approx(mesh.center_mass[:2], abs=0.02)

@@ -87,7 +87,7 @@ def rewrite_lines(lines, notation):
             numbered_lines = [
                 f"N{n} {line}" for n, line in enumerate(line for line in lines if line[0] != ";")
             ]
-            numbered_lines = [f"{line}*{xor(line)}" for line in numbered_lines]
+            numbered_lines = [f"{line}*{compute_xor(line)}" for line in numbered_lines]
             return [line if line[0] == ";" else numbered_lines.pop(0) for line in lines]
         case "commented":
             return [f"{line} ; and (so) on" if line[0] != ";" else line for line in lines]
@@ -98,7 +98,7 @@ def rewrite_lines(lines, notation):
     return lines
 
 
-def xor(line):
+def compute_xor(line):
     value = 0
     for byte in line.encode():
         value ^= byte

@@ -88,15 +88,15 @@ def test_later_lines_are_obstacles_too():
 
 
 def test_total_pause_time_is_limited():
-    def waits(seconds, layers):
+    def make_wait(seconds, layers):
         lines = make_marlin(make_square(layers=layers))
         for number in range(layers):
             index = lines.index(f";LAYER:{number}") + 2
             lines[index:index] = [f"G4 S{seconds}"]
         return lines
 
-    check_rules(accept(waits(30, 100)))
-    assert_refused(waits(40, 100), r"waits 3640 s in all so far: at most 3600")
+    check_rules(accept(make_wait(30, 100)))
+    assert_refused(make_wait(40, 100), r"waits 3640 s in all so far: at most 3600")
     assert_refused(
         make_marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60"
     )

@@ -5,7 +5,7 @@ import pytest
 from make_gcode import FILAMENT_MM2, make_marlin, make_square
 from own_gcode import accept, assert_refused
 
-THIN = make_square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
+THIN_FILAMENT_SQUARE = make_square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
 """As a slicer counts E for filament of 1.75 mm: few enough to look plausible for 2.85 mm."""
 
 
@@ -69,12 +69,12 @@ def test_another_machine_with_its_origin_elsewhere_is_refused():
 
 def test_file_for_another_machine_must_state_its_filament():
     """Refuse such a file: E for filament of 1.75 mm would extrude 2.3 times as much."""
-    assert list_warnings(make_marlin(THIN)) == [
+    assert list_warnings(make_marlin(THIN_FILAMENT_SQUARE)) == [
         "Warning: its lines have 2.3 times the section of a line as wide as the nozzle: was it sliced for "
         "another nozzle?"
     ]
     assert_refused(
-        make_file(";TARGET_MACHINE.NAME:Creality Ender-3", make_marlin(THIN)),
+        make_file(";TARGET_MACHINE.NAME:Creality Ender-3", make_marlin(THIN_FILAMENT_SQUARE)),
         "'Creality Ender-3' .* 2.3 times",
     )
     assert_refused(make_file(";Filament Diameter #1: 1.75"), "1.75 mm: set the filament's diameter")

@@ -48,7 +48,7 @@ ROOT = {
 }
 CHILD = {"overrides": {"width": {"default_value": 0.5}, "warmth": {"value": "50"}, "gone": {"value": "1"}}}
 GRANDCHILD = {"overrides": {"warmth": {"default_value": 99}}}
-TRAIN = {"settings": {"nozzle": make_entry(default_value=0.4)}}
+EXTRUDER_TRAIN = {"settings": {"nozzle": make_entry(default_value=0.4)}}
 
 
 def make_resolver(user=(), extruder=(), global_values=()):
@@ -57,7 +57,7 @@ def make_resolver(user=(), extruder=(), global_values=()):
         Scope.GLOBAL: {ProfileIndex.USER: user, ProfileIndex.QUALITY: dict(global_values)},
         Scope.EXTRUDER: {ProfileIndex.USER: user, ProfileIndex.MATERIAL: dict(extruder)},
     }
-    return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([TRAIN]), layers)
+    return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([EXTRUDER_TRAIN]), layers)
 
 
 def test_formula_of_a_parent_beats_a_plain_value_of_a_child():
@@ -189,14 +189,14 @@ def test_scope_of_a_setting_follows_its_definition():
     }
     machine = merge_definitions([ROOT, extra])
 
-    def counts(key, **user):
+    def is_enabled(key, **user):
         return Resolver(
-            machine, merge_definitions([TRAIN]), {Scope.EXTRUDER: {ProfileIndex.USER: user}}
+            machine, merge_definitions([EXTRUDER_TRAIN]), {Scope.EXTRUDER: {ProfileIndex.USER: user}}
         ).is_enabled(key)
 
-    assert not counts("child")
-    assert counts("child", flag=True, width=2.0)
-    assert counts("areas")  # a formula for the user interface alone
+    assert not is_enabled("child")
+    assert is_enabled("child", flag=True, width=2.0)
+    assert is_enabled("areas")  # a formula for the user interface alone
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,10 @@ from slicing_printers import UM2_PLUS
 
 HIGHEST_MM = 320.0
 # Quality glue: half the nozzle, and Cura's first layer; the Ultimaker 2 has another first layer.
-REQUESTED = {
+REQUESTED_HEIGHTS = {
     nozzle: LayerHeights(round(nozzle / 1.5, 2), round(nozzle / 2, 2)) for nozzle in (0.25, 0.4, 0.6, 0.8)
 }
-CASES = [*REQUESTED.items(), (0.4, LayerHeights(0.3, 0.2))]
+CASES = [*REQUESTED_HEIGHTS.items(), (0.4, LayerHeights(0.3, 0.2))]
 cases = st.sampled_from(CASES)
 
 
@@ -102,7 +102,7 @@ def test_fitting_never_increases_the_height_error(height_mm, case):
 
 
 def test_fitting_height_is_unchanged():
-    heights = REQUESTED[0.4]
+    heights = REQUESTED_HEIGHTS[0.4]
     assert fit(0.27 + 100 * 0.2, 0.4, heights) == heights
     assert fit_heights(33.3, heights, max_first_mm=0.0).first_mm == heights.first_mm
 

@@ -158,7 +158,7 @@ def test_limits_hold_for_every_key_that_heats(resources):
         assert f"at most {greatest:g}" in read_refusal(resources, {key: f"{greatest + 1:g}"})
 
 
-ANY_TEXT = st.one_of(
+TEXTS = st.one_of(
     st.text(max_size=80),
     st.floats().map(str),
     st.integers().map(str),
@@ -171,7 +171,7 @@ ANY_TEXT = st.one_of(
 def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data):
     machine = resources.read_machine("ultimaker2_plus")
     key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
-    request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(ANY_TEXT)})
+    request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(TEXTS)})
     try:
         reported = resolve_settings(request, resources)
     except BadSetting as read_refusal:

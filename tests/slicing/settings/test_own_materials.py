@@ -66,7 +66,7 @@ def test_kind_without_a_profile_uses_that_of_a_related_kind(write):
 
 
 BOMB = '<!DOCTYPE lolz [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]>'
-REFUSED = {
+REFUSALS = {
     "bomb": (FILE.replace("<fdmmaterial", f"{BOMB}<fdmmaterial", 1), "a DOCTYPE is not allowed"),
     "entity": (
         FILE.replace("<fdmmaterial", '<!DOCTYPE a SYSTEM "file:///etc/passwd"><fdmmaterial', 1),
@@ -93,9 +93,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.parametrize("case", REFUSALS)
 def test_invalid_material_file_is_refused_with_the_reason(write, case):
-    text, expected_text = REFUSED[case]
+    text, expected_text = REFUSALS[case]
     with pytest.raises(BadSetting) as error:
         resolve_settings(REQUEST, write(text))
     assert expected_text in str(error.value)

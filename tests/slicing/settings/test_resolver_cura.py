@@ -16,7 +16,7 @@ from slicing.settings.stacks import find_stacks
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 SETTING_VERSIONS = {"4.13": 19, "5.0": 20}
-RECORDED = {
+RECORDED_SETTINGS = {
     version: json.loads(gzip.decompress((FIXTURES / f"cura-{version}.json.gz").read_bytes()))
     for version in SETTING_VERSIONS
 }
@@ -45,10 +45,14 @@ def are_equal(value, cura):
 
 @pytest.mark.parametrize(
     ("version", "number"),
-    [(version, number) for version, item in RECORDED.items() for number in range(len(item["combinations"]))],
+    [
+        (version, number)
+        for version, item in RECORDED_SETTINGS.items()
+        for number in range(len(item["combinations"]))
+    ],
 )
 def test_every_setting_equals_that_of_cura(version, number):
-    recording, resources = RECORDED[version], find_resources_of(version)
+    recording, resources = RECORDED_SETTINGS[version], find_resources_of(version)
     machine, nozzle, material, quality, user = recording["combinations"][number]
     stacks = find_stacks(resources, machine, float(nozzle.split()[0]), material, quality)
     changes = {

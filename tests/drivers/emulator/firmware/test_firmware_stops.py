@@ -8,7 +8,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.listener import Phase
 from firmware_host import Host, add_number
 
-STOPPED = (
+STOP_MESSAGE = (
     "Printer stopped due to errors. Fix the error and use M999 to restart. "
     "(Temperature is reset. Set it after restarting)"
 )
@@ -26,7 +26,7 @@ def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
     host.send("G4 P0")
     message = host.wait(1.0)
     assert host.board.nozzle.target_c == host.board.bed.target_c == 0.0
-    assert host.send_burst("G1 X5") == [STOPPED, "ok"]
+    assert host.send_burst("G1 X5") == [STOP_MESSAGE, "ok"]
     assert host.send("M104 S200") == ["ok"]
     assert host.board.nozzle.target_c == 200.0
     host.send("G28")
@@ -37,7 +37,12 @@ def test_stopped_firmware_acknowledges_moves_and_heats() -> None:
 def test_open_sensor_stops_the_print_with_its_message() -> None:
     host = Host(faults=Faults(stop_after=1))
     message = host.send_burst("G4 P0")
-    assert message == ["Error:0", ": Extruder switched off. MAXTEMP triggered !", f"Error:{STOPPED}", "ok"]
+    assert message == [
+        "Error:0",
+        ": Extruder switched off. MAXTEMP triggered !",
+        f"Error:{STOP_MESSAGE}",
+        "ok",
+    ]
     assert host.send_burst("M999") == ["Resend: 1", "ok", "ok"]
     assert host.send_burst("G1 X5") == ["ok"]
 
@@ -53,7 +58,7 @@ def test_dead_nozzle_is_detected_after_30_s_and_m109_continues() -> None:
     host = Host(faults=Faults(dead_nozzle=True))
     started_s = host.now_s
     message = host.send("M109 S210")
-    assert f"Error:{STOPPED}" in message and message[-1] == "ok"
+    assert f"Error:{STOP_MESSAGE}" in message and message[-1] == "ok"
     assert host.now_s - started_s == pytest.approx(33.0, abs=1.1)
 
 

@@ -56,7 +56,7 @@ def test_retraction_moves_the_filament_and_prints_nothing(host: Host) -> None:
     assert host.board.filament_end_mm == pytest.approx(0.0) and host.board.bed_clear
 
 
-def stream(host: Host, pause_s: float) -> None:
+def stream_lines(host: Host, pause_s: float) -> None:
     for k in range(1, 40):
         message = host.send_burst(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
         while "ok" not in message:
@@ -68,9 +68,9 @@ def stream(host: Host, pause_s: float) -> None:
 def test_empty_queue_during_a_print_counts_as_starvation(host: Host) -> None:
     unretract(host)
     host.send("G1 X50 Y50 Z0.3 F9000")
-    stream(host, 0.0)
+    stream_lines(host, 0.0)
     assert host.firmware.starved_s == 0.0
-    stream(host, 5.0)
+    stream_lines(host, 5.0)
     assert 4.0 < host.firmware.starved_s < 5.0
     starved_s = host.firmware.starved_s
     host.send("M400")

@@ -176,8 +176,8 @@ STATUS = {
     "fleet": {"name": "", "timezone": "", "time_scale": 1.0, "now": "", "file": ""},
     "night": None,
 }
-NOT_YET = FarmError("there is no open upload", ErrorCode.NO_SUCH_THING)
-UNREACHABLE = DaemonUnreachable("the daemon has not answered for 10 s and may hang")
+NO_UPLOAD_ERROR = FarmError("there is no open upload", ErrorCode.NO_SUCH_THING)
+UNREACHABLE_ERROR = DaemonUnreachable("the daemon has not answered for 10 s and may hang")
 REPAIR_PROGRESS = {"step": "repairing", "received": 5, "size": 5}
 
 
@@ -194,7 +194,7 @@ def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
     """Wait an hour for a submission: for a worker, and for the repair of a large broken model."""
     model, reports = tmp_path / "box.stl", []
     model.write_bytes(b"solid")
-    daemon = SlowDaemon(tmp_path, [NOT_YET, *[REPAIR_PROGRESS] * 60])
+    daemon = SlowDaemon(tmp_path, [NO_UPLOAD_ERROR, *[REPAIR_PROGRESS] * 60])
     assert daemon.submit(model, JobOptions(), report=reports.append).job == 7
     assert {view.step for view in reports} == {"repairing"}
 
@@ -202,7 +202,7 @@ def test_client_waits_while_the_daemon_reports_progress(tmp_path, minute):
 def test_client_gives_up_when_the_daemon_is_silent(tmp_path, minute):
     model = tmp_path / "box.stl"
     model.write_bytes(b"solid")
-    daemon = SlowDaemon(tmp_path, [REPAIR_PROGRESS, *[UNREACHABLE] * 9])
+    daemon = SlowDaemon(tmp_path, [REPAIR_PROGRESS, *[UNREACHABLE_ERROR] * 9])
     with pytest.raises(DaemonUnreachable, match="may hang"):
         daemon.submit(model, JobOptions(), retry_s=0.0)
     daemon.polled.set()

@@ -143,7 +143,7 @@ def test_owner_of_a_farm_does_not_use_the_estop_socket(tmp_path):
     )
 
 
-class Sheet(io.StringIO):
+class RecordedStream(io.StringIO):
     """Stream that records each write separately."""
 
     def __init__(self):
@@ -156,7 +156,7 @@ class Sheet(io.StringIO):
 
 
 def test_report_line_is_written_in_one_call(monkeypatch):
-    sheet = Sheet()
+    sheet = RecordedStream()
     monkeypatch.setattr(estop.sys, "stdout", sheet)
     estop.print_report(estop_socket.StopReport(printer="a", text="ssh said\nthis and\r that"))
     assert sheet.writes == ["a: ssh said this and that\n"]
@@ -166,7 +166,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
     all_there = threading.Barrier(8)
     busy, overlaps, results = [], [], []
 
-    def ends(name):
+    def end_stop(name):
         def end(tell):
             all_there.wait(10.0)
             for _ in range(20):
@@ -182,7 +182,7 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
         busy.remove(message)
         results.append(message.printer)
 
-    targets = {name: ends(name) for name in "abcdefgh"}
+    targets = {name: end_stop(name) for name in "abcdefgh"}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
     estop.stop_all(find_places(tmp_path, None, None), [], report)
     assert overlaps == [] and len(results) == 8 * 21

@@ -76,7 +76,7 @@ def test_interrupted_upload_may_have_been_submitted(tmp_path, monkeypatch):
     assert "part.stl may have been submitted" in result.stderr
 
 
-class Reels:
+class RecordingDaemon:
     """Daemon that records loaded reels and nozzles."""
 
     def __init__(self):
@@ -88,7 +88,7 @@ class Reels:
 
 
 def test_reel_is_described_in_words(monkeypatch):
-    daemon = Reels()
+    daemon = RecordingDaemon()
     monkeypatch.setattr(operate, "connect", lambda places: daemon)
     result = CliRunner().invoke(app, ["load", "um2-01", "black ABS", "--grams", "750"])
     assert result.stdout == "um2-01: black ABS, 750 g, nozzle 0.6 mm\n"
@@ -96,6 +96,6 @@ def test_reel_is_described_in_words(monkeypatch):
 
 
 def test_material_given_twice_is_refused(monkeypatch):
-    monkeypatch.setattr(operate, "connect", lambda places: Reels())
+    monkeypatch.setattr(operate, "connect", lambda places: RecordingDaemon())
     result = CliRunner().invoke(app, ["load", "um2-01", "ABS", "--material", "PLA"])
     assert result.exit_code != 0

@@ -14,7 +14,7 @@ from farm.cli.main import app
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, JobState
 
-REFUSED = "broken.stl: is flat"
+REFUSAL = "broken.stl: is flat"
 
 
 class Daemon:
@@ -28,7 +28,7 @@ class Daemon:
 
     def submit(self, model, options, report=None):
         if model.name.startswith("broken"):
-            raise FarmError(REFUSED, ErrorCode.MODEL)
+            raise FarmError(REFUSAL, ErrorCode.MODEL)
         number = len(self.jobs) + 1
         is_failed = model.name.startswith("tall")
         self.jobs[number] = api.JobView.model_construct(
@@ -94,7 +94,7 @@ def test_each_model_is_one_job_and_the_first_failure_sets_the_exit_code(run):
     assert [job.name for job in Daemon.last.jobs.values()] == ["a.stl", "tall.stl", "b.stl"]
     assert outcome.stdout.count("submitted") == 3
     lines = outcome.stderr.splitlines()
-    assert lines[0].endswith(REFUSED)
+    assert lines[0].endswith(REFUSAL)
     assert "missing.stl: no such file" in lines[1]
     assert "job 2: does not fit" in lines[2]
     assert lines[3].endswith("3 of 5 models failed")
@@ -138,7 +138,7 @@ def test_json_of_several_models_is_one_object_with_all_outcomes(run):
     ) == ("a.stl", 1, 0)
     assert (second_submission["model"], second_submission["error"], second_submission["exit_code"]) == (
         "broken.stl",
-        REFUSED,
+        REFUSAL,
         5,
     )
     assert "schema" in first_submission["timeline"]

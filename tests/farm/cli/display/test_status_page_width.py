@@ -17,7 +17,7 @@ VIEW = make_status(make_night_books())
 SIZES = pytest.mark.parametrize("width", [60, 80, 100, 120])
 BUSY_HOLD = Hold(code=HoldCode.PRINTER_BUSY, text="um2-01 is printing until Mon 04:00; " + "word " * 20)
 
-WORDS = st.integers(1, 12).map(lambda number: " ".join(["word", "belt"] * number))
+TEXTS = st.integers(1, 12).map(lambda number: " ".join(["word", "belt"] * number))
 NAMES = st.text("aB1._-", max_size=40).map(lambda rest: f"p{rest}")
 TIMES = st.integers(-2000, 0).map(lambda hours: (NOW + timedelta(hours=hours)).isoformat())
 
@@ -49,7 +49,7 @@ def printers(draw):
             "bed": draw(st.sampled_from(list(Bed))),
             "reel": api.Reel(
                 material=draw(st.sampled_from(["generic_pla", "generic_cpe_plus", "ultimaker_abs_black"])),
-                colour=draw(st.none() | WORDS),
+                colour=draw(st.none() | TEXTS),
                 grams=draw(st.none() | st.floats(0, 2000)),
                 nozzle_mm=0.4,
             ),
@@ -57,7 +57,7 @@ def printers(draw):
             "targets": api.Targets(nozzle_c=draw(st.none() | st.just(210.0)), bed_c=60.0),
             "print": draw(st.none() | PRINTS),
             "last": draw(st.none() | LAST_PRINTS),
-            "maintenance": draw(st.none() | WORDS),
+            "maintenance": draw(st.none() | TEXTS),
             "hold": draw(st.none() | st.just(BUSY_HOLD)),
         }
     )
@@ -75,7 +75,7 @@ def render_lines(view, width=None, height=None):
     return render_status(view, width, height).plain.splitlines()
 
 
-def waiting(number, **values):
+def make_waiting_job(number, **values):
     values = {"state": "queued", "parts": [], "plates": [], "hold": BUSY_HOLD, "progress": None, **values}
     return VIEW.jobs[0].model_copy(update={"id": number, "name": "box.stl", **values})
 
@@ -98,7 +98,7 @@ def test_lines_fit_the_terminal_and_list_every_printer(width, fleet):
 @settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 @given(fleet=FLEETS, height=st.integers(4, 40))
 def test_watched_page_fits_the_terminal(width, fleet, height):
-    jobs = [VIEW.jobs[0], *(waiting(i) for i in range(2, 30))]
+    jobs = [VIEW.jobs[0], *(make_waiting_job(i) for i in range(2, 30))]
     lines = render_lines(make_view(fleet, jobs=jobs), width, height)
     assert len(lines) <= height
     assert all(cell_len(line) <= width for line in lines)
@@ -118,7 +118,7 @@ def test_printing_row_is_complete_in_every_width(width):
 
 def test_ended_jobs_are_listed_below_the_printers():
     cancelled_job = VIEW.jobs[0].model_copy(update={"id": 1, "state": "cancelled", "name": "old.stl"})
-    lines = render_lines(make_view(VIEW.printers, jobs=[cancelled_job, waiting(2)]), 80)
+    lines = render_lines(make_view(VIEW.printers, jobs=[cancelled_job, make_waiting_job(2)]), 80)
     places = [
         next(i for i, line in enumerate(lines) if line.startswith(head))
         for head in ("JOB 2", "PRINTER", "JOB 1")
@@ -127,7 +127,7 @@ def test_ended_jobs_are_listed_below_the_printers():
 
 
 def test_jobs_with_the_same_hold_share_one_sentence():
-    page = "\n".join(render_lines(make_view([], jobs=[waiting(i) for i in range(3, 8)])))
+    page = "\n".join(render_lines(make_view([], jobs=[make_waiting_job(i) for i in range(3, 8)])))
     assert page.count(BUSY_HOLD.text.strip()) == 1
     assert "JOBS     3..7 (box.stl (5)): queued, waits: um2-01 is printing" in page
 
@@ -135,7 +135,7 @@ def test_jobs_with_the_same_hold_share_one_sentence():
 def test_plates_of_several_jobs_with_the_same_hold_share_one_sentence():
     parts = VIEW.jobs[0].parts
     held_jobs = [
-        waiting(
+        make_waiting_job(
             number,
             state="printing",
             hold=None,

@@ -18,7 +18,7 @@ from farm.compute.cluster.connection import Connection
 pytestmark = pytest.mark.system
 
 
-async def until(condition):
+async def wait_until(condition):
     while not condition():
         await asyncio.sleep(0.02)
 
@@ -49,19 +49,19 @@ def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
             partial(Connection, address, processes.certificates, INSTALLATION),
         )
         pool.start()
-        await until(lambda: len(pool.state.workers) == 2)
+        await wait_until(lambda: len(pool.state.workers) == 2)
         task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(note)))
-        await until(lambda: read_pids(note) and pool.state.tasks[0].host)
+        await wait_until(lambda: read_pids(note) and pool.state.tasks[0].host)
         processes.send(pool.state.tasks[0].host, signal.SIGKILL)
         assert await task == 2
-        await until(lambda: is_gone(read_pids(note)[0]))
-        await until(lambda: len(pool.state.workers) == 1)
+        await wait_until(lambda: is_gone(read_pids(note)[0]))
+        await wait_until(lambda: len(pool.state.workers) == 1)
         task = asyncio.ensure_future(pool.run(work.hold_once, source, tmp_path / "out", str(second_note)))
-        await until(lambda: read_pids(second_note))
+        await wait_until(lambda: read_pids(second_note))
         processes.send("scheduler", signal.SIGKILL)
         assert await task == 2
         assert local_pool.calls == [work.hold_once] and pool.state.place is Place.HERE
-        await until(lambda: is_gone(read_pids(second_note)[0]))
+        await wait_until(lambda: is_gone(read_pids(second_note)[0]))
         pool.close()
         await pool.wait_closed()
 

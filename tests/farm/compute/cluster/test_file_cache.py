@@ -8,16 +8,16 @@ import pytest
 from farm.compute.cluster.file_cache import FileCache
 
 
-def name(content):
+def compute_name(content):
     return hashlib.sha256(content).hexdigest()
 
 
 def test_a_file_with_another_hash_is_not_kept(tmp_path):
     cache = FileCache(tmp_path / "files")
     with pytest.raises(ValueError, match="damaged on its way"):
-        cache.store(name(b"right"), b"wrong")
+        cache.store(compute_name(b"right"), b"wrong")
     assert list((tmp_path / "files").iterdir()) == []
-    assert cache.list_missing([name(b"right"), name(b"right")]) == (name(b"right"),)
+    assert cache.list_missing([compute_name(b"right"), compute_name(b"right")]) == (compute_name(b"right"),)
 
 
 def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
@@ -26,9 +26,9 @@ def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
     cache = FileCache(tmp_path / "files", max_bytes=10)
     old_file, used_file, new_file = (content * 5 for content in (b"a", b"b", b"c"))
     for age, content in enumerate((used_file, old_file, new_file)):
-        cache.store(name(content), content)
-        os.utime(cache.path(name(content)), (age, age))
-    with cache.use([name(used_file)]), cache.use([name(new_file)]):
+        cache.store(compute_name(content), content)
+        os.utime(cache.path(compute_name(content)), (age, age))
+    with cache.use([compute_name(used_file)]), cache.use([compute_name(new_file)]):
         pass
     assert {path.read_bytes() for path in (tmp_path / "files").iterdir()} == {used_file, new_file}
 
@@ -36,9 +36,9 @@ def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
 def test_a_cache_that_is_too_small_keeps_what_a_task_uses(tmp_path):
     cache = FileCache(tmp_path / "files", max_bytes=1)
     content = b"a" * 100
-    with cache.use([name(content)]):
-        cache.store(name(content), content)
+    with cache.use([compute_name(content)]):
+        cache.store(compute_name(content), content)
         with cache.use([]):
             pass
-        assert cache.list_missing([name(content)]) == ()
-    assert cache.list_missing([name(content)]) == (name(content),)
+        assert cache.list_missing([compute_name(content)]) == ()
+    assert cache.list_missing([compute_name(content)]) == (compute_name(content),)

@@ -13,7 +13,7 @@ OBSTACLE = find_obstacle()
 A, B, ALL = b"\x02aaaaa", b"\x02bbbbb", b"\xff" * 6
 
 
-def frame(destination, sender, text=b""):
+def make_frame(destination, sender, text=b""):
     return destination + sender + text
 
 
@@ -23,11 +23,11 @@ def list_arrived(wires, now_s=0.0):
 
 def test_frames_go_to_where_their_destination_was_seen():
     wires = Wires(3, random.Random(1))
-    wires.send(frame(B, A), 0, 0.0)  # the port of B is unknown
-    assert list_arrived(wires) == [(1, frame(B, A)), (2, frame(B, A))]
-    wires.send(frame(A, B), 1, 0.0)
-    wires.send(frame(ALL, B), 1, 0.0)
-    assert list_arrived(wires) == [(0, frame(A, B)), (0, frame(ALL, B)), (2, frame(ALL, B))]
+    wires.send(make_frame(B, A), 0, 0.0)  # the port of B is unknown
+    assert list_arrived(wires) == [(1, make_frame(B, A)), (2, make_frame(B, A))]
+    wires.send(make_frame(A, B), 1, 0.0)
+    wires.send(make_frame(ALL, B), 1, 0.0)
+    assert list_arrived(wires) == [(0, make_frame(A, B)), (0, make_frame(ALL, B)), (2, make_frame(ALL, B))]
 
 
 def test_networks_at_the_same_time_have_different_addresses(monkeypatch):
@@ -40,8 +40,8 @@ def test_networks_at_the_same_time_have_different_addresses(monkeypatch):
 
 def test_delays_add_up_and_frames_keep_their_order():
     wires = Wires(2, random.Random(1), delay_s={0: 0.3, 1: 0.1})
-    wires.send(frame(ALL, A, b"1"), 0, 0.0)
-    wires.send(frame(ALL, A, b"2"), 0, 0.0)
+    wires.send(make_frame(ALL, A, b"1"), 0, 0.0)
+    wires.send(make_frame(ALL, A, b"2"), 0, 0.0)
     assert wires.wait_s(0.1) == pytest.approx(0.3)
     assert list_arrived(wires, 0.39) == []
     assert [content[-1:] for _, content in list_arrived(wires, 0.41)] == [b"1", b"2"]
@@ -51,10 +51,10 @@ def test_delays_add_up_and_frames_keep_their_order():
 def test_a_cut_port_has_no_frames_and_a_bad_one_loses_its_share():
     wires = Wires(3, random.Random(1), cut={1}, loss={2: 0.25})
     for _ in range(1000):
-        wires.send(frame(ALL, A), 0, 0.0)
+        wires.send(make_frame(ALL, A), 0, 0.0)
     ports = [port for port, _ in list_arrived(wires)]
     assert set(ports) == {2} and 700 < len(ports) < 800
-    wires.send(frame(ALL, B), 1, 0.0)
+    wires.send(make_frame(ALL, B), 1, 0.0)
     assert list_arrived(wires) == []
 
 

@@ -82,15 +82,15 @@ def test_refusal_lists_what_the_printer_prints(resources, text):
     )
 
 
-def section(**values):
+def make_section(**values):
     base = {"name": "a", "model": "ultimaker2_plus", "port": "/dev/a"}
     return PrinterSection.model_validate({**base, **values})
 
 
 def test_section_of_a_printer_has_file_kind_and_colour(resources):
-    result = complete_section(section(material="black PLA"), FleetSection())
+    result = complete_section(make_section(material="black PLA"), FleetSection())
     assert (result.material, result.material_kind, result.colour) == ("generic_pla", "PLA", "black")
-    complete = complete_section(section(material="black PLA", colour="white"), FleetSection())
+    complete = complete_section(make_section(material="black PLA", colour="white"), FleetSection())
     assert complete.colour == "white"
 
 
@@ -98,16 +98,16 @@ def test_folder_of_own_materials_is_read_and_errors_are_reported(resources, tmp_
     path = tmp_path / "x.xml.fdm_material"
     path.write_text("<html/>")
     with pytest.raises(FieldError, match="is not a material file of Cura's") as error:
-        complete_section(section(), FleetSection(materials=tmp_path))
+        complete_section(make_section(), FleetSection(materials=tmp_path))
     assert error.value.place == ("fleet", "materials")
     with pytest.raises(FieldError, match="cannot be read"):
-        complete_section(section(), FleetSection(materials=tmp_path / "no"))
+        complete_section(make_section(), FleetSection(materials=tmp_path / "no"))
 
 
 def test_material_of_a_job_matches_every_printer_of_its_kind(resources):
     printers = [
-        section(name="a").with_filament("generic_pla", "PLA", "white"),
-        section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),
+        make_section(name="a").with_filament("generic_pla", "PLA", "white"),
+        make_section(name="b", port="/dev/b").with_filament("ultimaker_pla_black", "PLA", "black"),
     ]
     requested_filament = name_filament(JobOptions(material="pla"), printers, None)
     assert [p.has_material(requested_filament.material) for p in printers] == [True, True]

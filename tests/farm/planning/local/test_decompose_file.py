@@ -11,7 +11,7 @@ from decompose.options import ConnectorOptions
 from farm.errors import FarmError
 from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
 
-USUAL = {
+USUAL_OPTIONS = {
     "printers": 4,
     "volume_mm": (223.0, 223.0, 205.0),
     "brim_mm": 8.0,
@@ -42,7 +42,7 @@ def bar(tmp_path):
 def test_engine_is_selected_by_name(bar, tmp_path):
     path = tmp_path / "out"
     engine_options = {"engine": "parallelobox", "faithful": True, "score": "both"}
-    report = decompose_to_folder(bar, path, DecomposeRequest(**USUAL | engine_options))
+    report = decompose_to_folder(bar, path, DecomposeRequest(**USUAL_OPTIONS | engine_options))
     assert report["engine"] == "parallelobox"
     assert report["options"]["score"] == "high"
     assert 2 <= len(report["parts"]) <= 4
@@ -65,12 +65,12 @@ def test_engine_is_selected_by_name(bar, tmp_path):
 )
 def test_invalid_option_is_named(bar, tmp_path, wrong_option, message):
     with pytest.raises(FarmError, match=message):
-        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong_option))
+        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL_OPTIONS | wrong_option))
     assert not (tmp_path / "out").exists()
 
 
 def test_refusal_says_a_size_that_fits(bar, tmp_path):
-    few = USUAL | {"printers": 1, "granularity": 3}
+    few = USUAL_OPTIONS | {"printers": 1, "granularity": 3}
     with pytest.raises(FarmError, match=r"--longest-side \d+ was tried, and fits") as error:
         decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**few))
     side_mm = float(str(error.value).split("(--longest-side ")[1].split()[0])

@@ -56,7 +56,7 @@ def test_second_slice_is_from_the_cache_and_equal(box, tmp_path):
     assert float(first_result["settings"]["global"]["layer_height"]) == pytest.approx(0.2, rel=0.04)
 
 
-REFUSED = {
+REFUSALS = {
     "folder": ({}, ErrorCode.FAILED, "it is a folder"),
     "printer": ({"printer_model": "ultimaker2_pls"}, ErrorCode.SETTINGS, "did you mean ultimaker2_plus"),
     "material": ({"material": "PETG"}, ErrorCode.SETTINGS, "it prints ABS, CPE,"),
@@ -66,9 +66,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("mistake", REFUSED)
+@pytest.mark.parametrize("mistake", REFUSALS)
 def test_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
-    options, code, message = REFUSED[mistake]
+    options, code, message = REFUSALS[mistake]
     output = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
     error = read_refusal(box, output, **options)
     assert error.code is code

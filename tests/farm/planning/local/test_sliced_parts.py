@@ -20,11 +20,11 @@ from farm.errors import FarmError
 from farm.planning.local import sliced_parts
 from farm.planning.local.decompose_file import decompose_to_folder
 from farm.planning.local.sliced_parts import SlicedParts, level_by_slices
-from tests.farm.planning.local.test_decompose_file import USUAL, DecomposeRequest
+from tests.farm.planning.local.test_decompose_file import USUAL_OPTIONS, DecomposeRequest
 
 
 def request(**options) -> DecomposeRequest:
-    return DecomposeRequest(**{**USUAL, "printers": 2, "sliced": True, **options})
+    return DecomposeRequest(**{**USUAL_OPTIONS, "printers": 2, "sliced": True, **options})
 
 
 def test_slices_are_beside_the_parts_and_replaced(tmp_path):

@@ -178,7 +178,7 @@ def test_copies_are_cut_so_that_all_are_done_in_time(box, files, tmp_path):
     assert len(decompose_job(replace(six, within_s=whole_part.price_s * 2.4)).parts) == 1
 
 
-class Sliced:
+class FakeSliceResult:
     """Result of a slice, without slicing."""
 
     def __init__(self, gcode):
@@ -197,7 +197,7 @@ def test_copies_reuse_cuts_slices_and_files(bar, files, tmp_path):
     gcodes = [tmp_path / f"{i}.gcode" for i in range(len(tasks))]
     for i, path in enumerate(gcodes):
         path.write_text(f"; {i}\n")
-    sliced_job = join_slices(task, decomposition, tasks, [Sliced(path) for path in gcodes])
+    sliced_job = join_slices(task, decomposition, tasks, [FakeSliceResult(path) for path in gcodes])
     draw_job(task, decomposition.drawing_record)
     booked_plan = book_plan(sliced_job, files)
     stored_files = set(files.rglob("*"))

@@ -30,7 +30,7 @@ def test_each_step_is_drawn_once_in_shares_of_enough_steps(steps):
     assert bool(ranges) == (steps >= 2 * drawings.MIN_STEPS)
 
 
-class NotingPool(SameProcess):
+class RecordingPool(SameProcess):
     """Pool that records the names of its tasks."""
 
     def __init__(self):
@@ -42,7 +42,7 @@ class NotingPool(SameProcess):
         return work(*args)
 
 
-def draw(pool, task, decomposition):
+def start_drawing(pool, task, decomposition):
     async def main():
         drawings = Drawings(PoolShare(pool, 1))
         drawings.start(task, decomposition)
@@ -66,8 +66,8 @@ def test_pictures_by_several_workers_are_the_same(cut, tmp_path, monkeypatch):
     pictures = {name: (task.folder / name).read_bytes() for name in FILES}
     for name in FILES:
         (task.folder / name).unlink()
-    pool = NotingPool()
-    draw(pool, task, result)
+    pool = RecordingPool()
+    start_drawing(pool, task, result)
     shares = min(result.steps, drawings.MAX_SHARES)
     assert pool.names == ["draw_overview", *["draw_some_steps"] * shares, "draw_job"]
     assert {name: (task.folder / name).read_bytes() for name in FILES} == pictures
@@ -75,8 +75,8 @@ def test_pictures_by_several_workers_are_the_same(cut, tmp_path, monkeypatch):
 
 def test_few_steps_are_drawn_by_one_worker(cut):
     task, result = cut
-    pool = NotingPool()
-    draw(pool, task, result)
+    pool = RecordingPool()
+    start_drawing(pool, task, result)
     assert pool.names == ["draw_job"]
 
 
@@ -97,5 +97,5 @@ def test_a_share_that_fails_ends_the_others(cut):
     task, result = cut
     pool = FailingPool()
     with pytest.raises(FarmError, match="no room for a picture"):
-        draw(pool, task, replace(result, steps=40))
+        start_drawing(pool, task, replace(result, steps=40))
     assert pool.open == 0

@@ -25,7 +25,7 @@ from slicing.settings import SettingsRequest, find_engine, find_resources, resol
 from slicing_printers import UM2_PLUS
 
 BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
-UPRIGHT = POSE_ROTATIONS[4:5]
+UPRIGHT_POSE = POSE_ROTATIONS[4:5]
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +65,9 @@ def test_prelude_is_counted_once_in_a_price(resolve_slice_settings):
     with_prelude = CostModel.from_recipe(build_recipe(settings, prelude_s))
     layers_only = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
-    layers_s = price_poses_s(*cube, UPRIGHT, layers_only)[0]
+    layers_s = price_poses_s(*cube, UPRIGHT_POSE, layers_only)[0]
     whole_s = compute_plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
-    assert price_poses_s(*cube, UPRIGHT, with_prelude)[0] == pytest.approx(whole_s)
+    assert price_poses_s(*cube, UPRIGHT_POSE, with_prelude)[0] == pytest.approx(whole_s)
     assert replace(with_prelude, fixed_s=0.0) == layers_only
 
 
@@ -120,7 +120,7 @@ def test_prices_are_those_of_the_engine(variant, resolve_slice_settings, tmp_pat
         request = PlateRequest(
             stl=stl, settings=settings, output_path=stl.with_suffix(".gcode"), engine=engine, bed=BED
         )
-        priced_s = price_poses_s(vertices, faces, UPRIGHT, cost)[0]
+        priced_s = price_poses_s(vertices, faces, UPRIGHT_POSE, cost)[0]
         errors.append(priced_s / slice_plate(request).sliced_s - 1.0)
     assert mean(map(abs, errors)) < 0.04, errors
     assert max(map(abs, errors)) < 0.1, errors

@@ -40,7 +40,7 @@ def make_farm(tmp_path, models, plates=1, **options):
     return farm
 
 
-def fails(farm, printer, plate):
+def fail_plate(farm, printer, plate):
     attempt = farm.controller.books.open_print_on(printer)
     assert attempt.plate == plate
     now_s = farm.controller.clock.now()
@@ -52,7 +52,7 @@ def fails(farm, printer, plate):
     farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=message, **idle))
 
 
-def pieces(farm, plate, hours, printers):
+def make_cut(farm, plate, hours, printers):
     """Return the result of a cut: one piece of this duration for each printer."""
     old_plate = farm.controller.books.plates[plate]
     (part,) = (farm.controller.books.parts[name] for name in old_plate.parts)
@@ -66,92 +66,92 @@ def pieces(farm, plate, hours, printers):
     return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
 
 
-def printing(farm):
+def start_printing(farm):
     return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
 
 
 def test_failed_part_is_cut_for_the_free_printers_and_held(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     ((plate, printers, decomposition),) = farm.effects.replans
     assert (plate, printers, decomposition) == ("1/01", ["b", "c", "d"], True)
     hold = farm.controller.scheduler.find_plate_holds().get("1/01")
     assert hold.code is HoldCode.BEING_RECUT
     assert "b, c and d" in hold.text
-    assert printing(farm) == {}
+    assert start_printing(farm) == {}
     farm.controller.handle()
     assert len(farm.effects.replans) == 1
-    farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, printers))
-    assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
+    farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, printers))
+    assert start_printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
 def test_pieces_that_cannot_be_stored_are_planned_again(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")
     with pytest.raises(StoreError):
-        farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+        farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, "bcd"))
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.controller.handle()
     assert farm.effects.replans == [("1/01", ["b", "c", "d"], True)] * 2
-    farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
-    assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
+    farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, "bcd"))
+    assert start_printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
 def test_part_that_is_not_sooner_in_pieces_stays_whole(tmp_path):
     for name, result in {
-        "slow": lambda farm: pieces(farm, "1/01", 9.0, "bcd"),
+        "slow": lambda farm: make_cut(farm, "1/01", 9.0, "bcd"),
         "failed": lambda farm: FarmError("too thin"),
     }.items():
         farm = make_farm(tmp_path / name, [PLUS] * 4, plates=1)
-        fails(farm, "a", "1/01")
+        fail_plate(farm, "a", "1/01")
         farm.controller.on_replan("1/01", result(farm))
-        assert printing(farm) == {"b": "1/01"}
-        fails(farm, "b", "1/01")  # the next failure is examined again: two printers are free now
+        assert start_printing(farm) == {"b": "1/01"}
+        fail_plate(farm, "b", "1/01")  # the next failure is examined again: two printers are free now
         assert [decomposition for _, _, decomposition in farm.effects.replans] == [True, True]
 
 
 def test_job_with_a_later_start_gets_no_reserved_printers(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 5, plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     ((_, reserved_printers, _),) = farm.effects.replans
     farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
     event = make_plan_event(2, 2)
     farm.controller.on_plan(2, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
-    assert not printing(farm).keys() & set(reserved_printers)
+    assert not start_printing(farm).keys() & set(reserved_printers)
     farm.controller.on_replan("1/01", FarmError("too thin"))
     assert (
-        len(printing(farm).keys() & set(reserved_printers)) == 3
+        len(start_printing(farm).keys() & set(reserved_printers)) == 3
     )  # its own plate, and those of the other job
 
 
 def test_replan_is_repeated_after_a_restart(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     farm.store.close()
     restarted_farm = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
     restarted_farm.controller.on_replan(
-        "1/01", pieces(farm, "1/01", 4.0, "bcd")
+        "1/01", make_cut(farm, "1/01", 4.0, "bcd")
     )  # it has not started such a task
     assert restarted_farm.controller.books.jobs[1].plates == ("1/01",)
     restarted_farm.ready("b", "c", "d")
-    assert printing(restarted_farm) == {"b": "1/01"}  # which was there first
+    assert start_printing(restarted_farm) == {"b": "1/01"}  # which was there first
 
 
 def test_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     farm.parts.cancel(1, "p01", "ann")
-    farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+    farm.controller.on_replan("1/01", make_cut(farm, "1/01", 4.0, "bcd"))
     assert farm.controller.books.jobs[1].parts == ("1/p01",)
-    assert printing(farm) == {}
+    assert start_printing(farm) == {}
 
 
 def test_approved_plan_is_not_replanned(tmp_path):
     farm = make_farm(tmp_path, [PLUS] * 4, plates=1, hold=True)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     assert farm.effects.replans == []
-    assert printing(farm) == {"b": "1/01"}
+    assert start_printing(farm) == {"b": "1/01"}
 
 
 def make_replanned_plate(farm, plate, printer, hours):
@@ -167,43 +167,43 @@ def make_replanned_plate(farm, plate, printer, hours):
 
 def test_plate_of_a_full_bed_is_resliced_overnight(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
-    fails(farm, "a", "1/01")  # its bed is inspected in the morning
+    fail_plate(farm, "a", "1/01")  # its bed is inspected in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
     assert farm.controller.scheduler.find_plate_holds().get("1/01") is not None
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 11.0))
-    assert printing(farm) == {"b": "1/01-2"}
+    assert start_printing(farm) == {"b": "1/01-2"}
     assert farm.controller.books.jobs[1].parts == ("1/p01",)
     assert farm.controller.books.plates["1/01"].replaced_by == ("1/01-2",)
 
 
 def test_backward_clock_step_does_not_delay_the_next_search(tmp_path):
     farm = make_farm(tmp_path, [PLUS, PLUS, UM2], plates=2)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     farm.controller.on_replan("1/01", FarmError("too thin"))
     farm.controller.clock.now_s -= HOUR
     farm.controller.on_clock_set(-HOUR)
     farm.controller.clock.now_s += 60.0
-    fails(farm, "b", "1/02")
+    fail_plate(farm, "b", "1/02")
     assert farm.effects.replans == [("1/01", ["c"], False), ("1/02", ["c"], False)]
 
 
 def test_useless_reslice_is_not_repeated(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 30.0))
     farm.controller.clock.now_s += HOUR
     farm.controller.handle()
     assert len(farm.effects.replans) == 1
-    assert printing(farm) == {}
+    assert start_printing(farm) == {}
     farm.clear_bed("a", FilamentState.PARKED)
-    assert printing(farm) == {"a": "1/01"}
+    assert start_printing(farm) == {"a": "1/01"}
 
 
 def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     farm.clear_bed("a", FilamentState.PARKED)
-    assert printing(farm) == {"a": "1/01"}
+    assert start_printing(farm) == {"a": "1/01"}
     farm.controller.on_replan("1/01", make_replanned_plate(farm, "1/01", "b", 9.0))
     assert farm.controller.books.jobs[1].plates == ("1/01",)
     assert [make_next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == [
@@ -216,7 +216,7 @@ def test_planned_printer_may_take_the_plate_before_the_reslice(tmp_path):
 def test_search_is_not_delayed_by_a_backward_clock_step(tmp_path):
     farm = make_farm(tmp_path, [PLUS, UM2], plates=1)
     farm.printers.begin_maintenance("b", "a new belt", "ann")
-    fails(farm, "a", "1/01")
+    fail_plate(farm, "a", "1/01")
     assert farm.effects.replans == []
     farm.controller.clock.now_s -= HOUR
     farm.controller.on_clock_set(-HOUR)

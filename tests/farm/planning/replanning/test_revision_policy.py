@@ -13,7 +13,7 @@ from farm.scheduling.matching import Requirements
 from scheduling_examples import make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
-ANY = Requirements(None, None, None)
+ANY_PRINTER = Requirements(None, None, None)
 
 
 def make_planned_job(hours, names, **changes):
@@ -24,7 +24,7 @@ def make_planned_job(hours, names, **changes):
         )
         for index, item in enumerate(hours, 1)
     )
-    facts = {"planned_for": tuple(names), "requirements": ANY, "planning_s": 300.0}
+    facts = {"planned_for": tuple(names), "requirements": ANY_PRINTER, "planning_s": 300.0}
     return PlannedJob(1, plates, **{**facts, **changes})
 
 

@@ -16,7 +16,7 @@ from farm.state.storage.store import Store
 from farm.state.transitions import apply
 from make_books import make_end_event, make_fleet_events, make_job, make_plan_event
 
-BACKED_UP = 5  # events
+BACKED_UP_EVENTS = 5  # events
 EVENTS = (
     *make_fleet_events(),
     ev.JobSubmitted(at_s=0.0, job=make_job()),
@@ -47,7 +47,7 @@ def night(tmp_path_factory):
     history = [Books()]
     with Store(state.books) as store:
         for number, event in enumerate(EVENTS):
-            if number == BACKED_UP:
+            if number == BACKED_UP_EVENTS:
                 back_up(state, 1.0)
             new_books, _ = apply(event, history[-1])
             store.commit(event, history[-1], new_books)
@@ -73,7 +73,7 @@ def check(night, folder, damage_database):
         if restored_s is None:
             assert books == night.history[-1]
             return False
-        assert books in night.history[BACKED_UP:]
+        assert books in night.history[BACKED_UP_EVENTS:]
         new_books, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
         store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, new_books)
         assert all(printer.bed is Bed.NOT_CLEAR for printer in new_books.printers.values())

@@ -8,7 +8,7 @@ from typing import Any
 
 from farm.state.storage.migrations import TABLES
 
-RECORDED = Path(__file__).with_name("stored_defaults.json")
+RECORD_FILE = Path(__file__).with_name("stored_defaults.json")
 
 
 def list_defaults() -> dict[str, Any]:
@@ -27,7 +27,7 @@ def list_defaults() -> dict[str, Any]:
 
 def test_defaults_of_stored_fields_stay():
     """Add a new field to the file; for another default, write a migration that stores the old one."""
-    recorded_defaults, defaults = json.loads(RECORDED.read_text()), list_defaults()
+    recorded_defaults, defaults = json.loads(RECORD_FILE.read_text()), list_defaults()
     changed_fields = {name for name, value in recorded_defaults.items() if defaults.get(name, value) != value}
     assert not changed_fields
     assert defaults.keys() <= recorded_defaults.keys(), (

@@ -18,24 +18,24 @@ from make_books import (
     make_printing_books,
 )
 
-ASSIGNED = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 HEATING = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False)
-CANCELLED = ev.JobCancelled(at_s=5.0, job=1)
-UNFIT = {
-    "a print ends twice": ([ASSIGNED, make_end_event("x")], make_end_event("x"), "print x is done"),
-    "a print goes on after its end": ([ASSIGNED, make_end_event("x")], HEATING, "print x is done"),
+CANCELLATION = ev.JobCancelled(at_s=5.0, job=1)
+INVALID_EVENTS = {
+    "a print ends twice": ([ASSIGNMENT, make_end_event("x")], make_end_event("x"), "print x is done"),
+    "a print goes on after its end": ([ASSIGNMENT, make_end_event("x")], HEATING, "print x is done"),
     "a print that has begun is withdrawn": (
-        [ASSIGNED, HEATING],
+        [ASSIGNMENT, HEATING],
         ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="so"),
         "print x is heating",
     ),
     "a print is to fail after its end": (
-        [ASSIGNED, make_end_event("x")],
+        [ASSIGNMENT, make_end_event("x")],
         ev.PrintFailRequested(at_s=9.0, print_id="x", why="a blob", by="ann"),
         "print x is done",
     ),
-    "a job is cancelled twice": ([CANCELLED], CANCELLED, "job 1 is cancelled"),
-    "a cancelled job is planned": ([CANCELLED], make_plan_event(), "job 1 is cancelled"),
+    "a job is cancelled twice": ([CANCELLATION], CANCELLATION, "job 1 is cancelled"),
+    "a cancelled job is planned": ([CANCELLATION], make_plan_event(), "job 1 is cancelled"),
     "a job is approved that nobody holds": (
         [],
         ev.JobApproved(at_s=5.0, job=1, by="ann"),
@@ -47,26 +47,26 @@ UNFIT = {
         "job 1 is printing",
     ),
     "a plate that prints is paused": (
-        [ASSIGNED],
+        [ASSIGNMENT],
         ev.PlatePaused(at_s=4.0, plate="1/01", wanted=True, by="ann"),
         "plate 1/01 is printing",
     ),
     "a printer is added twice": ([], make_fleet_events()[0], "printer a is clear"),
     "a bed is cleared under a print": (
-        [ASSIGNED],
+        [ASSIGNMENT],
         ev.BedCleared(at_s=4.0, printer="a", by="ann"),
         "printer a is printing",
     ),
     "an outage is confirmed that is none": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "in no outage"),
     "an end is no end": (
-        [ASSIGNED],
+        [ASSIGNMENT],
         make_end_event("x", PrintState.HEATING),
         "print x is assigned, and would be heating",
     ),
 }
 
 
-@pytest.mark.parametrize(("events_before", "event", "message"), UNFIT.values(), ids=UNFIT)
+@pytest.mark.parametrize(("events_before", "event", "message"), INVALID_EVENTS.values(), ids=INVALID_EVENTS)
 def test_invalid_transition_names_its_cause(events_before, event, message):
     books, _ = apply_events(make_printing_books(), *events_before)
     with pytest.raises(InvalidTransition, match=message) as error:
@@ -102,7 +102,7 @@ def test_error_has_the_history_of_its_entity_only(tmp_path):
         ev.JobSubmitted(at_s=0.0, job=make_job()),
         ev.PlanningStarted(at_s=1.0, job=1),
         make_plan_event(),
-        ASSIGNED,
+        ASSIGNMENT,
         ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
         HEATING,
         make_end_event("x"),

@@ -19,7 +19,7 @@ FLEET = Fleet.model_validate(
 )
 
 
-def snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapshot:
+def make_snapshot(alarm: str | None = FINDING, **fields: object) -> AgentSnapshot:
     """Build a snapshot of the agent of a while its print ends."""
     message = AgentPrint(
         print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
@@ -40,7 +40,7 @@ def begin_print():
     return apply_events(make_printing_books(), assigned_event, progress_event)[0]
 
 
-def context(books, message):
+def find_context(books, message):
     return ViewContext(FLEET, books, {"a": message}, StateFolder(Path("/state")), now_s=60.0)
 
 
@@ -49,20 +49,20 @@ def apply_report(books, message, at_s=50.0):
 
 
 def test_alarm_is_the_first_task_with_state_and_temperatures():
-    books = apply_report(begin_print(), snapshot())
-    first_task = list_tasks(context(books, snapshot()))[0]
+    books = apply_report(begin_print(), make_snapshot())
+    first_task = list_tasks(find_context(books, make_snapshot()))[0]
     assert (first_task.code, first_task.printers) == ("alarm", ["a"])
     assert first_task.text == f"go to a now: {FINDING} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
-    assert [task.printers for task in list_tasks(context(books, snapshot()))].count(["a"]) == 1
-    printer_view = describe_printer(context(books, snapshot()), FLEET.printers[0], None)
+    assert [task.printers for task in list_tasks(find_context(books, make_snapshot()))].count(["a"]) == 1
+    printer_view = describe_printer(find_context(books, make_snapshot()), FLEET.printers[0], None)
     assert (printer_view.state, printer_view.look) == ("look", FINDING)
-    idle = snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
-    assert "(fault, nozzle 271 C" in list_tasks(context(make_printing_books(), idle))[0].text
+    idle = make_snapshot(link=Link.FAULT, print=None, reason=f"{FINDING}: switch it off")
+    assert "(fault, nozzle 271 C" in list_tasks(find_context(make_printing_books(), idle))[0].text
 
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
 def test_alarm_precedes_other_states_of_the_printer(hand: str):
-    books = apply_report(begin_print(), snapshot())
+    books = apply_report(begin_print(), make_snapshot())
     if hand == "maintenance":
         books, _ = apply_events(
             books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann")
@@ -71,23 +71,23 @@ def test_alarm_precedes_other_states_of_the_printer(hand: str):
         lost_events = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
         books, _ = apply_events(books, *lost_events)
         assert books.outage is not None
-    assert list_tasks(context(books, snapshot()))[0].code == "alarm"
+    assert list_tasks(find_context(books, make_snapshot()))[0].code == "alarm"
 
 
 def test_alarm_is_notified_once_and_its_outcome_later():
-    books = apply_report(begin_print(), snapshot())
+    books = apply_report(begin_print(), make_snapshot())
     notices = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in notices] == [f"go to a now: {FINDING}"]
-    books = apply_report(books, snapshot(), 51.0)
+    books = apply_report(books, make_snapshot(), 51.0)
     assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in notices}) == []
-    books = apply_report(books, snapshot(CUT_TEXT), 52.0)
+    books = apply_report(books, make_snapshot(CUT_TEXT), 52.0)
     assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in notices})] == [
         f"go to a now: {CUT_TEXT}"
     ]
 
 
 def test_alarm_after_a_cleared_one_is_notified():
-    books = apply_report(begin_print(), snapshot())
+    books = apply_report(begin_print(), make_snapshot())
     failed_event = ev.PrintEnded(
         at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT_TEXT,
         started_s=2.0, ended_s=60.0, extruded=True, filament="unknown",
@@ -99,5 +99,5 @@ def test_alarm_after_a_cleared_one_is_notified():
     assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
         books, 70.0, 70.0, ()
     ) == []
-    books = apply_report(books, snapshot(), 80.0)
+    books = apply_report(books, make_snapshot(), 80.0)
     assert books.printers["a"].attention_reason == FINDING

@@ -20,7 +20,7 @@ from make_books import apply_events, make_end_event, make_printing_books
 HOUR_S = 3600.0
 FACTORS = st.floats(MIN_TIME_FACTOR, MAX_TIME_FACTOR)
 LENGTHS = st.floats(MIN_LEARNED_S, 100 * HOUR_S)
-ANY_TIME = st.floats(0.0, 1e9)
+TIMES_S = st.floats(0.0, 1e9)
 
 
 def apply_ratios(ratios, factor=1.0):
@@ -39,7 +39,7 @@ def test_time_factor_converges_to_the_true_ratio(start, true_ratio, expected_s):
     assert factor == pytest.approx(true_ratio, abs=1e-4)
 
 
-@given(FACTORS, ANY_TIME, ANY_TIME, ANY_TIME)
+@given(FACTORS, TIMES_S, TIMES_S, TIMES_S)
 def test_time_factor_is_bounded_and_changes_slowly(factor, expected_s, reached_s, starved_s):
     item = update_time_factor(factor, expected_s, reached_s, starved_s)
     assert MIN_TIME_FACTOR <= item <= MAX_TIME_FACTOR

@@ -94,7 +94,7 @@ def test_failed_job_has_no_speedup():
     assert job_view.estimated_s == view_before.estimated_s
 
 
-def context(books, now_s, progress=None, **snapshots):
+def make_context(books, now_s, progress=None, **snapshots):
     return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
 
 
@@ -105,7 +105,7 @@ def test_progress_of_a_plan_is_shown():
     planned_books, _ = apply_events(planning_books, make_plan_event())
     cancelled_event, _ = apply_events(planned_books, ev.JobCancelled(at_s=1.0, job=1))
     states = (queued_books, planning_books, planned_books, cancelled_event)
-    shown_progress = [describe_job(context(b, 1.0, {1: far}), b.jobs[1]).progress for b in states]
+    shown_progress = [describe_job(make_context(b, 1.0, {1: far}), b.jobs[1]).progress for b in states]
     assert shown_progress == [None, far, far, None]  # a planned job may be planned again before it starts
 
 
@@ -134,7 +134,7 @@ def test_remaining_time_uses_the_factor_of_the_printer(progress_s, remaining_s):
         feature="FILL",
     )
     view = describe_printer(
-        context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=message)),
+        make_context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=message)),
         FLEET.printer("a"),
         None,
     )
@@ -159,7 +159,7 @@ def test_print_that_is_resumed_is_not_shown_as_paused():
         books, _ = apply_events(
             books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=expected_state), progress_event
         )
-        printer = describe_printer(context(books, 7.0), FLEET.printer("a"), None)
+        printer = describe_printer(make_context(books, 7.0), FLEET.printer("a"), None)
         (part,) = [part for part in make_view(books).parts if part.prints]
         assert (printer.state, printer.print.state, part.prints[0].state) == (
             shown_state,

@@ -13,13 +13,13 @@ import tempfile
 import threading
 from pathlib import Path
 
-HERE = Path(__file__).parent
-TESTS = HERE.parents[2]
+TEST_FOLDER = Path(__file__).parent
+TESTS = TEST_FOLDER.parents[2]
 sys.path.insert(0, str(TESTS / "support"))
 
 from make_gcode import make_marlin, make_square  # noqa: E402
 
-FOLDER = HERE / "recorded"
+FOLDER = TEST_FOLDER / "recorded"
 KEY = f"farm_{'a' * 8}_{'A' * 43}"
 PORT = 8467
 ANSWER = b'{"done":true}'

@@ -19,7 +19,7 @@ from slicer_farm import SlicerFarm
 FOLDER = Path(__file__).parent / "recorded"
 RECORDED_KEY = b"farm_" + b"a" * 8 + b"_" + b"A" * 43
 HEALTH = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
-CONTINUE = b"HTTP/1.1 100 "
+CONTINUE_REPLY = b"HTTP/1.1 100 "
 CHUNKS = (1, 7, 1000, 10**6)
 UPLOADS = {  # name of the recording -> name of the job's model, whether it is held, its note
     "libcurl-print": ("part.gcode", False, None),
@@ -62,7 +62,7 @@ class Connections:
                 writer.write(chunk)
                 await writer.drain()
             answer = await reader.readuntil(b"\r\n\r\n")
-            if answer.startswith(CONTINUE):
+            if answer.startswith(CONTINUE_REPLY):
                 answer += await reader.readuntil(b"\r\n\r\n")
             answer += await reader.readexactly(int(read_answer(answer)[1]["content-length"]))
         await self._settle()
@@ -124,7 +124,7 @@ def split(data, size):
 def read_answer(answer):
     """Return the status, the headers in lower case, and the body; without the interim answer."""
     head, _, body = answer.partition(b"\r\n\r\n")
-    if answer.startswith(CONTINUE):
+    if answer.startswith(CONTINUE_REPLY):
         head, _, body = body.partition(b"\r\n\r\n")
     status, *lines = head.decode().split("\r\n")
     headers = dict(line.lower().split(": ", 1) for line in lines)
@@ -160,7 +160,7 @@ def test_libcurl_that_expects_it_is_told_to_continue_but_not_with_a_wrong_key(fa
             return await connections.wait(head), answer
 
     is_continued, result = asyncio.run(scenario())
-    assert is_continued.startswith(CONTINUE)
+    assert is_continued.startswith(CONTINUE_REPLY)
     assert read_answer(result)[0] == 401
 
 

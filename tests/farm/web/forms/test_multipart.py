@@ -18,7 +18,7 @@ def write_form(parts, boundary="boundary", end="--\r\n"):
     return b"".join(lines) + f"--{boundary}{end}".encode()
 
 
-def field(name, value):
+def write_field(name, value):
     return f'Content-Disposition: form-data; name="{name}"', value.encode()
 
 
@@ -36,8 +36,10 @@ def read(form, *cuts, content_type=CURL):
     return reader, b"".join(pieces)
 
 
-PRUSA = write_form([field("print", "true"), field("path", "x/y"), file()])
-CURA = write_form([field("path", "x/y"), file(), field("select", "true"), field("print", "true")])
+PRUSA = write_form([write_field("print", "true"), write_field("path", "x/y"), file()])
+CURA = write_form(
+    [write_field("path", "x/y"), file(), write_field("select", "true"), write_field("print", "true")]
+)
 
 
 @pytest.mark.parametrize("form", [PRUSA, CURA], ids=["options first", "options last"])
@@ -74,10 +76,10 @@ def test_truncated_form_is_never_complete():
 @pytest.mark.parametrize(
     ("form", "reason"),
     [
-        (write_form([field("print", "true")]), "no file"),
+        (write_form([write_field("print", "true")]), "no file"),
         (write_form([file(), file("b.gcode")]), "two files"),
-        (write_form([field(str(n), "x") for n in range(MAX_PARTS)] + [file()]), "more than 20 parts"),
-        (write_form([field("path", "x" * (MAX_FIELD_BYTES + 1)), file()]), "longer than 64 KiB"),
+        (write_form([write_field(str(n), "x") for n in range(MAX_PARTS)] + [file()]), "more than 20 parts"),
+        (write_form([write_field("path", "x" * (MAX_FIELD_BYTES + 1)), file()]), "longer than 64 KiB"),
         (write_form([("X" * 10_000 + ": y", b"")]), "cannot be read"),
         (write_form([(f"X{n}: y", b"") for n in range(1)] + [("\x00: y", b"")]), "cannot be read"),
         (b"no form at all", "cannot be read"),
@@ -115,4 +117,4 @@ def test_any_bytes_are_read_or_refused(noise, at):
     ("value", "means"), [("true", True), ("True ", True), ("1", True), ("", False), ("false", False)]
 )
 def test_every_form_of_true_is_read(value, means):
-    assert read(write_form([field("print", value), file()]))[0].is_true("print") is means
+    assert read(write_form([write_field("print", value), file()]))[0].is_true("print") is means

@@ -17,7 +17,7 @@ from farm.web.live import LivePages
 from network_farm import HOST, NetworkFarm
 from planned_job import plan_job
 
-BEAT = b"event: beat\ndata:\n\n"
+HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class Page:
@@ -59,7 +59,7 @@ def parse(message):
 
 async def read_changes(stream):
     """Return the version and the changes of the next message that is no beat."""
-    while (message := await anext(stream)) == BEAT:
+    while (message := await anext(stream)) == HEARTBEAT:
         pass
     return parse(message)
 
@@ -95,7 +95,7 @@ def test_viewer_gets_the_page_then_what_changes(page):
         assert next_version != version
         known_stream = follow(pages, version=next_version)
         await anext(known_stream)
-        assert await anext(known_stream) == BEAT
+        assert await anext(known_stream) == HEARTBEAT
         late_stream = follow(pages, version="another")
         await anext(late_stream)
         assert list(parse(await anext(late_stream))[1]) == ["main"]
@@ -195,7 +195,7 @@ def test_page_of_several_rounds_is_rendered_in_the_last_of_them_or_for_who_knows
         page.number = 2
         known_stream = follow(pages, path="/slow", version=next_version)
         await anext(known_stream)
-        assert await anext(known_stream) == BEAT
+        assert await anext(known_stream) == HEARTBEAT
         later_stream = follow(pages, path="/slow", version="of a page that was loaded just now")
         await anext(later_stream)
         assert "2 look" in parse(await anext(later_stream))[1]["main"]

@@ -11,7 +11,7 @@ from farm.state.books import put
 from network_farm import NetworkFarm
 from planned_job import plan_job, submit_model
 
-DRY = {"dry_run": True, "hold": True}
+DRY_RUN = {"dry_run": True, "hold": True}
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def get_state(farm, number):
 
 
 def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
-    number = plan_job(farm, **DRY)
+    number = plan_job(farm, **DRY_RUN)
     page = farm.browse("GET", f"/jobs/{number}", ann)
     assert page.status_code == 200
     assert "Planned: 2 parts" in page.text
@@ -40,7 +40,7 @@ def test_page_shows_a_plan_and_keeps_its_dry_run(farm, ann):
 
 
 def test_dry_run_is_printed_as_it_was_seen(farm, ann):
-    number = plan_job(farm, **DRY)
+    number = plan_job(farm, **DRY_RUN)
     old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
     assert (old_plan_answer.status_code, get_state(farm, number)) == (303, JobState.HELD)
     assert "has changed: look at it again" in farm.browse("GET", f"/jobs/{number}", ann).text
@@ -51,14 +51,14 @@ def test_dry_run_is_printed_as_it_was_seen(farm, ann):
 
 
 def test_dry_run_is_kept_for_approval(farm, ann):
-    number = plan_job(farm, **DRY)
+    number = plan_job(farm, **DRY_RUN)
     farm.browse("POST", f"/jobs/{number}/keep", ann)
     options = farm.controller.books.job(number).options
     assert (get_state(farm, number), options.dry_run, options.hold) == (JobState.HELD, False, True)
 
 
 def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the_curve(farm, ann):
-    number = plan_job(farm, **DRY, copies=2)
+    number = plan_job(farm, **DRY_RUN, copies=2)
     answer = farm.browse("POST", f"/jobs/{number}/replan", ann, data={"printers": "2", "curve": str(number)})
     assert answer.headers["location"] == f"/jobs/{number + 1}?curve={number}"
     assert get_state(farm, number) is JobState.CANCELLED
@@ -71,14 +71,14 @@ def test_another_number_of_printers_is_planned_from_the_same_model_and_keeps_the
 
 
 def test_who_did_not_submit_a_job_may_not_print_it(farm, ann):
-    number = plan_job(farm, user="bob", **DRY)
+    number = plan_job(farm, user="bob", **DRY_RUN)
     farm.browse("POST", f"/jobs/{number}/release", ann)
     assert get_state(farm, number) is JobState.HELD
     assert "only an operator may let job 1 print" in farm.browse("GET", "/", ann).text
 
 
 def test_report_that_could_not_be_read_is_read_again(farm, ann):
-    number = plan_job(farm, **DRY)
+    number = plan_job(farm, **DRY_RUN)
     report = farm.state.files / "d.json"
     renamed_report = report.rename(report.with_name("away.json"))
     assert "2 printers: about 5 s" not in farm.browse("GET", f"/jobs/{number}", ann).text

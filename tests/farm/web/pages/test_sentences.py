@@ -43,10 +43,10 @@ def test_longer_one_of_two_times_is_found():
     assert page == 'until <time datetime="2027-11-20T22:00:00+01:00">Fri 22:00 20 Nov</time>'
 
 
-WORDS = st.sampled_from([FRIDAY.text, SATURDAY.text, "<i>", "&", "a", " ", '"', "."]) | st.text(max_size=3)
+TEXTS = st.sampled_from([FRIDAY.text, SATURDAY.text, "<i>", "&", "a", " ", '"', "."]) | st.text(max_size=3)
 
 
-@given(st.lists(WORDS, max_size=8).map("".join).filter(lambda text: not set(text) & {"`", "\r", "\0"}))
+@given(st.lists(TEXTS, max_size=8).map("".join).filter(lambda text: not set(text) & {"`", "\r", "\0"}))
 def test_no_word_is_lost_and_only_times_are_marked(text):
     page = Reader(format_sentence(Sentence(text, (FRIDAY, SATURDAY))))
     assert page.words == text

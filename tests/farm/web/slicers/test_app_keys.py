@@ -12,16 +12,16 @@ from farm.errors import NoSuchThing, Refused
 from slicer_farm import SlicerFarm
 from web_farm import HOST
 
-ASK = "/plugin/appkeys/request"
+REQUEST_PATH = "/plugin/appkeys/request"
 
 
 @pytest.mark.parametrize("prefix", ["", "/to/b"])
 def test_program_gets_granted_key_once(tmp_path, prefix):
     farm = SlicerFarm(tmp_path)
     assert farm.ask("GET", f"{prefix}/plugin/appkeys/probe").status_code == 204
-    answer = farm.ask("POST", prefix + ASK, json={"app": "Cura <b>5.9</b>"})
+    answer = farm.ask("POST", prefix + REQUEST_PATH, json={"app": "Cura <b>5.9</b>"})
     location = answer.headers["location"].removeprefix(f"http://{HOST}")
-    assert (answer.status_code, location) == (201, f"{prefix}{ASK}/{answer.json()['app_token']}")
+    assert (answer.status_code, location) == (201, f"{prefix}{REQUEST_PATH}/{answer.json()['app_token']}")
     assert farm.ask("GET", location).status_code == 202
     (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
     assert (request["app"], request["address"]) == ("Cura b 5.9 b", "10.0.0.9")
@@ -37,14 +37,14 @@ def test_program_gets_granted_key_once(tmp_path, prefix):
 
 
 def test_any_path_of_a_request_has_a_location(tmp_path):
-    answer = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + ASK, json={"app": "Cura"})
+    answer = SlicerFarm(tmp_path).ask("POST", "/to/%E2%82%AC" + REQUEST_PATH, json={"app": "Cura"})
     assert answer.status_code == 201
-    assert answer.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{ASK}/")
+    assert answer.headers["location"].startswith(f"http://{HOST}/to/%E2%82%AC{REQUEST_PATH}/")
 
 
 def test_denied_program_gets_no_key(tmp_path):
     farm = SlicerFarm(tmp_path)
-    location = farm.ask("POST", ASK, json={"app": "Cura"}).headers["location"]
+    location = farm.ask("POST", REQUEST_PATH, json={"app": "Cura"}).headers["location"]
     (request,) = farm.ask_socket("GET", "/keys").json()["requests"]
     assert farm.ask_socket("POST", f"/keys/requests/{request['code']}/deny").status_code == 200
     assert farm.ask_socket("POST", f"/keys/requests/{request['code']}/grant", json={}).status_code == 404
@@ -55,9 +55,9 @@ def test_denied_program_gets_no_key(tmp_path):
 
 def test_visitor_learns_no_name_of_a_printer(tmp_path):
     farm = SlicerFarm(tmp_path)
-    assert farm.ask("POST", "/to/nobody" + ASK, json={"app": "x"}).status_code == 201
-    assert farm.ask("POST", ASK, json={"app": ""}).headers["content-type"] == "text/plain"
-    assert farm.ask("GET", f"{ASK}/guessed").status_code == 404
+    assert farm.ask("POST", "/to/nobody" + REQUEST_PATH, json={"app": "x"}).status_code == 201
+    assert farm.ask("POST", REQUEST_PATH, json={"app": ""}).headers["content-type"] == "text/plain"
+    assert farm.ask("GET", f"{REQUEST_PATH}/guessed").status_code == 404
 
 
 def test_open_requests_are_limited_by_address_and_in_all():
