@@ -1,4 +1,4 @@
-"""A cluster on hosts of their own, whose processes and network fail while a small job is planned.
+"""A cluster on separate hosts, whose processes and network fail while a small job is planned.
 
 The scheduler (`dask scheduler`) and four workers (`farm worker`) run with TLS in network namespaces. In each
 round a job is planned while other tasks run, and at a random moment a fault is caused, then repaired.

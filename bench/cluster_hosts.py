@@ -1,4 +1,4 @@
-"""Processes of a cluster, each on a host (network namespace) of its own, connected by TLS."""
+"""Processes of a cluster, each on its own host (network namespace), connected by TLS."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NICE = -9  # of workers, whose tasks have 19 more: otherwise they hardly run on 
 
 
 class Hosts:
-    """Processes of a cluster, each on a host of its own."""
+    """Processes of a cluster, each on its own host."""
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.folder = folder

@@ -2,7 +2,7 @@
 
 Scheduler, workers and farm share one process and one core, so the cost of a task is an upper bound. Work that
 Dask does for each worker apart from its tasks (a thread that samples its stack, ticks of its event loop,
-readings of the computer's load) is turned off, as real workers do that on computers of their own.
+readings of the computer's load) is turned off, as real workers do that on their own computers.
 """
 
 from __future__ import annotations

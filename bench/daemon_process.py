@@ -93,7 +93,7 @@ class ReceivedEvent:
 
 @dataclass
 class EventFollower:
-    """Follower of `/events` in a thread of its own."""
+    """Follower of `/events` in its own thread."""
 
     socket: Path
     seen: list[ReceivedEvent] = field(default_factory=list)

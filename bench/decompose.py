@@ -84,7 +84,7 @@ class Run:
 
 
 def cut(run: Run, folder: Path) -> dict[str, Any]:
-    """Decompose a model in a process of its own; return the report, with wall time and peak memory."""
+    """Decompose a model in its own process; return the report, with wall time and peak memory."""
     recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
@@ -284,7 +284,7 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def call_in_process(function: Callable[..., Any], *args: Any) -> Any:
-    """Call a function in a process of its own, to measure its peak memory."""
+    """Call a function in its own process, to measure its peak memory."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
         return process.submit(function, *args).result()
 

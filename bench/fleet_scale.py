@@ -2,7 +2,7 @@
 
 ``python -m bench.fleet_scale [--hosts N] [--printers N] [--idle N] [--plates N] [--turns N] [--seconds S]
 [--json]``.
-The daemon is a process of its own on a state folder with that many waiting plates; its agents only speak the
+The daemon is a separate process on a state folder with that many waiting plates; its agents only speak the
 protocol, all in this process. First every printer gets a plate, then all print for `--seconds`, then
 `--turns` prints end one after the other: each bed is cleared, and gets its next plate.
 

@@ -70,7 +70,7 @@ class FuzzedFarm(WebFarm):
 
 
 async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) -> list[int]:
-    """Send a request on a connection of its own. Returns the statuses of the answers."""
+    """Send a request on its own connection. Returns the statuses of the answers."""
     answer, timeout_s = b"", answer_s if request.intact else DAMAGED_S
     with suppress(ConnectionError, TimeoutError):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)

@@ -3,7 +3,7 @@
 .venv/mutants/bin/python bench/mutants.py --room link
 
 A sample (`--seed`) of the mutants that cosmic-ray makes of a group of modules is put, one by one, into a copy
-of the sources, and the tests of the group are run on each. cosmic-ray is in an environment of its own (`make
+of the sources, and the tests of the group are run on each. cosmic-ray is in its own environment (`make
 mutants`).
 """
 

@@ -2,7 +2,7 @@
 
 Usage: python -m bench.read_model [--million N] [--json]
 
-The model is a torus as a binary STL, 50 bytes a triangle. It is read in a process of its own, whose CPU and
+The model is a torus as a binary STL, 50 bytes a triangle. It is read in its own process, whose CPU and
 largest resident memory are measured.
 """
 

@@ -1,7 +1,7 @@
 """Very long print over a wire with errors: every line arrives once and unaltered, or a fault is reported.
 
 ``python -m bench.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's firmware in
-one process, on a clock of their own. Each byte is damaged with the given probability, on the way out and
+one process, on their own clock. Each byte is damaged with the given probability, on the way out and
 back: half of the damaged bytes have a bit flipped, a quarter are lost, a quarter are doubled. An XOR of 8
 bits lets some damage through; the emulator counts the lines that it accepted in another form than they were
 sent.

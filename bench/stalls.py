@@ -1,7 +1,7 @@
 """Time for which one damaged byte, line or answer stops a hot head.
 
 ``python -m bench.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the emulator's
-firmware in one process, on a clock of their own, print moves of 10 ms; every 30 lines one fault of a kind is
+firmware in one process, on their own clock, print moves of 10 ms; every 30 lines one fault of a kind is
 put on the wire. For each kind it prints the median and the longest time for which the head stood still, and
 whether every line was executed exactly once.
 """

@@ -101,7 +101,7 @@ async def browse(port: int, key: str, seconds: float, folder: Path) -> dict[str,
 
 
 def measure(printers: int, seconds: float) -> dict[str, Any]:
-    """Serve the farm from a process of its own, and measure Home."""
+    """Serve the farm from its own process, and measure Home."""
     with start_server(printers) as server:
         result = asyncio.run(browse(server.port, server.keys[1], seconds, server.folder / "profile"))
     return {"prints": server.prints, **result, "load": os.getloadavg()[0]}

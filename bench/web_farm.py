@@ -18,7 +18,7 @@ _MODEL = "ultimaker2_plus"
 
 
 class WebFarm:
-    """Daemon on a state folder of its own, in a folder of the caller.
+    """Daemon on its own state folder, in a folder of the caller.
 
     Parameters
     ----------

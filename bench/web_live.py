@@ -129,7 +129,7 @@ def run_server(folder: Path, printers: int, pipe: Connection) -> None:
 
 
 class Server(NamedTuple):
-    """Server in a process of its own: folder, port, the texts of two keys, and the number of prints."""
+    """Server in its own process: folder, port, the texts of two keys, and the number of prints."""
 
     folder: Path
     pipe: Connection
@@ -145,7 +145,7 @@ class Server(NamedTuple):
 
 @contextmanager
 def start_server(printers: int) -> Iterator[Server]:
-    """Serve the farm from a process of its own, and end it afterwards."""
+    """Serve the farm from its own process, and end it afterwards."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe()
     with tempfile.TemporaryDirectory() as name:

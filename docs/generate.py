@@ -84,7 +84,7 @@ def pair_with_words(names: Iterable[str], section: str, words: dict[str, str]) -
         if name not in words:
             raise MissingWords(f"{WORDS}: add a line for {name!r} under {section!r}")
     if left := sorted(set(words) - set(known)):
-        raise MissingWords(f"{WORDS}: the program has no {left[0]!r} any more: remove it from {section!r}")
+        raise MissingWords(f"{WORDS}: the program no longer has {left[0]!r}: remove it from {section!r}")
     return [(f"`{name}`", words[name]) for name in known]
 
 

@@ -77,7 +77,7 @@ printers:
 
 
 class Stage:
-    """A farm with simulated printers in a folder of its own.
+    """A farm with simulated printers in its own folder.
 
     Parameters
     ----------

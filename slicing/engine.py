@@ -1,7 +1,7 @@
 """CuraEngine as a process with limits on time, memory and output.
 
 A run that is killed with its worker leaves its folder ``farm-engine-*`` in the temporary folder. The process
-that ends the worker removes it (the daemon gives each worker a temporary folder of its own).
+that ends the worker removes it (the daemon gives each worker its own temporary folder).
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ def _build_engine_error(exit_code: int, log: str, memory_bytes: int) -> EngineFa
 def _limit_child(memory_bytes: int, parent_pid: int) -> None:
     """Limit the child process: lowest priority, limited memory and output, killed if its parent ends."""
     os.nice(19)
-    # The parent may have a limit of its own, against which the stacks would count in full.
+    # The parent may have its own limit, against which the stacks would count in full.
     data_limit = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (data_limit, data_limit))
     for limit, maximum in (

@@ -45,7 +45,7 @@ def orient_faces(faces: Ints) -> Ints | None:
 
 
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
-    """Split triangles into their surfaces, each with vertices (n, 3) of its own and faces (m, 3).
+    """Split triangles into their surfaces, each with its own vertices (n, 3) and faces (m, 3).
 
     Where more than two triangles meet at an edge, each continues to the next one around the edge on the side
     where the solid is, so that touching bodies are separated. If bodies overlap at such an edge, or one is

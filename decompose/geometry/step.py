@@ -1,6 +1,6 @@
 """STEP: the surface of its solids as triangles in mm, by OpenCASCADE (the package cascadio, an extra).
 
-OpenCASCADE runs in a process of its own: it prints on stdout, and may crash on a damaged file.
+OpenCASCADE runs in its own process: it prints on stdout, and may crash on a damaged file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Surfaces with common vertices, from triangles that each have corners of their own.
+"""Surfaces with common vertices, from triangles that each have their own corners.
 
 Models have millions of triangles, so that each array takes much memory: rows are numbered by a table of
 hashes, and edges are compared as sorted whole numbers, not as rows.

@@ -73,5 +73,5 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
 
 
 def _has_matching(is_allowed: Bools) -> bool:
-    """Check whether every row has a column of its own among those that it is allowed."""
+    """Check whether every row has its own column among those that it is allowed."""
     return bool((maximum_bipartite_matching(csr_array(is_allowed), perm_type="column") >= 0).all())

@@ -156,7 +156,7 @@ def find_faults(
 
     Slivers are less than SLIVER_MM thick beside a cut, or are flakes thinner than two walls. Loose pieces
     have joints that do not hold (`Joint.holds`), and their other joints do not connect them to their body. A
-    piece that touches no other is a body of its own.
+    piece that touches no other is a separate body.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class Problem:
     executor
         Executor for work that may run in parallel, threads are enough; None to run it serially.
     effort
-        Work done and the budget: a search without an end of its own stops when it is spent, with the best
+        Work done and the budget: a search that does not end by itself stops when it is spent, with the best
         result so far.
     on_stage
         Called with the name of each stage when it ends.

@@ -100,7 +100,7 @@ COUNTED_FAULTS = tuple(field.name for field in fields(Faults) if field.name.ends
 
 
 class FaultSampler:
-    """Sampler of random faults, with a generator of its own."""
+    """Sampler of random faults, with its own generator."""
 
     def __init__(self, faults: Faults, rng: random.Random) -> None:
         self._faults = faults

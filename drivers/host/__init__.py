@@ -1,6 +1,6 @@
 """The service of a host with printers: its agents, and the one connection that carries their sockets.
 
-`service` and `program` are not imported here: they are programs of their own.
+`service` and `program` are not imported here: they are separate programs.
 """
 
 from drivers.host.connection import LINE_BYTES, MuxConnection

@@ -117,7 +117,7 @@ class AgentConnection:
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._pending: set[tuple[str, str]] = set()  # requests in flight, so that none is sent twice at once
         self._unsupported: set[tuple[str, str]] = set()  # requests that its older agent does not support
-        self._cancelled: set[str] = set()  # prints that must not start any more
+        self._cancelled: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
         self._offset_s = 0.0  # farm's clock minus the agent's, before any step of the farm's
         self._stopping = False

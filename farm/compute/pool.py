@@ -42,7 +42,7 @@ class Pool(Protocol):
             Time limit, and urgency.
         group
             Of the waiting tasks of equal urgency, those of the group with the fewest running tasks are
-            started first. None: the task is a group of its own.
+            started first. None: the task forms its own group.
 
         Raises
         ------

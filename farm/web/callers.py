@@ -114,7 +114,7 @@ class CallerFinder:
         if key is not None:
             role = self.find_role(key)
             return (
-                KeyHolder(key, role) if role else Refusal(403, f"this host has no user {key.name} any more")
+                KeyHolder(key, role) if role else Refusal(403, f"this host no longer has a user {key.name}")
             )
         refusal = self._wrong_keys.check(address, now_s)
         if refusal is None:

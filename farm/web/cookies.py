@@ -15,7 +15,7 @@ from farm.control import MAX_SESSION_S
 class SessionCookie:
     """Cookie that no script reads, and that no page of another site sends with a form.
 
-    `SameSite` is `Lax`, so that a link in a message opens the farm's pages; changes have a check of their own
+    `SameSite` is `Lax`, so that a link in a message opens the farm's pages; changes have their own check
     (`farm.web.guard`). With HTTPS the prefix `__Host-` keeps other hosts of the domain from setting it.
 
     Attributes

@@ -36,7 +36,7 @@ class Survey:
     Attributes
     ----------
     is_ulticode
-        Whether the file is UltiGCode: E in mm3, and no start of its own.
+        Whether the file is UltiGCode: E in mm3, and no start code.
     nozzle_mm
         Nozzle that the file was sliced for; None if it does not say.
     first_line

@@ -146,7 +146,7 @@ class Resolver:
             return True
 
     def is_per_extruder(self, key: str) -> bool:
-        """Check whether the extruder has a value of its own."""
+        """Check whether the extruder has its own value."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         setting = extruder.get(key) or machine.get(key)
         if setting is None:

@@ -23,7 +23,7 @@ OWN_MATERIALS_VARIABLE = "FARM_MATERIALS"
 """Environment variable with the folder of a person's own material files."""
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _GENERIC_MACHINE = "fdmprinter"
-"""Definition whose qualities are for all machines that have none of their own, with any material."""
+"""Definition whose qualities are for all machines without their own, with any material."""
 _ADVICE = "run 'farm setup', or set {}"
 _PROJECT_ROOT = Path(__file__).resolve().parents[2]
 INSTALLATION_FOLDER = (
@@ -81,7 +81,7 @@ class Machine:
     name: str  # the product's name in material files
     quality_definition: str
     has_variants: bool  # a profile for each nozzle
-    has_materials: bool  # each material has qualities of its own
+    has_materials: bool  # each material has its own qualities
     excluded_materials: frozenset[str]
     nozzle_mm: float  # without a variant
     diameter_mm: float  # of the filament

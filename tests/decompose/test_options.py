@@ -1,4 +1,4 @@
-"""Options of each engine in a record of its own; in decomposition.json they are on one level."""
+"""Options of each engine in its own record; in decomposition.json they are on one level."""
 
 from __future__ import annotations
 

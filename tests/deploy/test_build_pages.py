@@ -35,7 +35,7 @@ def test_bundle_is_small_and_comes_with_the_licence():
     assert "MIT License" in bundle.with_name("three.LICENSE.txt").read_text()
 
 
-def test_installation_goes_on_without_node_and_keeps_no_old_bundle(tmp_path):
+def test_installation_continues_without_node_and_keeps_no_old_bundle(tmp_path):
     place = tmp_path / "checkout"
     (place / "deploy").mkdir(parents=True)
     shutil.copy(ROOT / SCRIPT, place / "deploy")

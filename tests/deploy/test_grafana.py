@@ -1,4 +1,4 @@
-"""Grafana board: every panel asks for metrics that the farm serves, on a place of its own."""
+"""Grafana board: every panel asks for metrics that the farm serves, at a separate place."""
 
 import itertools
 import json

@@ -35,7 +35,7 @@ case $2 in
     *tcc.deb) put "$3/usr/bin/tcc"; put "$3/usr/lib/tcc/libtcc1.a" ;;
 esac
 """,
-    # makes an environment whose own Python takes what it is told to install, or does not
+    # makes an environment whose own Python accepts or refuses an installation
     "python": """
 mkdir -p "$3/bin"; printf '#!/bin/bash\\n[[ -z ${NO_PIP:-} ]]\\n' > "$3/bin/python"; chmod +x "$3/bin/python"
 """,

@@ -1,4 +1,4 @@
-"""The wheel, installed into an environment of its own outside the checkout, as pipx and uv do."""
+"""The wheel, installed into its own environment outside the checkout, as pipx and uv do."""
 
 import os
 import shutil

@@ -25,7 +25,7 @@ def test_name_without_a_description_is_refused_with_the_section():
 
 
 def test_description_without_a_name_is_refused():
-    with pytest.raises(generate.MissingWords, match="no 'gone' any more"):
+    with pytest.raises(generate.MissingWords, match="no longer has 'gone'"):
         generate.pair_with_words(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
 
 

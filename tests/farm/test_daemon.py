@@ -97,7 +97,7 @@ def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space
     state.make()
     daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     controller, waits = daemon._controller, []
-    controller.books = Books.from_entities([planned_job(1)])
+    controller.books = Books.from_entities([make_planned_job(1)])
     controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))
     daemon._inspections[tmp_path] = "bunny.stl"
 
@@ -118,6 +118,6 @@ def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space
     assert waits == [["bunny.stl"], []]
 
 
-def planned_job(number):
+def make_planned_job(number):
     facts = {"name": "m", "model_file": "m.npz", "options": JobOptions(), "submitted_s": 0.0}
     return Job(id=number, request_id="r" * 8, state=JobState.PLANNING, **facts)

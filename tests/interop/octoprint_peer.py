@@ -1,8 +1,8 @@
 """OctoPrint's virtual printer behind a pseudo-terminal; runs in the environment of `make interop`.
 
 ``octoprint_peer.py FOLDER FIRMWARE FAULT@LINE...``: prints the slave's path, then serves until its end is
-closed. At its LINE-th G-code the printer's own debug command FAULT is given. What it carried out is in
-FOLDER/done.txt, one command a line.
+closed. At its LINE-th G-code the printer's own debug command FAULT is given. The executed commands are in
+FOLDER/done.txt, one a line.
 """
 
 import os
@@ -62,7 +62,7 @@ class Hooks:
 class Printer(virtual.VirtualPrinter):
     """Virtual printer that records executed commands and gets its faults at given lines.
 
-    Two of its faults take a line for received that they throw away, which no host can know: its simulated
+    Two of its faults acknowledge a line and discard it, which no host can detect: its simulated
     error `resend_with_timeout` (once), and each one that `resend_ratio` draws. They are counted.
     """
 

@@ -1,4 +1,4 @@
-"""Log-in, pages and log-out in Chromium; skipped where it is missing."""
+"""Log-in, pages and log-out in Chromium; skipped if it is missing."""
 
 import asyncio
 import os

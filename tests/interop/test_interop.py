@@ -1,6 +1,6 @@
 """Interoperation with OctoPrint's virtual printer and Printrun's printcore.
 
-They live in an environment of their own, which `make interop` makes; else these tests are skipped.
+They are in a separate environment, which `make interop` makes; without it these tests are skipped.
 """
 
 import io
@@ -96,7 +96,7 @@ def make_spiral(count: int) -> list[bytes]:
     ]
 
 
-def done(folder: Path) -> list[bytes]:
+def read_executed(folder: Path) -> list[bytes]:
     """Return the commands that the virtual printer executed, without resent lines."""
     lines = (folder / "done.txt").read_bytes().replace(b"  ", b" ").splitlines()  # see `add_frame`
     return [line for line, _ in groupby(lines)]
@@ -121,7 +121,7 @@ def test_virtual_printer_prints_to_the_end_with_its_faults(tmp_path: Path):
     )
     assert faults == []
     assert link.streamed_lines == len(program)
-    printed_lines = done(tmp_path)
+    printed_lines = read_executed(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
     assert len(program) - len(printed_lines) <= len(dropped_lines)  # by its own doing; one may be an M105
@@ -144,7 +144,7 @@ def test_virtual_printer_as_marlin_2_prints_to_the_end_with_its_faults(tmp_path:
     )
     assert faults == []
     assert link.streamed_lines == len(program)
-    printed_lines = done(tmp_path)
+    printed_lines = read_executed(tmp_path)
     assert printed_lines == [line for line in program if line in set(printed_lines)]
     dropped_lines = (tmp_path / "dropped.txt").read_text().splitlines()
     assert len(program) - len(printed_lines) <= len(dropped_lines)
@@ -178,7 +178,7 @@ def test_session_prints_a_part_to_a_virtual_ender_3(tmp_path: Path):
     assert (context.phase, context.fault) == (PrintPhase.DONE, None), context.reason
     assert context.heaters_off and context.filament is Filament.PARKED
     file = set(moves)
-    assert [line for line in done(tmp_path) if line in file] == moves
+    assert [line for line in read_executed(tmp_path) if line in file] == moves
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_unrecoverable_fault_of_the_virtual_printer_is_named(tmp_path: Path, tri
     program = make_spiral(200)
     _, faults = stream(tmp_path, program, f"{trigger}@60")
     assert faults == [fault]
-    assert program[: len(done(tmp_path))] == done(tmp_path)
+    assert program[: len(read_executed(tmp_path))] == read_executed(tmp_path)
 
 
 @pytest.mark.parametrize("faults", ["", "?resend=0.01"])

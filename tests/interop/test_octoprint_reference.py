@@ -150,4 +150,4 @@ def test_refusal_has_the_status_of_octoprint_or_of_the_table(title, octoprint, f
     answer, reference = farm_answers.ask(method, path, **body), octoprint.ask(method, path, **body)
     assert answer.status_code == (differs or reference.status_code), (answer.text, reference.text)
     assert differs != reference.status_code
-    assert answer.headers["content-type"] == "text/plain"  # which slicers show, as they do not JSON
+    assert answer.headers["content-type"] == "text/plain"  # slicers show this text, but no JSON

@@ -1,4 +1,4 @@
-"""The 3D views in Chromium; skipped where it is missing, or three.js could not be had."""
+"""The 3D views in Chromium; skipped if it is missing, or three.js is not available."""
 
 import asyncio
 

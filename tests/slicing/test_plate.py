@@ -116,7 +116,7 @@ def test_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
 BALL = trimesh.creation.icosphere(3, 20)
 
 
-def without_facets(mesh, keep):
+def remove_facets(mesh, keep):
     return write_stl_bytes(trimesh.Trimesh(mesh.vertices, mesh.faces[:keep], process=False))
 
 
@@ -127,8 +127,8 @@ def without_facets(mesh, keep):
         (b"", Rule.BROKEN_MESH),
         (b"solid nothing\nendsolid nothing\n", Rule.BROKEN_MESH),
         (write_stl_bytes(BALL)[:30_000], Rule.BROKEN_MESH),
-        (without_facets(BALL, 640), Rule.BROKEN_MESH),
-        (without_facets(trimesh.creation.box((20, 20, 20)), 11), Rule.BROKEN_MESH),
+        (remove_facets(BALL, 640), Rule.BROKEN_MESH),
+        (remove_facets(trimesh.creation.box((20, 20, 20)), 11), Rule.BROKEN_MESH),
         (write_stl_bytes(trimesh.creation.box((20, 20, 0.1))), Rule.NOTHING_PRINTED),
         (write_stl_bytes(trimesh.creation.box((20, 0.2, 20))), Rule.NOTHING_PRINTED),
         (write_stl_bytes(trimesh.creation.box((0.02, 0.02, 0.02))), Rule.NOTHING_PRINTED),

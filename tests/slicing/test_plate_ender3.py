@@ -19,7 +19,7 @@ def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality)
     settings = resolve_settings(request, resources)
     assert settings.filament_diameter_mm == 1.75
     boxes = compute_part_room(BEDS[MODEL], 0.0)
-    bed = tuple((*corners(box.rect), box.height_mm) for box in boxes)
+    bed = tuple((*list_corners(box.rect), box.height_mm) for box in boxes)
     stl = tmp_path / "part.stl"
     stl.write_bytes(write_stl_bytes(trimesh.creation.box((60, 30, 10))))
     result = slice_plate(PlateRequest(stl, settings, tmp_path / "part.gcode", engine, bed, timeout_s=60.0))
@@ -32,7 +32,7 @@ def test_part_passes_all_checks_of_a_slice(tmp_path, engine, resources, quality)
     assert "M83" not in text and "G10" not in text
 
 
-def corners(rect):
+def list_corners(rect):
     return rect.min_x_mm, rect.min_y_mm, rect.max_x_mm, rect.max_y_mm
 
 

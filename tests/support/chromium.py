@@ -162,7 +162,7 @@ class Pipe:
 
 
 class Chromium(Tab):
-    """Browser with a profile of its own, and its first tab; `async with` ends it.
+    """Browser with its own profile, and its first tab; `async with` ends it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scheduler and workers of a cluster, each in a process of its own."""
+"""Scheduler and workers of a cluster, each in its own process."""
 
 import asyncio
 import os

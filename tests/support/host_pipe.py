@@ -11,7 +11,7 @@ from drivers.remote import kill_agent
 
 
 class HostPipe:
-    """Connection to a host whose state is in a folder of its own."""
+    """Connection to a host whose state is in its own folder."""
 
     def __init__(self, folder: Path, farm: str = "test") -> None:
         self._folder = folder / "pipe"

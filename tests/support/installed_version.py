@@ -1,4 +1,4 @@
-"""Versions of farm, each installed from its wheel into an environment of its own."""
+"""Versions of farm, each installed from its wheel into its own environment."""
 
 import re
 import shutil

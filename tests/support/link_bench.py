@@ -86,7 +86,7 @@ class Wire:
 
 
 class Bench:
-    """A link and a board at the ends of a wire, with a clock of their own."""
+    """A link and a board at the ends of a wire, with their own clock."""
 
     def __init__(self, wire: Wire | None = None, floor_s: float = 0.0) -> None:
         self.firmware = Firmware()
@@ -101,7 +101,7 @@ class Bench:
         return self
 
     def run(self, until_s: float = 1e6) -> None:
-        """Run until nothing changes any more or the link has given up."""
+        """Run until nothing changes or the link has given up."""
         for _ in range(20_000):
             if self.now_s >= until_s:
                 return

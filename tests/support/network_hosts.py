@@ -1,8 +1,8 @@
-"""Hosts with printers, each in a network namespace with a state folder of its own, reached over TCP.
+"""Hosts with printers, each in a network namespace with its own state folder, reached over TCP.
 
 Run as a program, this file is the remote shell between them: ``listen ADDRESS`` on a host, and
-``call ... HOST COMMAND`` in place of ssh. It has no keys and no keep-alive: farm itself has to detect a cut
-network. Needs root: see `virtual_network.find_obstacle`.
+``call ... HOST COMMAND`` in place of ssh. It has no keys and no keep-alive: the farm itself has to detect a
+cut network. Needs root: see `virtual_network.find_obstacle`.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""A complete farm of real processes on pseudo-terminals, in a folder of its own."""
+"""A complete farm of real processes on pseudo-terminals, in its own folder."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def find_free_port():
 
 
 class RealFarm:
-    """The `farm` command on a state folder and a fleet of its own."""
+    """The `farm` command with its own state folder and fleet."""
 
     def __init__(self, folder, printers):
         self.folder = folder

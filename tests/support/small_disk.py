@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class SmallDisk:
-    """Disk mounted on a folder in namespaces of its own, without root where the kernel allows it.
+    """Disk mounted on a folder in separate namespaces, without root where the kernel allows it.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Farms for system tests: each in a folder of its own, ended after the test."""
+"""Farms for system tests: each in its own folder, ended after the test."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def test_planning_processes_end_with_their_job_and_with_the_daemon(make_farm, ba
         assert "slicing 0 of 2" in farm.ok("status")
         old_workers = list_workers(daemon)
         farm.ok("cancel", 1)
-        fifo.read()  # to its end: no engine has it open any more
+        fifo.read()  # to its end: no engine has it open
     assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
     wait_for(
         "fresh workers", lambda: len(old_workers) == len(now := list_workers(daemon)) and now - old_workers

@@ -63,7 +63,7 @@ def test_model_is_printed_to_its_last_part(farm, bar):
     assert "printed 2/2" in text
     farm.ok("cleared", "all")
     assert farm.status()["todo"] == []
-    # Nothing prints: the farm goes down when it is told to, and the simulated printers with it.
+    # Nothing prints: the farm goes down on request, and the simulated printers with it.
     farm.ok("down")
     assert farm.run("status").returncode == 3
 

@@ -12,7 +12,7 @@ from drivers.remote import kill_agent
 from real_farm import RealFarm, wait_for
 
 ROOT = Path(__file__).parents[2]
-OLD_COMMIT = "00f76ab"  # the last commit before agents told what they speak
+OLD_COMMIT = "00f76ab"  # the last commit whose agents do not report their protocol
 
 
 def write_old_sources(folder):

@@ -244,7 +244,7 @@ def list_stuck(
 
 
 def _use_own_log() -> None:
-    """Let Dask's messages go to the log of this process, in its form: Dask has handlers of its own."""
+    """Let Dask's messages go to the log of this process, in its form: Dask has its own handlers."""
     for name in ("distributed", "distributed.client"):
         logger = logging.getLogger(name)
         logger.handlers.clear()

@@ -1,4 +1,4 @@
-"""Requests of programs for a key of their own, which an operator grants or denies. Kept in memory only."""
+"""Requests of programs for their own keys, which an operator grants or denies. Kept in memory only."""
 
 from __future__ import annotations
 

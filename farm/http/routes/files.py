@@ -65,7 +65,7 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
     Raises
     ------
     NoSuchThing
-        If there is no such job, or it has no such file any more.
+        If there is no such job, or it no longer has the file.
     """
     file_name = name_stored_files(services.controller.books, number).get(name)
     if file_name is not None and await asyncio.to_thread((path := services.state.files / file_name).is_file):

@@ -55,7 +55,7 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
     Parameters
     ----------
     printers
-        The printers that may print its parts: holes have their fits, unless the job has one of its own.
+        The printers that may print its parts: holes have their fits, unless the job has its own.
     """
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer

@@ -140,7 +140,7 @@ def select_prints(context: ViewContext, history_filter: HistoryFilter) -> list[P
 
 
 def _name_material(context: ViewContext, material: str) -> str:
-    """Name the material of a plate as the pages of printers do; no printer may have it any more."""
+    """Name the material of a plate as the pages of printers do; perhaps no printer has it any longer."""
     kinds = (section.material_kind for section in context.fleet.printers if section.material == material)
     return describe_material(material, next(kinds, None))
 

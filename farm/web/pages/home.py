@@ -189,7 +189,7 @@ def _describe_task(
             text = todo.text[:1].upper() + todo.text[1:]
         case "farm":
             text = todo.text
-        case "host":  # of hundreds of printers, perhaps: none has a button of its own
+        case "host":  # of hundreds of printers, perhaps: none has its own button
             return Task(key, todo.code, text, [])
         case "connect":
             text = f"Connect {text}"

@@ -44,7 +44,7 @@ def format_sentence(sentence: WithTimes) -> Markup:
     """
     text = _LAST_COMMAND.sub("", sentence.text)
     pieces = text.split("`")
-    if len(pieces) % 2 == 0:  # a backtick of its own, as in the name of a model
+    if len(pieces) % 2 == 0:  # an unpaired backtick, as in the name of a model
         return _format_times(text, sentence.times)
     code = Markup("<code>{}</code>")
     return Markup("").join(

@@ -1,4 +1,4 @@
-"""Routes by which a program asks for a key of its own, as OctoPrint's plugin `appkeys` has them.
+"""Routes by which a program asks for its own key, as OctoPrint's plugin `appkeys` has them.
 
 They need no key. A request does nothing until an operator grants it on the farm's host.
 """

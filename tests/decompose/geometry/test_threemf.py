@@ -83,7 +83,7 @@ def test_mirrored_object_is_not_inside_out() -> None:
 
 
 def test_objects_of_other_parts_keep_their_own_numbers() -> None:
-    """Read objects in parts of their own, which slicers all begin with the same number."""
+    """Read objects in separate parts, which slicers all begin with the same number."""
     small_box = write_mesh_xml(trimesh.creation.box((2, 2, 2)))
     components = write_components_xml(
         f'p:path="/{OTHER_MODEL}" objectid="1" transform="1 0 0 0 1 0 0 0 1 50 0 0"'

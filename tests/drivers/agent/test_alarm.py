@@ -224,7 +224,7 @@ def test_mains_are_cut_once_at_the_end_of_a_print_with_a_short_reason(
     agent, rig = start_print(tmp_path, relay(mark) if command else None)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     step_until(agent, rig, lambda: agent.alarm is not None)
-    assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
+    assert rig.session.context.phase is PrintPhase.ENDING  # people are notified before it has ended
     alarm = read_journal(tmp_path / JOURNAL)[0].alarm
     assert alarm is not None and alarm.suspected and f"the {heater} went up to" in alarm.text
     step_until(agent, rig, lambda: agent.board.session is None)

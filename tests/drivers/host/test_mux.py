@@ -80,7 +80,7 @@ def test_bytes_of_each_stream_arrive_once_and_in_order(steps, cuts):
     assert received == sent
 
 
-def test_stream_that_nobody_reads_stops_and_the_others_go_on():
+def test_unread_stream_stops_and_the_others_continue():
     daemon, host = Mux(), Mux()
     slow, fast = daemon.open("slow"), daemon.open("fast")
     list(move(daemon, host, []))

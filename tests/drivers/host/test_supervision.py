@@ -25,7 +25,7 @@ def test_agent_that_ran_for_long_is_started_soon_again():
     assert backoff.may_start(501.0) and not backoff.may_start(500.0)
 
 
-def line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase.PRINTING) -> bytes:
+def make_line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase.PRINTING) -> bytes:
     """Return a report of a printing agent."""
     report = m.PrintSnapshot(print_id="p", phase=phase, progress_s=progress_s, layer=int(progress_s))
     nozzle = m.Heater(now_c=200 + at_s % 3, target_c=210)
@@ -38,19 +38,21 @@ def line(at_s: float, progress_s: float, phase: m.PrintPhase = m.PrintPhase.PRIN
 
 def test_progress_is_thinned_and_changes_pass_at_once():
     report_filter = ReportFilter(5.0)
-    assert [time_s for time_s in range(12) if report_filter.passes(line(time_s, time_s), float(time_s))] == [
+    assert [
+        time_s for time_s in range(12) if report_filter.passes(make_line(time_s, time_s), float(time_s))
+    ] == [
         0,
         5,
         10,
     ]
-    assert report_filter.passes(line(12, 12, m.PrintPhase.ENDING), 12.0)
-    assert not report_filter.passes(line(13, 13, m.PrintPhase.ENDING), 13.0)
+    assert report_filter.passes(make_line(12, 12, m.PrintPhase.ENDING), 12.0)
+    assert not report_filter.passes(make_line(13, 13, m.PrintPhase.ENDING), 13.0)
     assert report_filter.passes(m.Reply(id=3).model_dump_json().encode(), 13.0)
 
 
 def test_report_of_every_second_passes_where_no_rate_is_set():
     report_filter = ReportFilter(1.0)
-    assert all(report_filter.passes(line(0, 0), 0.0) for _ in range(3))
+    assert all(report_filter.passes(make_line(0, 0), 0.0) for _ in range(3))
 
 
 VALUES = st.recursive(

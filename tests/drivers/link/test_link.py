@@ -163,7 +163,7 @@ def test_query_with_a_flipped_bit_is_not_executed():
                 assert not re.search(rb"[GMTN;]", line)
 
 
-def silence_s(bench: Bench, *commands: bytes) -> float:
+def measure_silence_s(bench: Bench, *commands: bytes) -> float:
     """Return the seconds for which the link waits for a silent board."""
     bench.run()
     bench.firmware.mute = True
@@ -175,7 +175,7 @@ def silence_s(bench: Bench, *commands: bytes) -> float:
 
 
 def test_time_out_is_never_below_the_minimum():
-    assert silence_s(Bench(floor_s=200.0).boot(), b"G1 X1") >= 200.0
+    assert measure_silence_s(Bench(floor_s=200.0).boot(), b"G1 X1") >= 200.0
     bench = Bench(floor_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
@@ -187,7 +187,7 @@ def test_time_out_is_never_below_the_minimum():
     [(b"G1 X1", 50.0), (b"M401", 300.0), (b"G28", 1500.0), (b"G4 P60000", 3000.0), (b"M400", 3000.0)],
 )
 def test_command_that_waits_for_moves_has_a_longer_time_out(command: bytes, patience_s: float):
-    assert silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
+    assert measure_silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
 
 
 def test_queries_after_a_line_fit_the_ring_buffer_of_the_board():

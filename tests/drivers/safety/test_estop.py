@@ -64,7 +64,7 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
     await client.close()
 
 
-async def ended(folder: Path) -> m.PrintSnapshot:
+async def find_ended_print(folder: Path) -> m.PrintSnapshot:
     """Return the stopped print as the next agent reports it."""
     client = AgentClient(folder)
     await client.connect()
@@ -102,7 +102,7 @@ def test_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOPPED
         assert not is_alive(folder)
         process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
-        snapshot = asyncio.run(ended(folder))
+        snapshot = asyncio.run(find_ended_print(folder))
         assert (snapshot.phase, snapshot.fault) == (m.PrintPhase.FAILED, "estop")
         assert snapshot.reason == "a person stopped it by `farm estop`"
     finally:
@@ -134,7 +134,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         )
         await printer.client.close()
 
-    async def left() -> None:
+    async def wait_until_left() -> None:
         printer.spawn()
         await printer.connect()
         assert (await printer.wait_for_phase(m.PrintPhase.FAILED)).fault == "agent_died"
@@ -148,7 +148,7 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         printer.process.send_signal(signal.SIGKILL if dies else signal.SIGSTOP)
         if dies:
             printer.process.wait(10.0)
-            asyncio.run(left())
+            asyncio.run(wait_until_left())
         else:
             # In this process, with time: on a busy host the firmware's dead-man may precede `farm estop`.
             [target] = list_targets(printer.folder.parent).values()
@@ -188,7 +188,7 @@ def test_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Pa
         os.close(master)
 
 
-@pytest.mark.parametrize("listens", [True, False], ids=["", "nobody listens any more"])
+@pytest.mark.parametrize("listens", [True, False], ids=["", "without a listener"])
 def test_heater_that_does_not_cool_is_not_reported_as_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
 ):
@@ -223,10 +223,10 @@ def test_heater_that_does_not_cool_is_not_reported_as_off(
 
 
 def test_agent_of_another_user_leaves_the_stop_unconfirmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def denied(path: Path) -> bool:
+    def deny_access(path: Path) -> bool:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(estop, "kill_holder", denied)
+    monkeypatch.setattr(estop, "kill_holder", deny_access)
     target = StopTarget("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01", ULTIMAKER2)
     result = stop_printer(target)
     assert not result.seen_off

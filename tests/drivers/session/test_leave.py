@@ -27,7 +27,7 @@ def finish_print(rig: Rig) -> None:
     pass
 
 
-def cancelled(rig: Rig) -> None:
+def cancel_print(rig: Rig) -> None:
     rig.session.cancel("no more", rig.now_s)
 
 
@@ -58,7 +58,7 @@ def turn_knob(rig: Rig) -> None:
 
 def mute_board_and_cancel(rig: Rig) -> None:
     rig.firmware.trigger_fault("silent_after", rig.now_s)
-    cancelled(rig)
+    cancel_print(rig)
 
 
 def cause_fault(name: str) -> Leave:
@@ -69,16 +69,16 @@ def cause_fault(name: str) -> Leave:
     return leave
 
 
-def cancelled_after_a_pause_of(seconds: float) -> Leave:
+def cancel_after_a_pause_of(seconds: float) -> Leave:
     def leave(rig: Rig) -> None:
         pause(rig, seconds)
-        cancelled(rig)
+        cancel_print(rig)
 
     leave.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
     return leave
 
 
-def killed_after_a_pause_of(seconds: float) -> Leave:
+def kill_after_a_pause_of(seconds: float) -> Leave:
     def leave(rig: Rig) -> None:
         pause(rig, seconds)
         kill_agent(rig)
@@ -87,13 +87,13 @@ def killed_after_a_pause_of(seconds: float) -> Leave:
     return leave
 
 
-def cancelled_after_a_resume_of(seconds: float) -> Leave:
+def cancel_after_a_resume_of(seconds: float) -> Leave:
     def leave(rig: Rig) -> None:
         pause(rig, 60.0)
         rig.session.resume(rig.now_s)
         until_s = rig.now_s + seconds
         rig.run(until=lambda: rig.now_s >= until_s)
-        cancelled(rig)
+        cancel_print(rig)
 
     leave.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
     return leave
@@ -104,14 +104,14 @@ def let_pause_expire(rig: Rig) -> None:
 
 
 COMMON_LEAVES: list[Leave] = [
-    finish_print, cancelled, let_pause_expire,
-    cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
+    finish_print, cancel_print, let_pause_expire,
+    cancel_after_a_pause_of(30.0), cancel_after_a_pause_of(60.0),
 ]  # fmt: skip
 LEAVES: list[Leave] = [
     *COMMON_LEAVES,
-    *(cancelled_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
-    *(cancelled_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
-    *(killed_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
+    *(cancel_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
+    *(cancel_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
+    *(kill_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
     kill_agent,
     lose_port_temporarily,
     turn_knob,

@@ -53,7 +53,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     assert places == sorted(places)
 
 
-def one_by_one() -> str:
+def make_sequential_gcode() -> str:
     """Make G-code that finishes a part of 60 mm and begins a second one beside it."""
     low_moves = "\n".join(
         f"G1 F3000 X{150 + 20 * (i % 2)} Y{50 + i * 0.2:.2f} E{4 + 0.1 * i:.2f}" for i in range(60)
@@ -66,7 +66,7 @@ def one_by_one() -> str:
 
 @pytest.mark.parametrize("cancel", [False, True])
 def test_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
-    rig = Rig(text=one_by_one())
+    rig = Rig(text=make_sequential_gcode())
     rig.run_until_printing(rig.program.count - 40)
     index = len(rig.sent)
     planner = rig.firmware.machine.planner

@@ -112,7 +112,7 @@ def test_dead_man_ends_the_heat_of_a_host_that_died():
     printer = rig().run_until_printing()
     firmware, since_s = printer.firmware, printer.now_s
     while firmware.phase is Phase.RUNNING:
-        assert printer.now_s < since_s + 700.0, "it goes on heating"
+        assert printer.now_s < since_s + 700.0, "it continues to heat"
         printer.now_s = max(printer.now_s + 1e-3, firmware.deadline_s())
         firmware.feed(b"", printer.now_s)
     assert firmware.phase is Phase.HALTED and printer.targets() == (0.0, 0.0)

@@ -18,21 +18,21 @@ LIMIT_S = 30.0  # from a finding to the request
 NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
 
-def burning(heater: HeaterName) -> Rig:
+def start_with_stuck_heater(heater: HeaterName) -> Rig:
     """Start a print whose heater gets full power from now on."""
     rig = Rig(text=make_gcode(4000)).run_until_printing(300)
     rig.firmware.trigger_fault(f"{heater}_burns_after", rig.now_s)
     return rig
 
 
-def finding_time_s(rig: Rig) -> float:
+def measure_finding_s(rig: Rig) -> float:
     """Run until the finding, and return its time."""
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     assert rig.session.context.fault is Fault.HEATER_STUCK_ON
     return rig.now_s
 
 
-def request_time_s(rig: Rig) -> float:
+def measure_request_s(rig: Rig) -> float:
     rig.run(until=lambda: rig.session.context.wants_power_off)
     assert rig.session.context.wants_power_off
     return rig.now_s
@@ -40,9 +40,9 @@ def request_time_s(rig: Rig) -> float:
 
 @pytest.mark.parametrize("heater", [NOZZLE, BED])
 def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
-    rig = burning(heater)
-    found_s = finding_time_s(rig)
-    assert request_time_s(rig) - found_s <= LIMIT_S
+    rig = start_with_stuck_heater(heater)
+    found_s = measure_finding_s(rig)
+    assert measure_request_s(rig) - found_s <= LIMIT_S
     rig.run()
     assert rig.now_s - found_s <= 150.0  # and its state is not 'ending' for long
     assert not rig.session.context.heaters_off
@@ -56,20 +56,20 @@ def test_power_off_is_requested_soon_after_a_stuck_heater(heater: HeaterName):
 def test_activity_of_the_board_does_not_delay_the_power_off(
     heater: HeaterName, activity: str, after_s: float
 ):
-    rig = burning(heater)
-    found_s = finding_time_s(rig)
+    rig = start_with_stuck_heater(heater)
+    found_s = measure_finding_s(rig)
     rig.run(until=lambda: rig.now_s >= found_s + after_s)
     rig.firmware.trigger_fault(activity, rig.now_s)
-    assert request_time_s(rig) - found_s <= LIMIT_S
+    assert measure_request_s(rig) - found_s <= LIMIT_S
 
 
 def test_lost_port_does_not_delay_the_power_off():
-    rig = burning(NOZZLE)
-    found_s = finding_time_s(rig)
+    rig = start_with_stuck_heater(NOZZLE)
+    found_s = measure_finding_s(rig)
     rig.is_plugged = False
     rig.link.on_closed()
     rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
-    assert request_time_s(rig) - found_s <= LIMIT_S
+    assert measure_request_s(rig) - found_s <= LIMIT_S
 
 
 def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
@@ -78,10 +78,10 @@ def test_stuck_nozzle_heater_is_found_after_a_cancel_or_in_a_pause():
         lambda rig: rig.session.cancel("no more", rig.now_s),
         lambda rig: rig.session.pause(rig.now_s),
     ):
-        rig = burning(NOZZLE)
+        rig = start_with_stuck_heater(NOZZLE)
         started_s = rig.now_s
         stop(rig)
-        assert request_time_s(rig) - started_s <= 45.0  # a pause first retracts the hot filament
+        assert measure_request_s(rig) - started_s <= 45.0  # a pause first retracts the hot filament
         rig.run()
         assert (
             rig.session.context.suspicion is not None
@@ -96,7 +96,7 @@ def test_stuck_nozzle_heater_is_found_at_the_end_of_the_file(lines_before_the_en
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     started_s = rig.now_s
-    assert request_time_s(rig) - started_s <= LIMIT_S
+    assert measure_request_s(rig) - started_s <= LIMIT_S
     rig.run()
     assert rig.session.context.phase is PrintPhase.FAILED
     assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
@@ -106,7 +106,7 @@ def test_stuck_nozzle_heater_is_found_while_the_bed_heats():
     rig = Rig()
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.firmware.trigger_fault("nozzle_burns_after", rig.now_s)
-    request_time_s(rig)
+    measure_request_s(rig)
     assert rig.firmware.board.nozzle.compute_temperature_c(rig.now_s) < 80.0
 
 
@@ -121,8 +121,8 @@ def test_suspicion_by_a_broken_sensor_ends_when_the_heater_cools():
 
 @pytest.mark.parametrize("burns", [False, True])
 def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
-    rig = burning(NOZZLE)
-    found_s = finding_time_s(rig)
+    rig = start_with_stuck_heater(NOZZLE)
+    found_s = measure_finding_s(rig)
     suspicion = rig.session.context.suspicion
     assert suspicion is not None
     if not burns:
@@ -133,7 +133,7 @@ def test_session_after_a_dead_agent_keeps_the_finding(burns: bool):
         SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
     )
     if burns:
-        assert request_time_s(rig) - found_s <= LIMIT_S
+        assert measure_request_s(rig) - found_s <= LIMIT_S
     rig.run()
     assert rig.session.context.wants_power_off is burns
     assert rig.session.context.heaters_off is not burns
@@ -150,7 +150,7 @@ def test_old_finding_requests_power_off_after_the_time_to_cool(burns: bool):
     )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
-        assert request_time_s(rig) - started_s <= LIMIT_S / 2
+        assert measure_request_s(rig) - started_s <= LIMIT_S / 2
     rig.run()
     assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 

@@ -192,7 +192,7 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     state.make()
     folders = {name: pipe.places.find_agent_folder(name) for name in NAMES}
 
-    async def until_killed() -> None:
+    async def wait_until_killed() -> None:
         async with connected_agents(pipe, state, clock, listener):
             await wait_for(lambda: listener.links() == {Link.READY})
         killed_pid = find_agent_pid(folders["a"])
@@ -200,7 +200,7 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
         os.kill(killed_pid, signal.SIGKILL)
         await wait_for(lambda: find_agent_pid(folders["a"]) not in (None, killed_pid))
 
-    asyncio.run(until_killed())
+    asyncio.run(wait_until_killed())
     fleet = tmp_path / "fleet.yaml"
     rows = "".join(f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for name in NAMES)
     fleet.write_text(
@@ -213,14 +213,14 @@ def test_agents_are_watched_without_the_daemon_stopped_at_once_and_ended_with_th
     assert len(pipe.pids) == connections + 1
     assert all(read_status(folder / "emulator").resets for folder in folders.values())
 
-    async def until_ended() -> None:
+    async def wait_until_ended() -> None:
         async with connected_agents(pipe, state, clock, listener) as manager:
             listener.last.clear()
             await wait_for(lambda: not listener.links() & {Link.STARTING, Link.CONNECTING})
             await manager.shut_down_agents()
             await wait_for(lambda: not any(map(is_alive, folders.values())))
 
-    asyncio.run(until_ended())
+    asyncio.run(wait_until_ended())
     pipe.cut()
     results: list[StopResult] = []
     stop_host("pc-b", pipe.command, "test", [StartFile("b", MODEL, f"sim://{MODEL}")], results.append)

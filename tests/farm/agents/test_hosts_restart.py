@@ -12,7 +12,7 @@ from farm.state import events as ev
 MODEL = "ultimaker2_plus"
 
 
-class StandingClock:
+class StoppedClock:
     """Clock that is set by the test."""
 
     scale, anchor_s, now_s = 1.0, 0.0, 1000.0
@@ -38,7 +38,7 @@ def test_a_restarted_daemon_reports_the_return_of_a_host_but_not_its_loss_again(
     monkeypatch.setenv("FARM_SSH", "false")
     facts = {"model": MODEL, "port": f"sim://{MODEL}", "host_command": "farm host"}
     rows = [{"name": f"of-{host}", "host": host, **facts} for host in ("pc-a", "pc-b")]
-    fleet, clock, listener = Fleet.model_validate({"printers": rows}), StandingClock(), EventRecorder()
+    fleet, clock, listener = Fleet.model_validate({"printers": rows}), StoppedClock(), EventRecorder()
     connections = hosts.Hosts(fleet, StateFolder(tmp_path), clock, listener)  # type: ignore[arg-type]
 
     async def restart() -> None:

@@ -216,7 +216,7 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
     port = launch(f"sim://{MODEL}", tmp_path / "emulator", clock)
     listener = RecordingListener()
 
-    def fleet(name: str) -> Fleet:
+    def make_fleet(name: str) -> Fleet:
         return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
 
     async def wait_until(links: AgentManager, link: Link) -> None:
@@ -226,14 +226,14 @@ def test_renamed_printer_opens_the_port_of_its_former_agent(
                 await asyncio.sleep(0.05)
 
     async def scenario() -> None:
-        old_manager = AgentManager(fleet("old"), state, clock, listener)
+        old_manager = AgentManager(make_fleet("old"), state, clock, listener)
         old_manager.start(())
         await wait_until(old_manager, Link.FAULT)  # no person has allowed to open the port
         old_manager.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
         await wait_until(old_manager, Link.READY)
         await old_manager.close()
         listener.last = None
-        new_manager = AgentManager(fleet("new"), state, clock, listener)
+        new_manager = AgentManager(make_fleet("new"), state, clock, listener)
         new_manager.start(())
         try:
             await wait_until(new_manager, Link.FAULT)

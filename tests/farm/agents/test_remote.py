@@ -63,7 +63,7 @@ class RecordingListener:
 
 
 class Pipe:
-    """Stand-in for ssh that runs the command in a shell of its own."""
+    """Stand-in for ssh that runs the command in its own shell."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -90,7 +90,7 @@ class Pipe:
 
 
 class Sshd:
-    """Real sshd on this host, with keys and a configuration of its own."""
+    """Real sshd on this host, with its own keys and configuration."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -140,7 +140,7 @@ class Sshd:
 
 
 def _has_sshd_user() -> bool:
-    """Return whether sshd can separate privileges, for which it needs a user of its own as root."""
+    """Return whether sshd can separate privileges, for which, as root, it needs a separate user."""
     with suppress(KeyError):
         return os.getuid() != 0 or bool(pwd.getpwnam("sshd"))
     return False
@@ -303,7 +303,7 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
     state.make()
     kept_file = state.agent("a") / "way.json"
 
-    def farm(*names: str) -> AgentManager:
+    def make_farm(*names: str) -> AgentManager:
         facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
         printers = [{"name": "b", "enabled": False, **facts}, *({"name": n, **facts} for n in names)]
         raw = {"fleet": {"name": "test"}, "printers": printers}
@@ -315,13 +315,13 @@ def test_idle_agent_of_a_removed_printer_is_ended_on_its_host(tmp_path: Path, re
                 await asyncio.sleep(0.05)
 
     async def scenario() -> None:
-        old_printer = farm("a")
+        old_printer = make_farm("a")
         old_printer.start(())
         await wait_until(lambda: is_alive(remote_folder))
         await old_printer.close()
         for _ in range(2):  # the second time no agent runs there
             load_route = kept_file.read_text()
-            new_printer = farm()
+            new_printer = make_farm()
             new_printer.start(())
             await wait_until(lambda: not kept_file.exists())
             await wait_until(lambda: not is_alive(remote_folder))

@@ -83,7 +83,7 @@ def test_host_of_a_new_daemon_has_longer_to_connect_before_it_is_lost():
     assert record.find_change(145.0, 1.0) is HostChange.LOST
 
 
-def test_loss_is_told_once_after_ten_seconds_and_the_return_once():
+def test_loss_is_reported_once_after_ten_seconds_and_the_return_once():
     record = HostRecord("pc-b", ("a",), 100.0)
     record.on_state(101.0, HostState(pid=1))
     record.on_lost(200.0, "no route")

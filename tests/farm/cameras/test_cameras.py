@@ -26,7 +26,7 @@ URL = "http://look:pass-w0rd@camera-{printer}/still"
 IMAGE = read_image(make_jpeg())
 
 
-class StandingClock:
+class StoppedClock:
     scale = 1.0
     now_s = 200.0
 
@@ -43,7 +43,7 @@ class Rig:
         self.state = StateFolder(folder / "state")
         self.state.make()
         self.store = Store(self.state.books)
-        self.clock = StandingClock()
+        self.clock = StoppedClock()
         fleet = Fleet.model_validate({"printers": rows})
         self.controller = Controller(fleet, self.store, self.clock, list_bed_boxes)
         self.controller.start(RecordedEffects())

@@ -27,7 +27,7 @@ class Bench:
 
     def __init__(self, folder):
         self.now_s, self.uid = 100.0, 1000
-        self.begun, self.ends = [], []
+        self.started, self.ends = [], []
         self.listening = socket.socket(socket.AF_UNIX)
         self.path = str(folder / "s")
         self.listening.bind(self.path)
@@ -36,7 +36,7 @@ class Bench:
 
     def begin(self, connection, request):
         work = FakeEstop()
-        self.begun.append((request, work))
+        self.started.append((request, work))
         return work
 
     def connect(self, uid, message=b""):
@@ -73,10 +73,10 @@ def is_refused(client):
 
 def test_request_is_passed_on_once_complete(bench):
     client = bench.connect(1000, REQUEST[:5])
-    assert bench.begun == []
+    assert bench.started == []
     client.sendall(REQUEST[5:])
     bench.serve_once()
-    assert [message for message, _ in bench.begun] == [REQUEST]
+    assert [message for message, _ in bench.started] == [REQUEST]
 
 
 @pytest.mark.parametrize("message", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
@@ -85,30 +85,30 @@ def test_connection_without_a_request_is_ended_after_two_seconds(bench, message)
     bench.serve_once(REQUEST_S)
     assert not is_refused(client)
     bench.serve_once(0.1)
-    assert is_refused(client) and bench.begun == []
+    assert is_refused(client) and bench.started == []
 
 
 def test_requests_are_limited_per_user(bench):
     clients = [bench.connect(1000) for _ in range(CLIENT_COUNT)]
     assert sum(not is_refused(client) for client in clients) == MAX_PER_USER
     bench.connect(2000, REQUEST)
-    assert len(bench.begun) == 1
+    assert len(bench.started) == 1
 
 
 def test_running_stops_count_until_they_end(bench):
     for _ in range(MAX_PER_USER):
         bench.connect(1000, REQUEST)
-    assert is_refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MAX_PER_USER
-    bench.begun[0][1].code = 0
+    assert is_refused(bench.connect(1000, REQUEST)) and len(bench.started) == MAX_PER_USER
+    bench.started[0][1].code = 0
     bench.connect(1000, REQUEST)
-    assert len(bench.begun) == MAX_PER_USER + 1
+    assert len(bench.started) == MAX_PER_USER + 1
 
 
 def test_total_number_of_requests_is_limited(bench):
     for uid in range(MAX_TOTAL // MAX_PER_USER + 1):
         for _ in range(MAX_PER_USER):
             bench.connect(uid, REQUEST)
-    assert len(bench.begun) == MAX_TOTAL
+    assert len(bench.started) == MAX_TOTAL
 
 
 def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch):
@@ -123,10 +123,10 @@ def test_server_continues_a_second_after_missing_descriptors(bench, monkeypatch)
     bench.connect(1000, REQUEST)
     monkeypatch.setattr(bench.server, "_listener", bench.listening)
     bench.serve_once(0.5)
-    assert bench.begun == []
+    assert bench.started == []
     bench.serve_once(0.6)
     bench.serve_once()
-    assert len(bench.begun) == 1
+    assert len(bench.started) == 1
 
 
 def test_peer_is_identified_by_the_kernel():

@@ -17,7 +17,7 @@ from farm.errors import ErrorCode, FarmError
 
 
 class Pool:
-    """A pool on a folder; each `run` is an event loop of its own."""
+    """A pool on a folder; each `run` has its own event loop."""
 
     def __init__(self, scratch):
         self.scratch = scratch

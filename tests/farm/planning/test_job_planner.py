@@ -155,13 +155,13 @@ class RecordingWorkers(SameProcess):
     """Workers that record their tasks, each in its own step of the event loop; drawings may be held."""
 
     def __init__(self, held=(), has_idle=True):
-        self.begun, self.ended, self.held, self.has_idle = [], [], held, has_idle
+        self.started, self.ended, self.held, self.has_idle = [], [], held, has_idle
 
     async def run(self, work, *args, limit=None, group=None):
         name = getattr(work, "target", "slow").rpartition(":")[2]
-        number = sum(other_call.startswith(name) for other_call in self.begun)
+        number = sum(other_call.startswith(name) for other_call in self.started)
         call = f"{name} {number}"
-        self.begun.append(call)
+        self.started.append(call)
         await asyncio.sleep(0)
         if call in self.held:
             await asyncio.Event().wait()
@@ -180,7 +180,7 @@ def test_parts_are_drawn_while_they_are_sliced(state, bar, monkeypatch):
     workers = RecordingWorkers()
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert workers.begun == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
+    assert workers.started == ["decompose_job 0", "slice_part 0", "slice_part 1", "draw_job 0"]
     for name in (result.picture, result.assembly, result.instructions):
         assert (state.files / name).is_file()
 
@@ -190,7 +190,7 @@ def test_the_drawing_of_parts_that_are_cut_again_is_stopped(state, bar, monkeypa
     workers = RecordingWorkers(held={"draw_job 0"})
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert {"draw_job 0", "draw_job 1"} <= set(workers.begun) and "draw_job 0" not in workers.ended
+    assert {"draw_job 0", "draw_job 1"} <= set(workers.started) and "draw_job 0" not in workers.ended
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
     assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page
@@ -202,8 +202,8 @@ def test_parts_that_may_be_cut_again_are_drawn_by_idle_workers_alone(state, bar,
     workers = RecordingWorkers(has_idle=False)
     result = plan_noted(state, bar, workers, monkeypatch)
     assert isinstance(result, Plan), result
-    assert "relevel_parts 0" in workers.begun
-    assert [call for call in workers.begun if call.startswith("draw")] == ["draw_job 0"]
+    assert "relevel_parts 0" in workers.started
+    assert [call for call in workers.started if call.startswith("draw")] == ["draw_job 0"]
     page = (state.files / result.instructions).read_text()
     left_mm, right_mm = (part.geometry.max_mm[0] - part.geometry.min_mm[0] for part in result.parts)
     assert left_mm != pytest.approx(right_mm, rel=0.1) and f"{left_mm:.0f} x" in page

@@ -78,7 +78,9 @@ def side_by_side(monkeypatch):
 def test_a_plan_is_the_same_by_one_worker_and_by_two(planned, bar, tmp_path):
     state, by_one = planned
     two, by_two = plan_here(tmp_path / "two", bar, 2)
-    assert by_two == replace(by_one, decomposition=by_two.decomposition)  # it has the time that it took
+    assert by_two == replace(
+        by_one, decomposition=by_two.decomposition
+    )  # it contains the duration of the planning
     assert len(by_two.plates) == 3
     assert list_stored(state) == list_stored(two)
 

@@ -253,7 +253,7 @@ def test_unknown_print_continues_and_makes_the_bed_unknown():
 @pytest.mark.parametrize(
     ("expected", "state", "reported"),
     [
-        (True, PrintState.HEATING, None),  # the agent is told when it prints
+        (True, PrintState.HEATING, None),  # the agent reports it once it prints
         (True, PrintState.PRINTING, True),
         (True, PrintState.PAUSED, None),
         (False, PrintState.PAUSED, False),

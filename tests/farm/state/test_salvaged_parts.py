@@ -16,24 +16,24 @@ from make_books import apply_events, make_end_event, make_printing_books
 AGENT_DEATH = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
 
 
-def assigned_event(plate, printer, print_id, at_s=2.0):
+def make_assigned_event(plate, printer, print_id, at_s=2.0):
     return ev.PlateAssigned(at_s=at_s, plate=plate, printer=printer, print_id=print_id)
 
 
 def make_dead_agent_books(plates=1, at_s=110.0, **facts):
     """Make a plate of 90 s on `a`, whose agent was found dead after this time."""
     start = (
-        assigned_event("1/01", "a", "x"),
+        make_assigned_event("1/01", "a", "x"),
         make_end_event("x", PrintState.FAILED, at_s, **{**AGENT_DEATH, **facts}),
     )
     return apply_events(make_printing_books(plates), *start)[0]
 
 
-def finished_part(print_id="x", printer="a"):
+def make_whole_part_event(print_id="x", printer="a"):
     return ev.BedCleared(at_s=500.0, printer=printer, by="ann", whole=print_id)
 
 
-def list_asked(books):
+def list_look_tasks(books):
     sections = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in "abc"]
     fleet = Fleet.model_validate({"fleet": {"timezone": "UTC"}, "printers": sections})
     assert fleet.zone.utcoffset(None) == UTC.utcoffset(None)
@@ -44,7 +44,7 @@ def list_asked(books):
 def test_complete_part_is_good_and_not_reprinted():
     books = make_dead_agent_books()
     assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
-    books, instructions = apply_events(books, finished_part())
+    books, instructions = apply_events(books, make_whole_part_event())
     assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
@@ -62,9 +62,9 @@ def test_failed_job_is_done_if_its_last_part_is_complete():
         name = f"x{attempt}"
         cleared_event = ev.BedCleared(at_s=1.0, printer="a", by="ann")
         failed_event = make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH)
-        books, _ = apply_events(books, cleared_event, assigned_event("1/01", "a", name), failed_event)
+        books, _ = apply_events(books, cleared_event, make_assigned_event("1/01", "a", name), failed_event)
     assert books.jobs[1].state is JobState.FAILED
-    books, _ = apply_events(books, finished_part(f"x{ATTEMPTS - 1}"))
+    books, _ = apply_events(books, make_whole_part_event(f"x{ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
 
 
@@ -72,16 +72,16 @@ def test_salvaged_part_uses_its_full_filament():
     reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
     books, _ = apply_events(make_printing_books(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
     failed_event = make_end_event("x", PrintState.FAILED, 110.0, printed_share=0.5, **AGENT_DEATH)
-    books, _ = apply_events(books, assigned_event("1/01", "a", "x"), failed_event)
+    books, _ = apply_events(books, make_assigned_event("1/01", "a", "x"), failed_event)
     assert books.printer("a").reel.grams == pytest.approx(98.5)
-    books, _ = apply_events(books, finished_part())
+    books, _ = apply_events(books, make_whole_part_event())
     assert books.printer("a").reel.grams == pytest.approx(97.0)
     assert books.prints["x"].grams == pytest.approx(3.0)
 
 
 def test_reprint_that_has_not_started_is_cancelled():
-    books, _ = apply_events(make_dead_agent_books(), assigned_event("1/01", "b", "y", 120.0))
-    books, instructions = apply_events(books, finished_part())
+    books, _ = apply_events(make_dead_agent_books(), make_assigned_event("1/01", "b", "y", 120.0))
+    books, instructions = apply_events(books, make_whole_part_event())
     assert [type(event) for event in instructions] == [ev.SendCancel, ev.SendCleared]
     assert (instructions[0].print_id, instructions[0].printer) == ("y", "b")
     assert list_reprinting_printers(books, books.prints["x"]) == []
@@ -95,8 +95,10 @@ def test_started_reprint_continues_until_a_person_ends_it():
     started_event = ev.PrintProgressed(
         at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
     )
-    books, _ = apply_events(make_dead_agent_books(), assigned_event("1/01", "b", "y", 120.0), started_event)
-    books, instructions = apply_events(books, finished_part())
+    books, _ = apply_events(
+        make_dead_agent_books(), make_assigned_event("1/01", "b", "y", 120.0), started_event
+    )
+    books, instructions = apply_events(books, make_whole_part_event())
     assert [type(event) for event in instructions] == [ev.SendCleared]
     assert list_reprinting_printers(books, books.prints["x"]) == ["b"]
     stopped_books, instructions = apply_events(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
@@ -115,15 +117,15 @@ def test_part_recut_before_is_complete_with_all_pieces():
     parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]
     plates = [old_plate.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
     replaced_event = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
-    books, _ = apply_events(books, replaced_event, assigned_event("1/01a", "b", "y", 120.0))
+    books, _ = apply_events(books, replaced_event, make_assigned_event("1/01a", "b", "y", 120.0))
     assert find_possibly_complete_print(books, "a").id == "x"
-    books, instructions = apply_events(books, finished_part())
+    books, instructions = apply_events(books, make_whole_part_event())
     assert books.jobs[1].state is JobState.DONE
     assert instructions[0].print_id == "y"
 
 
 def test_task_asks_for_the_verdict_with_part_and_command():
-    (item,) = list_asked(make_dead_agent_books())
+    (item,) = list_look_tasks(make_dead_agent_books())
     assert item.printers == ["a"]
     for text in (item.text, item.brief):
         assert text.endswith("; if part 1/p01 is good nevertheless: `farm cleared a --good 1/p01`")
@@ -131,9 +133,9 @@ def test_task_asks_for_the_verdict_with_part_and_command():
 
 
 def test_task_asks_for_the_verdict_after_an_outage():
-    start = (assigned_event("1/01", "a", "x"), assigned_event("1/02", "b", "y"))
+    start = (make_assigned_event("1/01", "a", "x"), make_assigned_event("1/02", "b", "y"))
     lost_events = (make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH) for name in "xy")
-    (item,) = list_asked(apply_events(make_printing_books(2), *start, *lost_events)[0])
+    (item,) = list_look_tasks(apply_events(make_printing_books(2), *start, *lost_events)[0])
     assert item.code == "outage"
     assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
 
@@ -144,10 +146,12 @@ def test_task_asks_for_the_verdict_after_an_outage():
         {"at_s": 60.0},  # much sooner than the end of its plate
         {"extruded": False},
         {"started_s": None},
-        {"then": (finished_part(),)},
+        {"then": (make_whole_part_event(),)},
         {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
         {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
-        {"then": (assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))},  # printed meanwhile
+        {
+            "then": (make_assigned_event("1/01", "b", "y"), make_end_event("y", at_s=300.0))
+        },  # printed meanwhile
     ],
 )
 def test_no_verdict_is_requested_for_an_incomplete_part(facts):
@@ -159,6 +163,6 @@ def test_no_verdict_is_requested_for_an_incomplete_part(facts):
 def test_print_ended_by_a_person_is_not_salvageable():
     fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
     ended_event = make_end_event("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
-    books, _ = apply_events(make_printing_books(1), assigned_event("1/01", "a", "x"), fail, ended_event)
+    books, _ = apply_events(make_printing_books(1), make_assigned_event("1/01", "a", "x"), fail, ended_event)
     assert books.prints["x"].state is PrintState.FAILED
     assert find_possibly_complete_print(books, "a") is None

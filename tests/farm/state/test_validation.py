@@ -13,7 +13,7 @@ from recorded_state import unpack_state
 ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 
 
-def done():
+def make_done_books():
     return apply_events(make_printing_books(), ASSIGNMENT, make_end_event("x"))[0]
 
 
@@ -106,11 +106,11 @@ BROKEN_BOOKS = {
 
 @pytest.mark.parametrize(("spoil", "problem"), BROKEN_BOOKS.values(), ids=BROKEN_BOOKS)
 def test_contradiction_is_named(spoil, problem):
-    assert problem in validate_books(spoil(done()))
+    assert problem in validate_books(spoil(make_done_books()))
 
 
 def test_consistent_books_have_no_contradiction():
-    books = done()
+    books = make_done_books()
     assert validate_books(books) == []
     books, _ = apply_events(
         books, ev.BedCleared(at_s=300.0, printer="a", by="ann"), ev.JobCancelled(at_s=301.0, job=1)

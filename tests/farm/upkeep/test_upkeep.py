@@ -319,7 +319,7 @@ CHANGES = (
     *((Store, name) for name in ("commit", "delete_events", "release_space")),
     *((Path, name) for name in ("unlink", "replace", "symlink_to")),
 )
-"""All that a run changes on the disk."""
+"""State of the disk that a run changes."""
 
 
 def test_interrupted_prune_is_finished_at_the_next_start(tmp_path):

@@ -45,7 +45,7 @@ def test_printed_job_and_empty_queue_are_notified_once():
         {notice.key for notice in list_due_notices(books_shown, LATER_S, 0.0, ())}
         for books_shown in (books, judged_books)
     ]
-    assert keys[0] == keys[1]  # a verdict is no news
+    assert keys[0] == keys[1]  # a verdict causes no notice
     more_books, _ = apply_events(books, ev.JobSubmitted(at_s=400.0, job=make_job(2)))
     assert list_texts(more_books) == texts[:1]
 

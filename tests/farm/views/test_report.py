@@ -26,7 +26,7 @@ from make_stl import write_stl_bytes
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def report_of(books, **changes):
+def make_report(books, **changes):
     context = make_view_context(books)
     view = describe_job(context, books.job(1)).model_copy(update=changes)
     now_time = datetime.fromisoformat(context.format_time(context.now_s))
@@ -39,7 +39,7 @@ def test_bar_of_every_print_has_the_colour_of_its_outcome():
         ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"),
         ev.BedCleared(at_s=300.0, printer="um2-02", by="ann", verdict=Verdict.BAD, why="warped"),
     )
-    job, other_rows, now_time = report_of(books)
+    job, other_rows, now_time = make_report(books)
     bars = list_bars(job, other_rows, now_time)
     assert {bar.printer: bar.kind for bar in bars} == {
         "um2-01": "good",
@@ -66,7 +66,7 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     for moment, at_s in stills.items():
         still = Still(moment=moment, at_s=at_s, file=f"{moment}.jpg")
         books, _ = apply_events(books, ev.StillKept(at_s=at_s, print_id=attempt.id, still=still))
-    view, rows, now_time = report_of(books)
+    view, rows, now_time = make_report(books)
     paths = {still.moment: still.file for row in view.prints for still in row.stills}
     pictures = {paths["end"]: PNG, paths["first_layer"]: b"\xff\xd8\xff"}
     page = render_page(view, rows, now_time, list_figures(view), JobContents(pictures))
@@ -74,12 +74,12 @@ def test_stills_of_a_print_are_shown_by_time_and_a_missing_one_is_left_out():
     assert captions == ["first layer", "end"]
     assert page.count("data:image/jpeg;base64,") == page.count("data:image/png;base64,") == 1
     books = make_books_without_files(books)
-    view, *_ = report_of(books)
+    view, *_ = make_report(books)
     assert [still.file for row in view.prints for still in row.stills] == [None] * 3
 
 
 def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
-    view, rows, now_time = report_of(make_night_books())
+    view, rows, now_time = make_report(make_night_books())
     step = {
         "number": 1, "moved": ["p02"], "fixed": ["p01"], "seam_mm": 1234.4, "pins": [2, 1, 3],
         "codes": [{"part": "p01", "text": "1-2^"}, {"part": "p02", "text": ".."}],
@@ -104,7 +104,7 @@ def make_books_without_files(books):
 
 
 def test_chart_includes_prints_of_other_jobs():
-    view, rows, now_time = report_of(make_night_books())
+    view, rows, now_time = make_report(make_night_books())
     other_row = rows[0].model_copy(update={"job": 2, "printer": "um2-05"})
     assert [bar.kind for bar in list_bars(view, [*rows, other_row], now_time)].count("another job") == 1
     later_row = other_row.model_copy(
@@ -114,7 +114,7 @@ def test_chart_includes_prints_of_other_jobs():
 
 
 def test_page_is_one_file_with_failures_and_escaped_names():
-    view, rows, now_time = report_of(make_night_books(), name="<script>bunny</script>")
+    view, rows, now_time = make_report(make_night_books(), name="<script>bunny</script>")
     text = render_page(view, rows, now_time, list_figures(view), JobContents({"1/p01": PNG}, PNG))
     assert "<script" not in text
     assert not re.search(r"(src|href)=\"(?!data:)", text)
@@ -129,7 +129,7 @@ def test_page_is_one_file_with_failures_and_escaped_names():
 
 
 def test_unprinted_job_has_a_page():
-    view, rows, now_time = report_of(make_night_books(), parts=[], plates=[])
+    view, rows, now_time = make_report(make_night_books(), parts=[], plates=[])
     text = render_page(view, rows, now_time, list_figures(view), JobContents())
     assert "Nothing has been printed yet" in text
 
@@ -137,7 +137,7 @@ def test_unprinted_job_has_a_page():
 def test_report_and_job_page_name_the_runs_of_a_job_that_was_printed_again():
     first_run = {"started": "2026-11-21T20:00:00+01:00", "ended": "2026-11-22T06:00:00+01:00"}
     runs = [api.RunView(**first_run), api.RunView(started="2026-11-23T09:00:00+01:00", ended=None)]
-    view, _, _ = report_of(make_night_books(), runs=runs, now="2026-11-23T10:00:00+01:00")
+    view, _, _ = make_report(make_night_books(), runs=runs, now="2026-11-23T10:00:00+01:00")
     text = "Sat 20:00 to Sun 06:00, Mon 09:00 to now"
     assert dict(list_figures(view))["printed in runs"] == f"{text}; the time between them is not counted"
     console = Console(width=120, record=True, file=io.StringIO())

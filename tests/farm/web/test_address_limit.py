@@ -51,7 +51,7 @@ async def answer(scope, receive, send):
 
 
 def serve(scenario, limit=16):
-    """Serve on loopback, whose addresses 127.0.0.X are clients of their own here."""
+    """Serve on loopback, whose addresses 127.0.0.X are separate clients here."""
 
     async def run():
         with socket.socket() as listener:

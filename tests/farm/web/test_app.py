@@ -25,7 +25,7 @@ def farm(tmp_path):
 
 
 def fill(path):
-    query = "?wait=false" if path.endswith("/events") else ""  # else it goes on
+    query = "?wait=false" if path.endswith("/events") else ""  # without it the stream does not end
     query = "?page=/nothing" if path == "/live" else query
     return path.format(**VALUES) + query
 

@@ -260,7 +260,7 @@ def test_session_does_no_more_than_its_user_may_now(farm):
     assert "ann (print)" in farm.browse("GET", "/", text).text
     farm.user_roles["ann"] = None
     gone = farm.browse("GET", "/", text)
-    assert (gone.status_code, "this host has no user ann any more" in gone.text) == (403, True)
+    assert (gone.status_code, "this host no longer has a user ann" in gone.text) == (403, True)
     farm.user_roles["ann"] = Role.OPERATE  # as after a failure of the user database
     assert farm.browse("POST", CLEARED_PATH, text, json={}).status_code == 200
 
@@ -362,7 +362,7 @@ def test_live_page_is_for_the_role_of_now_and_its_stream_ends_with_that_role(tmp
         if chunks[-1].startswith(b"id:"):
             farm.user_roles["ann"] = Role.LOOK
         if b"beat" in chunks[-1]:
-            farm.services.page_streams.close()  # else it would go on
+            farm.services.page_streams.close()  # otherwise the stream would not end
 
     headers = {"host": HOST, **farm.hold(session)}
     scope = {

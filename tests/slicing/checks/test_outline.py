@@ -56,7 +56,7 @@ def draw_gcode(layers, lines=LINES):
     return "\n".join(text).encode()
 
 
-def count_of(mesh, lines=LINES):
+def count_layers(mesh, lines=LINES):
     return round((mesh.extents[2] - lines.layer_height_0_mm) / lines.layer_height_mm) + 1
 
 
@@ -76,7 +76,7 @@ SHAPES = {
 
 def list_shapes(mesh, lines=LINES):
     """Return the sections of one of the models above."""
-    return [SHAPES[id(mesh)](z_mm) for z_mm in lines.compute_section_heights_mm(count_of(mesh, lines))]
+    return [SHAPES[id(mesh)](z_mm) for z_mm in lines.compute_section_heights_mm(count_layers(mesh, lines))]
 
 
 def check(mesh, layers, lines=LINES, removed_layers=0):

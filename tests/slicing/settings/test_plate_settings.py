@@ -17,7 +17,7 @@ from slicing.settings import (
 from slicing_printers import PRINTERS, UM2_PLUS
 
 
-def lines_mm(settings, width_mm):
+def compute_lines_mm(settings, width_mm):
     """Compute the width of a brim of complete lines, which has at least this width."""
     line_mm = float(settings.extruder["skirt_brim_line_width"])
     return math.ceil(round(width_mm / line_mm, 6)) * line_mm
@@ -88,7 +88,7 @@ def test_override_changes_dependent_settings(settings_of):
     s = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
     line_mm = float(s.extruder["infill_line_width"])
     assert float(s.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
-    assert s.brim_width_mm == pytest.approx(lines_mm(s, 4.0))
+    assert s.brim_width_mm == pytest.approx(compute_lines_mm(s, 4.0))
     assert (s.support_line_distance_mm, s.extruder["support_enable"], s.global_["support_enable"]) == (
         0.0,
         "False",
@@ -118,9 +118,9 @@ def test_glue_keeps_its_brim_if_the_profile_of_cura_counts_lines(resources, mate
     overrides = {"default_material_print_temperature": "240"}
     request = SettingsRequest(UM2_PLUS, material=material, overrides=overrides)
     s = resolve_settings(request, resources)
-    assert s.brim_width_mm == pytest.approx(lines_mm(s, 8.0))
+    assert s.brim_width_mm == pytest.approx(compute_lines_mm(s, 8.0))
     narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
-    assert narrow.brim_width_mm == pytest.approx(lines_mm(narrow, 3.0))
+    assert narrow.brim_width_mm == pytest.approx(compute_lines_mm(narrow, 3.0))
 
 
 def test_width_of_brim_and_skirt_follows_the_adhesion_type(settings_of):
@@ -186,21 +186,21 @@ def test_unknown_name_is_refused_in_one_line(resources, change, message):
 def test_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
     request = SettingsRequest(UM2_PLUS, overrides=overrides)
     s = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
-    assert s.brim_width_mm == pytest.approx(lines_mm(s, brim_mm))
+    assert s.brim_width_mm == pytest.approx(compute_lines_mm(s, brim_mm))
     assert s.global_["adhesion_type"] == adhesion
 
 
 def test_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):
     part = PartSettings(layer_0_expansion_mm=-0.2)
 
-    def offsets_mm(**overrides):
+    def read_offsets_mm(**overrides):
         settings = resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides), resources, part)
         return float(settings.extruder["xy_offset_layer_0"]), float(settings.extruder["xy_offset"])
 
     for overrides in ({}, {"xy_offset": "0.1"}):
-        first_mm, others_mm = offsets_mm(**overrides)
+        first_mm, others_mm = read_offsets_mm(**overrides)
         assert first_mm - others_mm == pytest.approx(-0.2)
-    assert offsets_mm(xy_offset="0.1", xy_offset_layer_0="0.3") == pytest.approx((0.3, 0.1))
+    assert read_offsets_mm(xy_offset="0.1", xy_offset_layer_0="0.3") == pytest.approx((0.3, 0.1))
 
 
 def test_missing_files_are_reported(tmp_path):

@@ -18,7 +18,7 @@ def test_invalid_volume_is_refused(text: str, tmp_path: Path) -> None:
         local.decompose(tmp_path / "none.stl", out=tmp_path, printers=2, volume=text)
 
 
-def test_coupon_is_a_closed_stl_and_its_fits_are_told(
+def test_coupon_is_a_closed_stl_and_its_fits_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "new" / "coupon.stl"

@@ -141,7 +141,7 @@ class LostLink:
         await asyncio.Event().wait()
 
 
-def test_work_goes_on_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source, caplog):
+def test_work_continues_here_when_the_cluster_is_silent_for_half_a_minute(tmp_path, source, caplog):
     """Abandon a task in progress then, and send later ones to the cluster once it has a worker."""
     now_s = 0.0
 

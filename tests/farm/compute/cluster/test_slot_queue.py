@@ -12,7 +12,7 @@ async def settle():
 
 
 class Queue:
-    """Tasks that wait for their turns, and the order of their turns."""
+    """Tasks that wait for a slot, and the order in which they got one."""
 
     def __init__(self):
         self.slots, self.served, self.ends = SlotQueue(), [], {}
@@ -70,7 +70,7 @@ def test_a_cancelled_task_gives_its_slot_back():
         assert [name for name, _ in queue.served] == ["x", "z"]
         return [first_turn, second_turn, third_turn]
 
-    assert run(use).turns.waiting == 0
+    assert run(use).slots.waiting == 0
 
 
 def test_nobody_waits_where_the_cluster_is_given_up():

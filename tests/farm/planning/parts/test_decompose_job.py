@@ -110,11 +110,11 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
     def enlarge(solid, lo, hi):
         return cut_box(solid, lo - 0.5, hi + 0.5)
 
-    def too_large(solid, grid, box):
+    def cut_enlarged_cells(solid, grid, box):
         return enlarge(solid, *grid.bounds_mm(box))
 
     for engine in (exact_search, parallelobox_search):
-        monkeypatch.setattr(engine, "cut_cells", too_large)
+        monkeypatch.setattr(engine, "cut_cells", cut_enlarged_cells)
     monkeypatch.setattr(plane_shift, "cut_box", enlarge)
     with pytest.raises(FarmError) as error:
         decompose_job(decompose_task(bar, files, tmp_path))
@@ -188,7 +188,7 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_pins_that_are_left_out_are_told_with_the_job(bar, files, tmp_path, monkeypatch):
+def test_omitted_pins_are_reported_with_the_job(bar, files, tmp_path, monkeypatch):
     def fail(*args):
         raise RuntimeError("QH6154 initial simplex is flat")
 

@@ -18,7 +18,7 @@ NIGHT = make_rules(attended=["08:00-18:00"])
 PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
 
 
-def printer_of(name, family, nozzle_mm=0.4, **changes):
+def make_family_printer(name, family, nozzle_mm=0.4, **changes):
     return replace(
         make_printer(name, **changes), capabilities=Capabilities(LOW, "generic_pla", None, nozzle_mm, family)
     )
@@ -38,7 +38,10 @@ def test_cost_of_a_piece_equals_that_of_a_decomposition():
 
 
 def test_plate_of_a_bed_full_until_morning_is_resliced():
-    full_printer, other_printer = printer_of("a", PLUS, bed=Bed.NOT_CLEAR), printer_of("b", UM2)
+    full_printer, other_printer = (
+        make_family_printer("a", PLUS, bed=Bed.NOT_CLEAR),
+        make_family_printer("b", UM2),
+    )
     choice = policy.choose_reslice(
         make_part(),
         make_situation([make_part()], [full_printer, other_printer], NIGHT, NOW_S),
@@ -64,8 +67,8 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
     ],
 )
 def test_plate_waits_if_the_other_printer_does_not_match(changes, other_fields):
-    full_printer = printer_of("a", PLUS, bed=Bed.NOT_CLEAR)
-    free_printer = printer_of("b", **other_fields)
+    full_printer = make_family_printer("a", PLUS, bed=Bed.NOT_CLEAR)
+    free_printer = make_family_printer("b", **other_fields)
     view = make_part(**changes)
     assert (
         policy.choose_reslice(
@@ -79,8 +82,8 @@ def test_plate_waits_if_its_printer_is_free_soon():
     """Use a plate of ten hours: a fifth of the waiting time has to be saved."""
 
     def choose(hours):
-        busy_printer = printer_of("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
-        other_printer = printer_of("b", UM2)
+        busy_printer = make_family_printer("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
+        other_printer = make_family_printer("b", UM2)
         return policy.choose_reslice(
             make_part(),
             make_situation([make_part()], [busy_printer, other_printer], make_rules(), NOW_S),
@@ -92,7 +95,7 @@ def test_plate_waits_if_its_printer_is_free_soon():
 
 
 def test_part_of_a_removed_printer_model_is_sliced_for_another():
-    other_printer = printer_of("b", UM2)
+    other_printer = make_family_printer("b", UM2)
     assert (
         policy.choose_reslice(
             make_part(), make_situation([make_part()], [other_printer], make_rules(), NOW_S), [other_printer]
@@ -103,8 +106,8 @@ def test_part_of_a_removed_printer_model_is_sliced_for_another():
 
 def test_printer_to_be_inspected_counts_only_with_attended_hours():
     broken_printer, other_printer = (
-        printer_of("a", PLUS, attention_reason="no heat"),
-        printer_of("b", UM2, time_factor=2.0),
+        make_family_printer("a", PLUS, attention_reason="no heat"),
+        make_family_printer("b", UM2, time_factor=2.0),
     )  # 20 h
 
     def choose(start_rules):
@@ -119,7 +122,7 @@ def test_printer_to_be_inspected_counts_only_with_attended_hours():
 
 
 def test_failed_part_is_cut_for_printers_not_needed_by_others():
-    fleet = [printer_of(name, PLUS) for name in "abcd"]
+    fleet = [make_family_printer(name, PLUS) for name in "abcd"]
     failed_part = make_part(failed_on=frozenset("a"))
     other_plate = make_plate("1/02", "b", expected_s=HOUR)
     choice = policy.choose_recut(failed_part, make_situation([failed_part, other_plate], fleet, NIGHT, NOW_S))
@@ -136,7 +139,7 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
 
 
 def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
-    fleet = [printer_of(name, UM2) for name in "bc"]
+    fleet = [make_family_printer(name, UM2) for name in "bc"]
     short_part, long_part = make_part(hours=1.0), make_part(hours=10.0)
     assert policy.compute_expected_end_s(
         short_part, make_situation([short_part], fleet, NIGHT, NOW_S)
@@ -153,7 +156,7 @@ def test_part_of_a_removed_model_is_cut_only_if_reslicing_is_worse():
 def test_pieces_may_end_before_quiet_hours_unlike_the_whole_part():
     start_rules = make_rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
-    fleet = [printer_of(name, PLUS) for name in "abc"]
+    fleet = [make_family_printer(name, PLUS) for name in "abc"]
     assert (
         policy.choose_recut(make_part(), make_situation([make_part()], fleet, start_rules, now_s)) is not None
     )
@@ -161,7 +164,7 @@ def test_pieces_may_end_before_quiet_hours_unlike_the_whole_part():
 
 fleets = st.lists(
     st.builds(
-        printer_of,
+        make_family_printer,
         st.sampled_from("abcdef"),
         st.sampled_from([PLUS, UM2]),
         nozzle_mm=st.sampled_from([0.4, 0.8]),

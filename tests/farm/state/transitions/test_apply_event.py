@@ -23,7 +23,7 @@ HEATING = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.HEATING, s
 CANCELLATION = ev.JobCancelled(at_s=5.0, job=1)
 INVALID_EVENTS = {
     "a print ends twice": ([ASSIGNMENT, make_end_event("x")], make_end_event("x"), "print x is done"),
-    "a print goes on after its end": ([ASSIGNMENT, make_end_event("x")], HEATING, "print x is done"),
+    "a print continues after its end": ([ASSIGNMENT, make_end_event("x")], HEATING, "print x is done"),
     "a print that has begun is withdrawn": (
         [ASSIGNMENT, HEATING],
         ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="so"),

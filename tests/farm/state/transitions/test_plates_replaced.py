@@ -47,7 +47,7 @@ def make_cleared_event(printer, verdict=Verdict.GOOD):
     return ev.BedCleared(at_s=300.0, printer=printer, by="ann", filament=None, verdict=verdict, why=None)
 
 
-def failed_once():
+def make_failed_books():
     return apply_events(
         make_printing_books(3),
         make_begun_event("1/02", "b", "x"),
@@ -56,7 +56,7 @@ def failed_once():
 
 
 def test_pieces_replace_their_part_and_continue_its_attempts():
-    books = failed_once()
+    books = make_failed_books()
     books, instructions = apply_events(books, make_replaced_event(books, "1/02"))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
@@ -81,7 +81,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
 
 
 def test_resliced_part_keeps_its_name_and_prints():
-    books = failed_once()
+    books = make_failed_books()
     books, _ = apply_events(books, make_replaced_event(books, "1/02", ()))
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02-2", "1/03")
@@ -93,7 +93,7 @@ def test_resliced_part_keeps_its_name_and_prints():
 
 @pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
 def test_plate_that_no_longer_waits_is_not_replaced(meanwhile):
-    books = failed_once()
+    books = make_failed_books()
     event = make_replaced_event(books, "1/02")
     other_events = {
         "printing": [make_begun_event("1/02", "a", "z")],
@@ -167,7 +167,7 @@ def compute_share(books, part, part_id):
 
 
 def test_failures_of_a_cut_part_are_shown_once():
-    books = failed_once()
+    books = make_failed_books()
     books, _ = apply_events(books, make_replaced_event(books, "1/02"), make_begun_event("1/02a", "a", "y"))
     view = describe_job(make_view_context(books), books.jobs[1])
     shown_prints = {part.id: [item.part for item in part.prints] for part in view.parts}

@@ -44,7 +44,7 @@ def test_outcomes_differ_and_their_text_can_be_read(is_dark):
     for outcome in OUTCOMES:
         fill = colours[f"fill-{outcome}"]
         assert compute_contrast(fill, colours[f"ink-{outcome}"]) >= 4.5, outcome
-        if outcome not in ("waiting", "other"):  # what has not happened, or is another job's, steps back
+        if outcome not in ("waiting", "other"):  # bars of the future and of other jobs have less contrast
             assert compute_contrast(fill, card) >= 3.0, outcome
     assert compute_contrast(colours["fill-printing"], colours["fill-printed"]) >= 2.0
 

@@ -10,7 +10,7 @@ from farm.views.dashboard import describe_printer_page
 NOW_S = START_S + 1000.0
 
 
-def failed_books():
+def make_failed_books():
     books = add_planned_job(make_empty_books(), 1, 2)
     failure_fields = {
         "state": PrintState.FAILED,
@@ -29,7 +29,7 @@ def describe(books, name="a", readings=()):
 
 
 def test_fault_is_shown_with_what_was_seen():
-    page = describe(failed_books(), readings=[Temperatures(NOW_S - 60.0, 210, 60, 210, 60)])
+    page = describe(make_failed_books(), readings=[Temperatures(NOW_S - 60.0, 210, 60, 210, 60)])
     (fault,) = page.faults
     assert (fault.part, fault.fault, fault.text) == ("1/p01", "thermal_runaway", "the nozzle got colder")
     assert [(still.moment, still.file) for still in fault.stills] == [("failure", "print-1-failure.png")]
@@ -39,12 +39,12 @@ def test_fault_is_shown_with_what_was_seen():
 
 
 def test_other_printers_do_not_count():
-    page = describe(failed_books(), "b")
+    page = describe(make_failed_books(), "b")
     assert (page.faults, page.prints, page.figures.prints, page.chart) == ([], [], 0, None)
 
 
 def test_stills_of_a_pruned_job_are_left_out():
-    books = failed_books()
+    books = make_failed_books()
     books.jobs[1] = books.jobs[1].model_copy(update={"pruned_s": NOW_S})
     assert describe(books).faults[0].stills == ()
 

@@ -35,7 +35,7 @@ UPLOADS = {  # name of the recording -> name of the job's model, whether it is h
 
 @pytest.fixture
 def farm(tmp_path, monkeypatch):
-    """Farm with a folder of its own for temporary files."""
+    """Farm with its own folder for temporary files."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))

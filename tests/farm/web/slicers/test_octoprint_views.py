@@ -10,7 +10,7 @@ from farm.web.slicers import octoprint_views as views
 from make_books import make_job
 
 
-def progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
+def make_progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
     return api.PrintProgress(
         job=1, plate="1/01", state=state, progress=share, remaining_s=remaining_s, layers=9, pause_ends=None
     )
@@ -27,17 +27,17 @@ def progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):
     ],
 )
 def test_states_of_a_print_have_octoprint_s_names(state, text):
-    assert views.describe_current_job(make_job(), progress(state))["state"] == text
+    assert views.describe_current_job(make_job(), make_progress(state))["state"] == text
 
 
 def test_progress_adds_up_to_the_whole_print():
-    progress_view = views.describe_current_job(make_job(), progress())["progress"]
+    progress_view = views.describe_current_job(make_job(), make_progress())["progress"]
     assert (progress_view["completion"], progress_view["printTime"], progress_view["printTimeLeft"]) == (
         25.0,
         100,
         300,
     )
-    progress_at_begin = views.describe_current_job(make_job(), progress(share=0.0))["progress"]
+    progress_at_begin = views.describe_current_job(make_job(), make_progress(share=0.0))["progress"]
     assert (progress_at_begin["completion"], progress_at_begin["printTime"]) == (0.0, None)
 
 
