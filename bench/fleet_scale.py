@@ -188,7 +188,7 @@ def _measure_prints(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
 
 
 def _measure_faults(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
-    """Measure what happens when hosts are lost, and on a poor network."""
+    """Measure the effects of lost hosts and of a poor network."""
     if not fleet.names:
         return {}
     figures: dict[str, Any] = {
@@ -203,7 +203,7 @@ def _measure_faults(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
 def _summarise(
     measures: dict[str, list[float]], daemon: Daemon, setting: Setting, period_s: tuple[float, float]
 ) -> dict[str, Any]:
-    """Summarise what the daemon has measured itself."""
+    """Summarise the daemon's own measurements."""
     reports = sum(period_s[0] <= at_s < period_s[1] for at_s in measures["snapshot_at_s"])
     return {
         "connect_s": max(measures["connected_at_s"]) - daemon.started_s,

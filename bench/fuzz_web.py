@@ -3,7 +3,7 @@
 ``python -m bench.fuzz_web [--requests N] [--seed N] [--at-once N] [--json]``. A daemon with two simulated
 printers and a server for the network. Three quarters of the requests come from callers who may change
 nothing: without a key, with a wrong or a revoked one, or with the role `look`. The others have the roles
-`print` and `operate`. Every connection is new. The exit status is 1 where a goal is missed.
+`print` and `operate`. Every connection is new. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations

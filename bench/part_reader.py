@@ -1,6 +1,6 @@
 """Codes and pin holes of a part, read only from the shape in its STL file.
 
-A hole is a ring in a flat face that a pin fits; its depth is where the rim of the pin stops. A code
+A hole is a ring in a flat face that a pin fits; the rim of the pin stops at its depth. A code
 is read as a person reads it: strokes at the bottom of grooves, compared with the digits of all codes.
 """
 

@@ -125,7 +125,7 @@ def main() -> None:
         print(
             f"{row['model']:>20}: {shared_h:6.2f} h shared, {unequal_h:6.2f} h unequal, "
             f"{row['shared_parts']} and {row['unequal_parts']} parts, "
-            f"{row['shared_cpu_s']:.0f} and {row['unequal_cpu_s']:.0f} s of the processors"
+            f"{row['shared_cpu_s']:.0f} and {row['unequal_cpu_s']:.0f} CPU s"
         )
 
 

@@ -1,7 +1,7 @@
 """Agents without printers that only implement the protocol, many in one process.
 
 Each holds the lock of its folder and listens on its own socket, so that a daemon treats it as a running agent
-of this host; so does the service of a host in whose folders they are. Prints begin and end on request
+of this host; the service of a host does the same with agents in its folders. Prints begin and end on request
 (`ProtocolAgents.end`).
 """
 
@@ -131,7 +131,7 @@ class ProtocolAgents:
     def serve(self, seconds: float, condition: Callable[[], bool] = lambda: False) -> bool:
         """Answer and report for some wall seconds, or until a condition holds; return whether it holds.
 
-        As real ones do, agents report once a second where they print, else every fifth one.
+        Like real agents, they report every second while they print, else every fifth second.
         """
         names, printing_agents = list(self._agents), set(self.printing)
         start_s, report_count = time.monotonic(), 0

@@ -3,7 +3,7 @@
 Usage: python -m bench.savings [--kinds mechanical,organic,bust] [--seed 1] [--side 150] [--printers 6]
        [--quality glue] [--cache DIR] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
-Each model is cut twice, by prices that know hidden faces and by prices that do not, and all parts are
+Each model is cut twice, by prices with and without hidden faces, and all parts are
 sliced, each cut with the quality's infill and with one of even density. Times are CuraEngine's.
 """
 

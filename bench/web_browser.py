@@ -5,7 +5,7 @@ that of `bench.web_live`: all printers print, and each has another temperature e
 task of the page's main thread: its time on the processor, which other work on the machine does not lengthen,
 and its whole time. Of first paints, the quickest is judged, as other work only lengthens them. A phone is a
 processor four times slower, and slow 4G as Lighthouse defines it: 150 ms and 1.6 Mbit/s. The exit status is
-1 where a goal is missed.
+1 if a goal is missed.
 """
 
 from __future__ import annotations

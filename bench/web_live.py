@@ -3,7 +3,7 @@
 ``python -m bench.web_live [--printers N] [--viewers N] [--seconds S] [--json]``. A process serves the
 pages of printers that all print: each second, each has another temperature and progress. No agents run, so
 that the CPU is that of the telemetry, the pages and their streams alone. The viewers are streams over
-loopback, half of them of another role. The exit status is 1 where a goal is missed.
+loopback, half of them of another role. The exit status is 1 if a goal is missed.
 """
 
 from __future__ import annotations

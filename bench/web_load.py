@@ -4,7 +4,7 @@
 that prints. Clients on the network hang in every way: they are silent, send half a head, half a body of
 JSON, half an upload, or never read the answers to many requests; a disconnected client connects again.
 Meanwhile another process asks for `GET /status` on the Unix socket every 50 ms, and on the network every
-second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 where a goal is
+second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 if a goal is
 missed.
 """
 

@@ -37,7 +37,7 @@ def advise_longest_side_mm(
     Parameters
     ----------
     model, printers, options, cost, executor
-        Those of the decomposition that failed.
+        Arguments of the decomposition that failed.
 
     Returns
     -------

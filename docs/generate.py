@@ -1,4 +1,4 @@
-"""Writes the pages of docs/reference that come from the program itself: its commands, records and names.
+"""Generator of the pages of docs/reference that come from the program: its commands, records and names.
 
 What a name means stands in docs/reference/words.yaml; a name without words is an error.
 
@@ -239,7 +239,7 @@ def write_states_page(words: dict[str, Any]) -> str:
 
 
 def write_lifecycles_page(words: dict[str, Any]) -> str:
-    """Draw which event leads from which state to which, from the program's own tables."""
+    """Draw the transitions between states with their events, from the program's own tables."""
     parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
     parts += [f"## A {one.entity}\n```text\n{draw_lifecycle(one)}\n```" for one in LIFECYCLES]
     rows_of_all = (row for one in LIFECYCLES for row in (*one.transitions, *one.consequences))
@@ -266,7 +266,7 @@ def draw_lifecycle(lifecycle: Lifecycle) -> str:
 
 
 def write_holds_page(words: dict[str, Any]) -> str:
-    """Explain why a plate or a job waits."""
+    """Explain the reasons for which a plate or a job waits."""
     intro = (
         "Why a plate or a job waits: `hold.code` in `--json`. `hold.text` says it of this case in a sentence."
     )
@@ -274,7 +274,7 @@ def write_holds_page(words: dict[str, Any]) -> str:
 
 
 def write_faults_page(words: dict[str, Any]) -> str:
-    """Explain why a print failed, and why a slice was refused."""
+    """Explain the reasons of failed prints and of refused slices."""
     parts = [
         "# Faults",
         "Why a print failed: `fault` in `--json`. `reason` says it of this case in a sentence.",
@@ -289,7 +289,7 @@ def write_faults_page(words: dict[str, Any]) -> str:
 
 
 def write_exit_codes_page(words: dict[str, Any]) -> str:
-    """Explain what each exit code means, and which errors end with it."""
+    """Explain the meaning of each exit code, and list the errors that end with it."""
     meanings = pair_with_words((code.name.lower() for code in ExitCode), "exit_codes", words["exit_codes"])
     rows = []
     for code, (_, meaning) in zip(ExitCode, meanings, strict=True):

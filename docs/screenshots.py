@@ -1,4 +1,4 @@
-"""Takes the pictures of the dashboard: a real daemon, simulated printers, and Chromium without a window.
+"""Screenshots of the dashboard: a real daemon, simulated printers, and Chromium without a window.
 
 A run that was ended early leaves its farm up in the folder; the next one takes the pictures that are missing.
 

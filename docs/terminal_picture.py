@@ -1,4 +1,4 @@
-"""Draws what a command prints on a terminal as an SVG picture.
+"""SVG picture of the output of a command on a terminal.
 
 Usage: python docs/terminal_picture.py OUT.svg [--columns 100] -- COMMAND...
 """

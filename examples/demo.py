@@ -28,7 +28,7 @@ def farm(*arguments: str, check: bool = True) -> int:
 
 
 def clean() -> None:
-    """End what an earlier demo may have left, and forget it."""
+    """End the processes that an earlier demo may have left, and delete its files."""
     if (STATE / "farm.db").exists():
         subprocess.run(
             [str(FARM), "down", "--now", "--state", str(STATE)], check=False, capture_output=True, cwd=ROOT

@@ -266,7 +266,7 @@ class PrinterSection(_Section):
     nozzle_mm: Positive = 0.4
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its filament
     volume_mm: tuple[Positive, Positive, Positive] | None = None
-    pin_fit_mm: PinFit | None = None  # its own, where it differs from the fleet's
+    pin_fit_mm: PinFit | None = None  # its own, if it differs from the fleet's
     host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # host name for ssh
     host_command: str = "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # run on the host by ssh
     enabled: bool = True

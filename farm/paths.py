@@ -131,17 +131,17 @@ def find_places(
     if socket is None:
         runtime = _read_path(env, "XDG_RUNTIME_DIR")
         socket = runtime / "farm" / "farm.sock" if runtime and state_path is None else root / "farm.sock"
-        if state_path is None and not _try(socket.exists) and _try(shared.parent.is_dir):
+        if state_path is None and not _check_path(socket.exists) and _check_path(shared.parent.is_dir):
             socket = shared
     fleet = fleet or _read_path(env, "FARM_FLEET")
     if fleet is None:
         config = (_read_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
         candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
-        fleet = next((path for path in candidates if _try(path.is_file)), candidates[0])
+        fleet = next((path for path in candidates if _check_path(path.is_file)), candidates[0])
     return Places(StateFolder(root), _shorten_socket_path(socket.absolute(), env), fleet.absolute())
 
 
-def _try(check: Callable[[], bool]) -> bool:
+def _check_path(check: Callable[[], bool]) -> bool:
     """Check a path; False if its folder may not be entered: `su` keeps the folders of the caller."""
     try:
         return check()

@@ -21,7 +21,7 @@ def load_environment(
     package
         Package with a folder `templates`.
     filters, functions
-        What templates may use besides what Jinja has, by name.
+        Filters and functions by name, in addition to Jinja's.
 
     Returns
     -------

@@ -77,7 +77,7 @@ def split_line(raw: bytes, number: int) -> Line:
     code = _CODE.match(text)
     if code is None:
         raise GcodeRefused(
-            f"line {number}: {quote_text(text)} is not a command that this printer knows: take it out"
+            f"line {number}: {quote_text(text)} is not a command that this printer knows: remove it"
         )
     return code[1] + code[2], text[code.end() :], comment.strip()
 

@@ -42,7 +42,7 @@ def write_parts(decomposition: Decomposition, folder: Path) -> Decomposition:
     decomposition
         Its parts.
     folder
-        Created where it does not exist.
+        Folder to write; created if it does not exist.
 
     Returns
     -------

@@ -94,7 +94,7 @@ def _lay_out(
 
 
 def describe_place(place: BedPlace | None) -> str:
-    """Describe where the middle of a part is on its bed, seen from the front; empty if it is not known."""
+    """Describe the place of the middle of a part on its bed, seen from the front; empty if unknown."""
     if place is None:
         return ""
     right, back = (round(mm) for mm in place.at_mm)

@@ -13,7 +13,7 @@ _LOADING_ATTRIBUTES = ("src", "href", "srcset", "poster", "action", "background"
 
 
 class _Reader(HTMLParser):
-    """Collects the names in a page's attributes `data-KIND`, and the addresses that it loads."""
+    """Collector of the names in a page's attributes `data-KIND`, and of the addresses that it loads."""
 
     def __init__(self) -> None:
         super().__init__()

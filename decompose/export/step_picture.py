@@ -47,7 +47,7 @@ class StepPictures:
     moved
         The moved body, turned over so that its glued faces are seen.
     top
-        Where the model's top is in `both`: "upwards", "to the left" and so on.
+        Direction of the model's top in `both`: "upwards", "to the left" and so on.
     """
 
     both: bytes
@@ -61,7 +61,7 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
     Parameters
     ----------
     decomposition
-        Has the parts and the steps.
+        Decomposition with the parts and the steps.
     first, end
         Range of the steps that are drawn; all by default. The views of the steps before it are computed too.
     """

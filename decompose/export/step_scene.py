@@ -84,7 +84,7 @@ def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> S
     number
         Index of the step.
     decomposition
-        Has the parts, in mm.
+        Decomposition with the parts, in mm.
     apart_mm
         (3,) offset of the moved body from its place.
     """

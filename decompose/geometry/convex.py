@@ -24,7 +24,7 @@ def find_convex_outline(points: Floats) -> Floats:
     Returns
     -------
     ndarray
-        (k, 2) float64 in mm; (0, 2) where the points span no area.
+        (k, 2) float64 in mm; (0, 2) if the points span no area.
     """
     order = np.argsort(points[:, 1], kind="mergesort")
     order = order[np.argsort(points[order, 0], kind="mergesort")]

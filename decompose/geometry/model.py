@@ -86,7 +86,7 @@ def load_model(
     memory_bytes: int | None = None,
     report: Report = lambda _: None,
 ) -> Model:
-    """Read a model file, scale it, and close it where it is open.
+    """Read a model file, scale it, and close its open surfaces.
 
     Parameters
     ----------

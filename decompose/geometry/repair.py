@@ -209,7 +209,7 @@ def _draw_probes(mesh: Any, count: int) -> Floats:
 
 
 def _is_far(mesh: Any, other: Any) -> Bools:
-    """Find which points (PROBES,) on a mesh are further from another mesh than a repair may move it."""
+    """Find the points (PROBES,) on a mesh that are further from another mesh than a repair may move it."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
     probes = _draw_probes(mesh, PROBES)
@@ -223,7 +223,7 @@ def _is_far(mesh: Any, other: Any) -> Bools:
 
 
 def _is_inside(points: Floats, triangles: Floats) -> Bools:
-    """Find which points (n, 3) lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
+    """Find the points (n, 3) that lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
     The ray is tilted by an irregular angle to avoid the edges of boxes.
     """

@@ -40,7 +40,7 @@ class BoxTables:
     pieces
         (boxes,) number of connected pieces of the solid in it, by the grid.
     cut_mm2
-        (boxes,) area of the cut faces of boxes that may be printed; or (0,) where it is not needed.
+        (boxes,) area of the cut faces of boxes that may be printed; or (0,) if it is not needed.
     """
 
     shape: tuple[int, int, int]
@@ -281,7 +281,7 @@ def price_boxes(
     grid
         Grid, built with the overhang and skin angles of the cost.
     printers
-        Printers; a box fits where it fits the room of each of them.
+        Printers; a box fits if it fits the room of each of them.
     cost
         Print time of a part.
     executor

@@ -260,7 +260,7 @@ def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: G
 
 
 def _find_bodies(extents: Floats, cuts: tuple[Floats, Floats, Floats], times: int) -> CellBodies:
-    """Find the bodies of cells by a grid that divides them; `extents` and `cuts` are that one's."""
+    """Find the bodies of cells by a grid that divides them; `extents` and `cuts` are of that finer grid."""
     nx, ny, nz = extents.shape[:3]
     open_x, open_y, open_z = (cut[:nx, :ny, :nz] > 0.0 for cut in cuts)
     return find_bodies(np.isfinite(extents[..., 0]), (open_x, open_y, open_z), times)
@@ -277,7 +277,7 @@ def _find_wall(
 ) -> Bools:
     """Find the internal cells that may be nearer to the surface than min_wall_mm.
 
-    The distance is that between the cell and the box about the surface in each boundary cell, never more
+    The distance is that between the cell and the box around the surface in each boundary cell, never more
     than the true one.
     """
     boundary = np.argwhere(cells == Cell.BOUNDARY)

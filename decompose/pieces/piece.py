@@ -88,7 +88,7 @@ def list_box_planes(box_mm: Floats) -> Floats:
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """Find which faces (m,) lie on any of some planes (k, 4).
+    """Find the faces (m,) that lie on any of some planes (k, 4).
 
     Parameters
     ----------

@@ -133,18 +133,18 @@ class Problem:
         return build_grid(vertices[faces], self.granularity(model), rules, plane_at)
 
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
-        """Price every box of a grid; it fits where it fits these rooms, by default those of all printers."""
+        """Price every box of a grid; it fits if it fits all of these rooms, by default all printers."""
         boxes = price_boxes(grid, list(rooms or self.rooms), self.cost, self.executor)
         self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
     def start_proof(self, grid: Grid, boxes: BoxTables, partition: Sequence[Box]) -> Callable[[], float]:
-        """Start to prove a lower bound on the makespan of boxes, in parallel if there is an executor.
+        """Start the proof of a lower bound on the makespan of boxes, in parallel if there is an executor.
 
         Returns
         -------
         Callable
-            Waits for the bound in s that no partition of the grid undercuts, by the tables.
+            Function that waits for the lower bound in s of all partitions of the grid, by the tables.
         """
         self.effort.record(Work.BOX_PROVEN, len(boxes.seconds))
         makespan_s = boxes.longest_s(partition)

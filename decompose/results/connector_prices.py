@@ -32,7 +32,7 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     Parameters
     ----------
     connectors
-        Those of all parts.
+        Connectors of all parts.
     part
         Number of the part.
     up

@@ -36,7 +36,7 @@ OPEN_MM = 1.0  # gap by which a body that is turned half around has to stay open
 
 @dataclass(frozen=True, slots=True)
 class ConnectorFault:
-    """Rule that connectors break; `part` is None where it concerns the pins of several."""
+    """Rule that connectors break; `part` is None if it concerns the pins of several."""
 
     rule: Rule
     part: int | None
@@ -96,7 +96,7 @@ class DrilledParts:
         ):
             yield Rule.SKIN, "the wall around a hole or mark is too thin"
         if any(not group.is_hidden(undrilled) for group in groups):
-            yield Rule.SKIN, "a hole or mark is not inside of its joint"
+            yield Rule.SKIN, "a hole or mark is not inside its joint"
         if any(a.gap_mm(b, RIM_MM) < RIM_MM - FILM_MM for a, b in combinations(tools, 2) if _is_near(a, b)):
             yield Rule.SKIN, "two holes or marks are too near to each other"
         for group in groups:
@@ -164,7 +164,7 @@ def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list
     Parameters
     ----------
     pins
-        Those of all steps, in order; the first two of a step locate it.
+        Pins of all steps, in order; the first two of a step locate it.
     taken_mm
         Distances between the pins of steps that are drilled already.
     """

@@ -1,4 +1,4 @@
-"""Writes the man pages of all commands, and their completion for bash, zsh and fish.
+"""Generator of the man pages of all commands, and of their completion for bash, zsh and fish.
 
 Usage: python deploy/debian/command_files.py SHARE VERSION     SHARE: the folder that becomes /usr/share
 """

@@ -114,5 +114,5 @@ class Alarms:
             self._power_off = PowerOff(self._command, self._printer)
 
     def compute_wake_wall_s(self) -> float:
-        """Return the wall time of the next call of `outcome`."""
+        """Compute the wall time of the next call of `poll_outcome`."""
         return math.inf if self._power_off is None else read_wall_s() + POLL_S

@@ -21,7 +21,7 @@ _CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
 
 
 class FilamentWatch:
-    """Judges whether the filament is where the journal says.
+    """Watch over the position of the filament since the last record of the journal.
 
     After a print the agent records the printer's position. A restarted agent compares it with the printer's
     answer: they differ if the board was reset meanwhile.

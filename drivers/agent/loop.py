@@ -103,7 +103,7 @@ class Agent:
             if is_due:
                 self._board.tick()
                 self._limit_log()
-            # Otherwise only a program line was sent, and no deadline came nearer.
+            # Otherwise only a program line was sent, and no deadline became earlier.
             if is_due or self._board.has_changed:
                 self._board.has_changed = False
                 self._push()

@@ -25,7 +25,7 @@ _NEEDS_ATTENTION = frozenset(
 
 
 class Recorder:
-    """Keeps board, journal and the open print consistent.
+    """Recorder that keeps board, journal and the open print consistent.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def add_frame(number: int, command: bytes) -> bytes:
     totals = compute_running_checksums(line)
     dot = line.find(b".")
     while dot >= 0:
-        end = line.find(b" ", dot)  # of the last word -1, at the star
+        end = line.find(b" ", dot)  # -1 in the last word, which the star ends
         if _CHECKSUMS.get(line[dot + 1 : end]) == totals[dot - 1] and len(line) < _MAX_BYTES:
             word = line.rindex(b" ", 0, dot)
             line = line[:word] + b" " + line[word:]

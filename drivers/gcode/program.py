@@ -180,7 +180,7 @@ def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramSto
     profile
         The printer's model.
     store
-        Receives the lines in the form in which they are sent; initially empty. None keeps them in memory.
+        Empty store for the lines in the form in which they are sent; None keeps them in memory.
 
     Raises
     ------

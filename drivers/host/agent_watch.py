@@ -34,7 +34,7 @@ _END_S = 30.0
 
 
 class AgentWatch:
-    """Starts the agent of a printer, listens to it, starts it again when it ends, and ends it if it hangs.
+    """Watch that starts an agent, listens to it, restarts it when it ends, and kills it if it hangs.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class Backoff:
 
 
 class ReportFilter:
-    """Chooses the lines of an agent that the daemon gets.
+    """Filter of the lines of an agent that are sent to the daemon.
 
     Replies, and snapshots that differ in more than temperatures and progress, pass at once; others when
     `report_s` has passed since the last one. An omitted line would be out of date a second later.

@@ -96,7 +96,7 @@ class Recovery:
         return max(self.sent_s, self.busy_s)
 
     def count_needed(self, firmware: Firmware, moves: bool, patience_s: float) -> float:
-        """Compute how many answers are needed before the ok of an accepted line is taken for lost.
+        """Compute the number of answers that are needed before the ok of an accepted line is taken for lost.
 
         A board with busy messages is idle if it sent none for `patience_s` before the query.
 

@@ -145,7 +145,7 @@ def stop_printer(target: StopTarget, watch_s: float = _REPORT_S, notify: Notify 
     watch_s
         Wall seconds within which it has to report both targets 0.
     notify
-        Receives the first result, before the printer has cooled.
+        Function that gets the first result, before the printer has cooled.
     """
     with suppress(OSError):  # another user's process: its port stays in use
         kill_holder(target.folder / AGENT_LOCK)

@@ -231,7 +231,7 @@ class _Heater:
 
 
 class _RiseDetector:
-    """Finds a heater that gets hotter after it was switched off.
+    """Detector of a heater that gets hotter after it was switched off.
 
     Time counts from the first report that shows the target 0, so that a command on its way is no fault, and
     continues over a reset of the board.

@@ -55,7 +55,7 @@ def measure_retracted_mm(program: Program, done_lines: int, stopped_at: Point | 
 
 
 def compute_lift_mm(context: SessionContext, z_mm: float, done_lines: int) -> float:
-    """Compute how far to lower the bed before the head leaves its part: finished parts may be higher."""
+    """Compute the distance to lower the bed before the head leaves its part: finished parts may be higher."""
     highest_mm = 0.0 if context.program is None else context.program.compute_highest_mm(done_lines)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 

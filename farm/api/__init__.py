@@ -288,7 +288,7 @@ class Status(View):
     printers: list[PrinterView]
     jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
     night: NightView | None  # null if no print ended in it
-    cluster: ClusterView | None = None  # null where this computer plans alone
+    cluster: ClusterView | None = None  # null if this computer plans alone
 
 
 class JobStatus(View):

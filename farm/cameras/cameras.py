@@ -60,7 +60,7 @@ class Cameras:
     Parameters
     ----------
     controller
-        Has the prints, and records the stills that are kept.
+        Source of the prints, which records the stills that are kept.
     state
         The state folder, with the file store.
     fetch

@@ -55,7 +55,7 @@ def fetch_files(
     number
         The job.
     folder
-        Where to write; made if it is missing.
+        Folder to write; made if it is missing.
     force
         True if files with other content are overwritten.
     select

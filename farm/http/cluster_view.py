@@ -10,7 +10,7 @@ from farm.text import format_count
 
 
 def describe_cluster(state: ClusterState) -> api.ClusterView:
-    """Describe where work runs, and for what it waits."""
+    """Describe the places where tasks run, and the reasons for which they wait."""
     return api.ClusterView(
         scheduler=state.scheduler,
         place=state.place,

@@ -201,7 +201,7 @@ class BoundedServer(uvicorn.Server):
         Parameters
         ----------
         handshakes
-            Those under way, the oldest first.
+            Open handshakes, the oldest first.
         connection
             The new connection.
         """

@@ -157,7 +157,7 @@ class Job(Entity):
 
     @property
     def assembled_s(self) -> float | None:
-        """Return when a person reported that its parts are glued; None before."""
+        """Return the time at which a person reported that its parts are glued; None before."""
         return None if self.gluing is None else self.gluing.at_s
 
     @property

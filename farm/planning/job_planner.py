@@ -27,7 +27,7 @@ OnProgress = Callable[[int, PlanProgress], None]
 
 
 class JobPlanner:
-    """Plans jobs concurrently.
+    """Planner of several jobs at a time.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ _POLL_S = 0.5  # wall seconds between two readings of the progress of a decompos
 
 
 class PlanBuilder:
-    """Builds the plan of one job in the workers.
+    """Builder of the plan of one job, in the workers.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def build_slice_tasks(batch: SliceBatch) -> list[SliceTask]:
     Raises
     ------
     FarmError
-        `engine` if there is no CuraEngine, `settings` where the settings cannot be resolved.
+        `engine` if there is no CuraEngine, `settings` if the settings cannot be resolved.
     """
     with translate_errors():
         resources, engine = find_resources(), find_engine()

@@ -16,7 +16,7 @@ class EventRow:
     number
         Its number in the log.
     at_s
-        When it happened, on the farm's clock.
+        Time of the event, on the farm's clock.
     kind
         Name of its class.
     job, plate, printer, print_id

@@ -55,7 +55,7 @@ _DAY_S = 86400.0
 
 
 class Upkeep:
-    """Deletes what `fleet.keep` does not keep. One run at a time, on the event loop's thread.
+    """Deletion of the files and events beyond `fleet.keep`. One run at a time, on the event loop's thread.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Upkeep:
         self._spawn(self._finish())
 
     def clean_up(self, backup: Path) -> None:
-        """Delete what is no longer kept after a nightly backup, in the background."""
+        """Delete expired files and events after a nightly backup, in the background."""
         self._spawn(self._run(backup, FARM_CALLER))
 
     async def measure(self) -> None:
@@ -171,7 +171,7 @@ class Upkeep:
     # -- steps ------------------------------------------------------------------------------------------
 
     async def _run(self, backup: Path, by: str) -> api.PruneResponse:
-        """Delete what is no longer kept after a verified backup."""
+        """Delete expired files and events after a verified backup."""
         started_s = time.monotonic()
         events = await self._compact_events(backup)
         jobs = await self._prune_jobs(parse_backup_time_s(backup), by)

@@ -34,11 +34,11 @@ class ViewContext:
     jobs: JobCache = field(default_factory=JobCache)
 
     def plate_hold(self, plate: Plate) -> Hold | None:
-        """Return why a plate waits; None if it does not."""
+        """Return the reason for which a plate waits; None if it does not."""
         return self.plate_holds.get(plate.id)
 
     def job_hold(self, job: Job) -> Hold | None:
-        """Return why a job waits: the recorded reason, with the scheduler's latest sentence."""
+        """Return the reason for which a job waits: the recorded one, with the scheduler's latest sentence."""
         latest = self.job_holds.get(job.id)
         return latest if latest is not None and latest.has_same_reason(job.hold) else job.hold
 

@@ -75,7 +75,7 @@ def find_holder(request: Request) -> KeyHolder:
 
 
 class CallerFinder:
-    """Finds the caller of a request by its key or its session; limits wrong ones by address.
+    """Finder of the caller of a request by its key or its session; limits wrong ones by address.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class CallerFinder:
         Parameters
         ----------
         headers
-            Those of the request.
+            Headers of the request.
         address
             The address that it comes from.
         """
@@ -127,7 +127,7 @@ class CallerFinder:
         )
 
     def find_role(self, key: Key) -> Role | None:
-        """Return what a valid key or session may do now; None for a session whose user is gone.
+        """Return the present rights of a valid key or session; None for a session whose user is gone.
 
         A session may do at most what its user may do now: a user who has left the group of operators loses
         the role.

@@ -42,7 +42,7 @@ class NetworkServer:
     limit
         Largest number of connections.
     state
-        Receives the address, and why it is closed.
+        Record of the address, and of the reason for which it is closed.
     """
 
     def __init__(self, section: WebSection, app: ASGIApp, limit: int, state: NetworkState) -> None:

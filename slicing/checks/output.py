@@ -18,7 +18,7 @@ from slicing.errors import Rule, SliceRejected
 
 PARK_TOLERANCE_MM = 0.1
 TOP_MM = 1.0
-"""Maximum height that may be missing where the outline is not compared."""
+"""Maximum height that may be missing if the outline is not compared."""
 BED_TOLERANCE_MM = 0.2
 """Tolerance at the edges of a bed: a brim is whole lines wide, and support may exceed the part by half a
 line."""

@@ -218,7 +218,7 @@ def _find_positions(columns: dict[int, Floats], commands: Iterable[Command]) -> 
 
 
 def _fill_gaps(column: Floats, first: float) -> Floats:
-    """Replace each NaN by the number before it, or by `first` where there is none."""
+    """Replace each NaN by the number before it, or by `first` if there is none."""
     is_known = ~np.isnan(column)
     last = np.maximum.accumulate(np.where(is_known, np.arange(len(column)), -1)) if len(column) else is_known
     return np.where(last < 0, first, column[last])

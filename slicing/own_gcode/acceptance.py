@@ -82,7 +82,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
     target
         Printer and material for which it is read.
     stopwatch
-        Measures the time of the print, for the program's timeline; it must be a new one.
+        New stopwatch that measures the time of the print, for the program's timeline.
 
     Raises
     ------

@@ -240,7 +240,7 @@ class Interpreter:
 
     def _retract(self, code: str, words: Words) -> None:
         if words.keys() - {"S"}:
-            self._objections.add(f"{code} with {' '.join(words)} is not a retraction: take it out")
+            self._objections.add(f"{code} with {' '.join(words)} is not a retraction: remove it")
         elif self._is_retracted != (code == "G10"):
             self._is_retracted = not self._is_retracted
             length_mm = self._printer.retraction_mm
@@ -251,7 +251,7 @@ class Interpreter:
         if words.keys() == {"E"}:
             self._e = words["E"]
         else:
-            self._objections.reject("G92 may reset E, and nothing else: take it out of your slicer's scripts")
+            self._objections.reject("G92 may reset E only: remove it from your slicer's scripts")
 
     def _heat(self, code: str, words: Words) -> None:
         if not words.keys() & {"S", "R"}:
@@ -261,10 +261,10 @@ class Interpreter:
         limits = self._printer.limits
         max_c = limits.max_nozzle_c if is_nozzle else limits.max_bed_c
         if words.get("T") and target_c == 0 and self._is_printing:
-            self._objections.add_except_at_end(f"{code} is for another extruder, and there is one")
+            self._objections.add_except_at_end(f"{code} is for another extruder, but there is only one")
         elif words.get("T"):
             self._objections.reject(
-                f"{code} is for another extruder, and there is one: slice for a single extruder"
+                f"{code} is for another extruder, but there is only one: slice for a single extruder"
             )
         elif not 0 <= target_c <= max_c:
             heater = "nozzle" if is_nozzle else "bed"
@@ -275,12 +275,12 @@ class Interpreter:
             self.nozzle_c, self.bed_c = (target_c, self.bed_c) if is_nozzle else (self.nozzle_c, target_c)
         elif is_nozzle and target_c < limits.min_extrusion_c:
             self._objections.add_except_at_end(
-                f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on",
+                f"{code} lets the nozzle get cold ({target_c:g} C) before the print ends",
                 ends_print=target_c == 0,
             )
         elif not is_nozzle and target_c == 0 and self.bed_c:
             self._objections.add_except_at_end(
-                f"{code} switches the bed off and the print goes on", ends_print=True
+                f"{code} switches the bed off before the print ends", ends_print=True
             )
         else:
             self._writer.add_line(b"%b S%d" % (code.encode(), target_c))

@@ -31,7 +31,7 @@ needs_curl = pytest.mark.skipif(shutil.which("curl") is None, reason="curl is mi
 
 @pytest.fixture(scope="module")
 def qt():
-    """Skip where Qt lacks libraries of the system, as on a server without a desktop."""
+    """Skip if Qt lacks libraries of the system, as on a server without a desktop."""
     result = subprocess.run(
         [PYTHON, "-c", "import PySide6.QtNetwork"], capture_output=True, text=True, check=False
     )

@@ -33,7 +33,7 @@ class PowerCut:
             self._bytes[path.stat().st_ino] = path.read_bytes()
 
     def copy_rest(self, destination):
-        """Copy what a power cut leaves into a new folder."""
+        """Copy the files that survive a power cut into a new folder."""
         self._rebuild(self._folder, destination)
         return destination
 

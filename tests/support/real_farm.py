@@ -81,7 +81,7 @@ class RealFarm:
         wait_for("printers to connect", lambda: all(p["state"] == "idle" for p in self.status()["printers"]))
 
     def status(self):
-        """Return what `farm status --json` prints, without a process for each poll."""
+        """Return the output of `farm status --json`, without a process for each poll."""
         return self._read(self._client().status())
 
     def job(self, number=1):

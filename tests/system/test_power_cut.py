@@ -77,7 +77,7 @@ def test_database_is_synced_at_every_commit(tmp_path):
 
 @pytest.mark.skipif(C_COMPILER is None, reason="needs a C compiler")
 def test_database_keeps_every_committed_event(tmp_path):
-    """Record what SQLite syncs by a library that is loaded before libc."""
+    """Record the syncs of SQLite by a library that is loaded before libc."""
     shim, synced_folder, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
     subprocess.run([C_COMPILER, "-shared", "-fPIC", "-o", shim, SHIM_SOURCE, "-ldl"], check=True)
     synced_folder.mkdir()

@@ -200,7 +200,7 @@ class _Reader:
     def _refuse_size(self) -> None:
         raise ModelTooDetailed(
             f"{self._name}: has more than {self._max_triangles / 1e6:.1f} million triangles, for which the "
-            "memory does not suffice: simplify its mesh"
+            "memory is too small: simplify its mesh"
         )
 
     def _add_component(self, attributes: Mapping[str, str]) -> None:

@@ -150,7 +150,7 @@ MAX_TAG_BYTES = 2**20
 
 
 def parse_chunks(parser: expat.XMLParserType, name: str, part: str, chunks: Iterator[bytes]) -> None:
-    """Feed a part to a parser. Raises ModelUnreadable where it is not XML."""
+    """Feed a part to a parser. Raises ModelUnreadable if it is not XML."""
     fed_bytes = 0
     try:
         for chunk in chunks:

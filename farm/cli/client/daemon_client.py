@@ -112,7 +112,7 @@ class Client:
         self._call("GET", f"/jobs/{number}/files/{name}", write=write)
 
     def prune(self, dry_run: bool) -> api.PruneResponse:
-        """Delete what is no longer kept, or list it; the parts of each job are drawn first."""
+        """Delete expired files, or list them; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
         return _validate(api.PruneResponse, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
 

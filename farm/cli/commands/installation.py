@@ -173,7 +173,7 @@ def doctor(places: Places, json: Json = False) -> None:
 def setup() -> None:
     """Install CuraEngine and its settings, and compile the planning code: once after each update.
 
-    Takes one to five minutes, and seconds where all is there. sudo may ask for a password.
+    This takes one to five minutes, or seconds if all is installed. sudo may ask for a password.
     """
     from decompose.compilation import ensure_compiled  # slow to load
     from slicing.errors import EngineMissing

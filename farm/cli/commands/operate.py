@@ -103,7 +103,7 @@ def cleared(
 
 
 def _describe_part(request: ClearedRequest, answer: ClearedResponse) -> list[str]:
-    """Describe what happens to the part that was on the bed."""
+    """Describe the consequence for the part that was on the bed."""
     if request.bad and answer.again is None:
         return ["its part was cancelled and is not printed again"]
     if request.bad:
@@ -185,7 +185,7 @@ def pause(places: Places, targets: Targets) -> None:
 
 @with_farm
 def resume(places: Places, targets: OptionalTargets = None) -> None:
-    """Resume what was paused; without a name, the whole farm after an outage."""
+    """Resume a paused job, part or printer; without a name, the whole farm after an outage."""
     client = connect(places)
     if not targets:
         printers = client.send_command("/outage/confirm")

@@ -41,7 +41,7 @@ def queue(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Show the jobs in the order in which they get printers; move one, or give it another start."""
+    """Show the jobs in the order in which they get printers; move one, or change its start time."""
     if job is not None and [to, before, at].count(None) != 2:
         raise typer.BadParameter(
             "give up, down, first or last, or --before JOB, or --at TIME", param_hint="TO"

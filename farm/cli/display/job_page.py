@@ -154,7 +154,7 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
 
 
 def _list_times(view: api.JobView) -> list[tuple[str, str]]:
-    """List how long a job takes, and how well it uses its printers."""
+    """List the duration of a job, and the efficiency with which it uses its printers."""
     rows: list[tuple[str, str]] = []
     if view.estimated_s is not None:
         rows.append(("parallel printing time, expected", format_duration(view.estimated_s)))

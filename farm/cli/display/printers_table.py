@@ -77,7 +77,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Name what the user must do before the printer prints again, or what it is kept for."""
+    """Name the task of the user before the printer prints again, or the job for which it is reserved."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None:

@@ -34,7 +34,7 @@ _TASK_LABELS = {
 }
 _NAME_WIDTH = 32  # columns of a model's name
 _OTHER_LINES = 12  # number of lines of a short page besides those of its printers
-_PIPE_WIDTH = 200  # texts share a line up to here where the width does not matter
+_PIPE_WIDTH = 200  # texts share a line up to this width if the width does not matter
 
 
 def render_status(view: api.Status, width: int | None = None, height: int | None = None) -> Text:
@@ -198,7 +198,7 @@ def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]
 
 
 def _list_wait_lines(jobs: Iterable[api.JobView], width: int | None) -> list[Text]:
-    """List why plates wait, each sentence once with all plates that wait for it."""
+    """List the reasons of waiting plates, each sentence once with all plates that wait for it."""
     lines: list[Text] = []
     for hold, plates in group_holds(jobs):
         lines += _fold_texts("" if lines else "WAIT", [f"{shorten_names(plates)}: {hold.text}"], "", width)

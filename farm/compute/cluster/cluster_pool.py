@@ -238,7 +238,7 @@ class ClusterPool:
         self._slot_queue.update(slots, place is Place.HERE)
 
     def _on_message(self, message: dict[str, Any]) -> None:
-        """Store where a task runs, and write its live files."""
+        """Store the worker of a task, and write its live files."""
         running_task, task = self._running.get(str(message.get("task")), (None, None))
         if running_task is None or task is None:
             return

@@ -11,7 +11,7 @@ PATIENCE_S = 30.0
 
 
 class Place(StrEnum):
-    """Place where new work runs."""
+    """Place of new work."""
 
     CLUSTER = "cluster"
     WAITING = "waiting"  # for a worker of the cluster
@@ -68,7 +68,7 @@ class ClusterState:
     lost_s: float
 
     def list_problems(self) -> list[str]:
-        """Describe what a person should look at, in sentences without figures that change all the time."""
+        """Describe the problems that need a person, in sentences without figures that change all the time."""
         problems = []
         if self.place is Place.HERE:
             problems.append(
@@ -96,7 +96,7 @@ def describe_place(place: Place, scheduler: str) -> str:
 
 
 def choose_place(lost_s: float) -> Place:
-    """Choose where new work runs, from the seconds since the cluster had a usable worker."""
+    """Choose the place of new work, from the seconds since the cluster had a usable worker."""
     if lost_s <= 0.0:
         return Place.CLUSTER
     return Place.WAITING if lost_s < PATIENCE_S else Place.HERE

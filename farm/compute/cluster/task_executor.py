@@ -22,7 +22,7 @@ OnLive = Callable[[str, bytes], None]
 
 
 class TaskExecutor:
-    """Runs tasks for others on this computer.
+    """Executor of the tasks of others on this computer.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def level_by_slices(
     Parameters
     ----------
     model, cost, executor
-        Those of the decomposition.
+        Model, cost and executor of the decomposition.
     work
         Folder for the files of each round.
 

@@ -17,7 +17,7 @@ DRAWING_RECORD = "drawing-record.pickle"
 
 
 def write_drawing_record(decomposition: Decomposition, folder: Path) -> Path:
-    """Write what `draw_job` needs of parts that are stored. Returns the file."""
+    """Write the data of stored parts that `draw_job` needs. Returns the file."""
     path = folder / DRAWING_RECORD
     path.write_bytes(pickle.dumps(decomposition, protocol=pickle.HIGHEST_PROTOCOL))
     return path

@@ -44,7 +44,7 @@ _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
 class PlanRevisions:
-    """Decides which jobs are planned again, and whether the new plan is used.
+    """Decision on the jobs that are planned again, and on the use of the new plan.
 
     A job is examined when its first plate could start, and when a printer of its plan is no longer available;
     its plates do not start while another plan is made. State is kept in memory only: after a restart the jobs

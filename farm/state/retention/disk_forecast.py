@@ -35,7 +35,7 @@ class DiskUse:
 
 
 def average_day_bytes(files: Iterable[tuple[float, int]]) -> float:
-    """Compute the bytes stored in a day: the average of the last week, or of two days where that is more.
+    """Compute the bytes stored in a day: the average of the last week, or of two days if that is more.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: fl
 
 @contextmanager
 def _lock(folder: Path, kind: int) -> Iterator[None]:
-    """Hold the lock of the store's folder: shared to store files, alone to delete one."""
+    """Hold the lock of the store's folder: shared to store files, exclusive to delete one."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, kind)

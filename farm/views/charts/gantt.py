@@ -130,7 +130,7 @@ def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime)
 
 
 def list_expected_bars(slots: Sequence[api.SlotView], now: datetime) -> list[Bar]:
-    """List what is left to print of a timeline, from now on."""
+    """List the remaining prints of a timeline, from now on."""
     bars = []
     for slot in slots:
         start, end = (datetime.fromisoformat(iso) for iso in (slot.starts, slot.ends))

@@ -113,7 +113,7 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> J
 
 
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
-    """Return the views of plates with their present holds; the same view where that has not changed."""
+    """Return the views of plates with their present holds; the same view if the hold has not changed."""
     updated_views: list[api.PlateStatus] = []
     old: Hold | None = None
     new: Hold | None = None  # equal to `old`: most plates of a job share a hold, which is compared once

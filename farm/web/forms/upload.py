@@ -33,7 +33,7 @@ class SubmittedForm(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FormUploads:
-    """Receives forms with a model or G-code, and submits them.
+    """Receiver of forms with a model or G-code, which it submits.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ def publish_page(page: str) -> str:
 
 
 def find_changes(before: Fragments, after: Fragments) -> dict[str, str]:
-    """Find what has changed: the HTML of elements by id.
+    """Find the changes: the HTML of elements by id.
 
     If fragments were added, removed or moved, or if something else changed, that is the whole main element.
     """

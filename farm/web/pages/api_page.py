@@ -63,7 +63,7 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
     document
         The OpenAPI description.
     address
-        Where it is served, for a link.
+        Address at which it is served, for a link.
     """
     info = document["info"]
     return load_template("api.html").render(

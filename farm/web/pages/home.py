@@ -53,15 +53,15 @@ class Task:
     Attributes
     ----------
     key
-        Name that stays the same while the task does.
+        Name that is constant while the task exists.
     code
-        That of the to-do list; `heat` for heaters that are on without a print.
+        Code of the to-do list; `heat` for heaters that are on without a print.
     text
         The action.
     printers, jobs
-        Those that it is about.
+        Printers and jobs of the task.
     beds
-        Beds that it ends with clearing.
+        Beds whose clearing ends the task.
     times
         Times that the text names.
     """
@@ -143,7 +143,7 @@ def list_home_tasks(status: api.Status) -> list[Task]:
 
 
 def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
-    """Yield a key for each task: its code and what it is about, with a number where that is not enough."""
+    """Yield a key for each task: its code and its subject, with a number if these are not unique."""
     key_counts = Counter[str]()
     for todo in todos:
         subjects = () if todo.code in ("clear", "host") else (*map(str, todo.jobs), *todo.printers)
@@ -199,7 +199,7 @@ def _describe_task(
 
 
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
-    """Describe what is on the bed of a printer, and what is asked about it."""
+    """Describe the content of the bed of a printer, and the questions about it."""
     last_print = printer.last
     is_judged = last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
     last_print_id = last_print.id if last_print is not None else "none"

@@ -19,7 +19,7 @@ from farm.text import format_moment
 _LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
 
 
-class WithTimes(Protocol):
+class TimedText(Protocol):
     """Object with a sentence, such as a hold or a task, and the times that it names."""
 
     @property
@@ -37,7 +37,7 @@ class Sentence:
     times: Sequence[TextTime] = ()
 
 
-def format_sentence(sentence: WithTimes) -> Markup:
+def format_sentence(sentence: TimedText) -> Markup:
     """Format a sentence: commands in backticks as code, times as elements.
 
     The command that it ends with is left out: on pages a button does it.

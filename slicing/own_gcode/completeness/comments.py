@@ -43,7 +43,7 @@ def read_layer_number(comment: bytes) -> int | None:
 
 
 class Completeness:
-    """Gathers the signs of completeness from all comments of a file."""
+    """Collector of the signs of completeness in all comments of a file."""
 
     def __init__(self) -> None:
         self._closing_mark: re.Pattern[bytes] | None = None

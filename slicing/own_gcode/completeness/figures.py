@@ -105,7 +105,7 @@ class StatedFigures:
 
 
 class FiguresReader:
-    """Gathers a slicer's figures from the comments of its file."""
+    """Collector of a slicer's figures in the comments of its file."""
 
     def __init__(self) -> None:
         self._filament: StatedFilament | None = None

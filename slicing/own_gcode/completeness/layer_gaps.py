@@ -59,7 +59,7 @@ class _Layer:
 
 
 class LayerGaps:
-    """Compares the filament of each move with the flow of nearby layers, in files that number their layers.
+    """Comparison of the filament of each move with the flow of nearby layers, in files with numbered layers.
 
     Parameters
     ----------

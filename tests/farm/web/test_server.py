@@ -48,7 +48,7 @@ def reach(port, path, context=None, key=None):
 
 
 class KeepRedirect(urllib.request.HTTPRedirectHandler):
-    """Shows a redirection instead of following it."""
+    """Handler that returns a redirection instead of following it."""
 
     def redirect_request(self, *_):
         return None

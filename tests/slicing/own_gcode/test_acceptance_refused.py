@@ -40,7 +40,7 @@ def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
     ("line", "message"),
     [
         *((f"M{n}", rf"line \d+: M{n} ") for n in (0, 1, 226, 600, 601, 20, 23, 24, 28, 30, 92, 112, 200)),
-        *((f"M{n} P1", rf"line \d+: M{n} .*take it out") for n in (301, 302, 303, 500, 501, 502, 999)),
+        *((f"M{n} P1", rf"line \d+: M{n} .*remove it") for n in (301, 302, 303, 500, 501, 502, 999)),
         *((f"M{n} X1", rf"line \d+: M{n} ") for n in (92, 201, 203, 206)),
         ("G20", "millimetres"),
         ("T1", "single extruder"),
@@ -52,7 +52,7 @@ def test_sequential_objects_are_limited_to_the_clearance_of_the_head():
         ("G92 X0", "may reset E"),
         ("G92 X0 E0", "may reset E"),
         ("G92", "may reset E"),
-        ("M104 S0", "cold .0 C. and the print goes on"),
+        ("M104 S0", "cold .0 C. before the print ends"),
         ("M109 S150", "cold"),
         ("M104 S261", "at most 260"),
         ("M104 S-5", "at most 260"),

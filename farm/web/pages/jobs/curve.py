@@ -26,11 +26,11 @@ class Choice:
     x, y
         Position in the chart, px.
     label
-        The number below the axis; empty where there is no room.
+        The number below the axis; empty if there is no room.
     is_chosen
         Whether the plan has this number.
     end
-        When it would end.
+        Expected time of the end.
     """
 
     printers: int

@@ -165,7 +165,7 @@ def _list_figures(job: api.JobView) -> Iterator[tuple[str, str]]:
 
 
 def estimate_share(progress: PlanProgress) -> float | None:
-    """Estimate how much of the present step of planning is done, 0 to 1; None if unknown."""
+    """Estimate the completed share of the present step of planning, 0 to 1; None if unknown."""
     if progress.step is PlanStep.SLICING and progress.of:
         return progress.done / progress.of
     return progress.share if progress.step is PlanStep.DECOMPOSING else None

@@ -37,7 +37,7 @@ class PartRow:
     why
         Reason for which it waits or failed; empty if there is none.
     warnings
-        What its slice may not print as modelled.
+        Features that its slice may not print as modelled.
     """
 
     id: str
