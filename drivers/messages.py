@@ -96,7 +96,7 @@ class Heater(_AgentMessage):
 class PrintReadings(BaseModel):
     """Values of a print that are only shown to people.
 
-    `farm.model.AgentPrint` and `farm.api.PrintProgress` inherit them: `--json` shows a new field automatically.
+    `farm.model.AgentPrint` and `farm.api.PrintProgress` inherit them: `--json` shows new fields too.
     """
 
     layer: int | None = None  # from 1; null before the first layer of the file
@@ -132,7 +132,7 @@ class PrintSnapshot(PrintReadings, _AgentMessage):
 class PrinterReadings(BaseModel):
     """Values of a printer that are only shown to people.
 
-    `farm.model.AgentSnapshot` and `farm.api.PrinterView` inherit them: `--json` shows a new field automatically.
+    `farm.model.AgentSnapshot` and `farm.api.PrinterView` inherit them: `--json` shows new fields too.
     """
 
     heaters_off: bool = False  # a report has shown both targets 0 since the last heating command

@@ -109,7 +109,7 @@ class _Rims:
 
 
 def _find_thin(solid: Solid, vertices: Floats, flat: Ints, face: JointFace) -> shapely.Geometry:
-    """Find the area in which a solid is thinner than two walls behind faces (m, 3) in the plane of a joint."""
+    """Find the area where a solid is thinner than two walls behind faces (m, 3) on the plane of a joint."""
     a, b, c = np.moveaxis(vertices[flat], 1, 0)
     outside = np.sign(float((np.cross(b - a, c - a) @ face.normal).sum()))
     rings = (vertices @ face.axes.T)[flat]

@@ -177,6 +177,6 @@ def test_tables_are_the_same_when_threads_share_the_work(
     grid: Grid, boxes: BoxTables, recipe_cost: CostModel
 ) -> None:
     with ThreadPoolExecutor(1) as executor:
-        shared_boxes = price_boxes(grid, [HUGE], recipe_cost, executor)
+        shared_boxes = price_boxes(grid, [HUGE_ROOM], recipe_cost, executor)
     for name in ("seconds", "trimmed", "pieces", "cut_mm2"):
         np.testing.assert_array_equal(getattr(shared_boxes, name), getattr(boxes, name))
