@@ -81,6 +81,19 @@ class KeyPlace:
     exit_mm: float = 0.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KeySlide:
+    """Way of a key on a site: the side that its groove leaves, and the direction (3,) in which it does.
+
+    The moved part comes from the direction of the step, so that its groove leaves it against that, and the
+    groove of the fixed part along it.
+    """
+
+    site: Site
+    open_side: Side
+    along: Floats
+
+
 @dataclass(frozen=True, slots=True)
 class KeyMaker:
     """Finds places of keys of one diameter, and makes them for a step with a direction (3,)."""
@@ -113,12 +126,13 @@ class KeyMaker:
         length_mm
             Length of the key.
         """
-        places = [
-            place
-            for site in sites
-            for seat in self._find_seats(site, length_mm)
-            for place in self._find_exits(site, seat, exits)
-        ]
+        places: list[KeyPlace] = []
+        for site in sites:
+            seats = self._find_seats(site, length_mm)
+            for side, along in ((site.moved, -self.direction), (site.fixed, self.direction)):
+                ends = [end for pair in exits for end in (pair.moved, pair.fixed) if end.part == side.part]
+                if len(seats) and ends:
+                    places += self._find_exits(KeySlide(site, side, along), seats, ends)
         return sorted(places, key=lambda place: place.exit_mm)
 
     def make(self, place: KeyPlace, length_mm: float) -> Pin | None:
@@ -188,32 +202,26 @@ class KeyMaker:
         shapely.prepare(room)
         return site.moved.lift(middles[shapely.covers(room, lines)])
 
-    def _find_exits(self, site: Site, seat_mm: Floats, exits: Sequence[Site]) -> Iterator[KeyPlace]:
-        """Find the faces through which the groove of a part can leave it from a seat (3,).
-
-        The moved part comes from its direction, so that its groove leaves it against that, and that of the
-        fixed part along it.
-        """
-        wide_mm = self._depth_mm(site) + KEY_RIM_MM + SLACK_MM
-        for side, along in ((site.moved, -self.direction), (site.fixed, self.direction)):
-            area = None
-            for exit_site in exits:
-                end = exit_site.moved if side is site.moved else exit_site.fixed
-                if end.part != side.part:
-                    continue
-                exit_mm = float((end.face.offset_mm * end.face.normal - seat_mm) @ along)
+    def _find_exits(self, slide: KeySlide, seats_mm: Floats, ends: Sequence[Side]) -> Iterator[KeyPlace]:
+        """Find the faces of a part through which its groove can leave it from seats (n, 3)."""
+        side, along = slide.open_side, slide.along
+        wide_mm = self._depth_mm(slide.site) + KEY_RIM_MM + SLACK_MM
+        area = self.room.find_solid_area(side, wide_mm, KEY_RIM_MM)
+        shapely.prepare(area)
+        across = wide_mm * np.cross(side.into, along)
+        for end in ends:
+            end_mm = float(end.face.offset_mm * end.face.normal @ along)
+            for seat_mm in seats_mm:
+                exit_mm = end_mm - float(seat_mm @ along)
                 if not 0.0 < exit_mm <= MAX_EXIT_MM:
                     continue
-                across = wide_mm * np.cross(side.into, along)
                 section = seat_mm + exit_mm * along + np.array([-across, across])
                 below = [section + depth_mm * side.into for depth_mm in (SLACK_MM, wide_mm)]
-                if not end.face.outline.covers(_hull(end.flatten(np.concatenate(below)))):
-                    continue
-                if area is None:
-                    area = self.room.find_solid_area(side, wide_mm, KEY_RIM_MM)
                 way = np.concatenate([seat_mm + np.array([-across, across]), section - SLACK_MM * along])
-                if area.covers(_hull(side.flatten(way))):
-                    yield KeyPlace(site, seat_mm, along, side.part, exit_mm)
+                if end.face.outline.covers(_hull(end.flatten(np.concatenate(below)))) and area.covers(
+                    _hull(side.flatten(way))
+                ):
+                    yield KeyPlace(slide.site, seat_mm, along, side.part, exit_mm)
 
     def _find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find where the bottom of a groove may be, level by level, as its sides taper."""
