@@ -28,7 +28,8 @@ from decompose.problem import Partition, Problem, Work
 MAX_ROUNDS = 8  # maximum number of rounds: true prices for the chosen boxes, and a new choice
 MAX_REJECTIONS = 40  # maximum number of choices rejected because of a sliver or a weak joint
 RETRY_RATIO = 1.01  # another round follows if the true makespan exceeds that of the tables by this ratio
-TOLERANCE_S = 1.0  # accuracy of the minimum makespan by the tables
+TOLERANCE_S = 1.0  # minimum accuracy of the minimum makespan by the tables
+TOLERANCE = 5e-4  # its accuracy, as a share of it: true prices differ from those of the tables by more
 SEARCH_SHARE = 0.75  # share of the unreserved budget; the rest is for windows
 LATE_STEP = 0.02  # growth of the makespan's limit, as a share, when the budget is spent without a result
 # Limits between the minimum makespans with this number of printers and with one less.
@@ -111,7 +112,7 @@ class ExactSearch:
                 effort.cut_short = True  # from here on any partition is accepted
                 if best:
                     break
-            close_s = max(TOLERANCE_S, LATE_STEP * self.min_s) if is_late else TOLERANCE_S
+            close_s = max(TOLERANCE_S, (LATE_STEP if is_late else TOLERANCE) * self.min_s)
             makespan_s = self._solve(len(self.problem.printers), close_s)
             if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
@@ -144,9 +145,10 @@ class ExactSearch:
         search = ExactSearch(
             self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.min_s
         )
-        search.cut, search.posed_s = self.cut, self.posed_s
+        search.cut, search.posed_s, search.is_near = self.cut, self.posed_s, True
         printers = len(self.problem.printers)
-        min_s, fewer_s = search._solve(printers), search._solve(printers - 1)
+        tolerance_s = max(TOLERANCE_S, TOLERANCE * self.min_s)
+        min_s, fewer_s = search._solve(printers, tolerance_s), search._solve(printers - 1, tolerance_s)
         if min_s is None:
             return
         known_partitions = {frozenset(best)}
@@ -176,10 +178,10 @@ class ExactSearch:
                 break
         return best
 
-    def _solve(self, printers: int, *limits_s: float) -> float | None:
+    def _solve(self, printers: int, tolerance_s: float, max_s: float = math.inf) -> float | None:
         """Find the least makespan by the tables (`Partitioner.find_min_makespan`), and record the work."""
         previous_sums = self.solver.sums
-        min_s = self.solver.find_min_makespan(printers, self.min_s, *limits_s, is_near=self.is_near)
+        min_s = self.solver.find_min_makespan(printers, self.min_s, tolerance_s, max_s, is_near=self.is_near)
         self.is_near = min_s is not None
         self.problem.effort.record(Work.SUM, self.solver.sums - previous_sums)
         return min_s

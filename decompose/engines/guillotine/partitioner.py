@@ -37,6 +37,7 @@ from decompose.engines.guillotine.recursion import (
 from decompose.engines.guillotine.ties import find_tied_keys
 from decompose.grid import SHARES, Box, BoxTables, box_at, box_index, count_cuts, interval, run_shares
 
+WIDE_RATIO = 2.0  # ratio of the limits of a range from which it is divided by their geometric mean
 LIMIT_GROWTH = 4.0  # growth of the steps by which a limit is raised until there is a solution
 MAX_TIED = 120_000_000  # maximum number of values in all states with which ties are broken, to save memory
 
@@ -242,7 +243,8 @@ class Partitioner:
         if high < 0.0 or (not is_reached and self.solve(high) > printers):
             return None
         while high - low > tolerance_s:
-            middle = (low + high) / 2.0
+            # Of a range over orders of magnitude, the lower part is more probable.
+            middle = math.sqrt(low * high) if high > WIDE_RATIO * low > 0.0 else (low + high) / 2.0
             if self.solve(middle) <= printers:
                 high = self._find_reached_s(middle)
             else:
