@@ -33,7 +33,7 @@ class AssemblyStep:
 
     Attributes
     ----------
-    moved, fixed
+    moved_parts, fixed_parts
         Parts of the body that is moved, and of the one that it is joined to.
     direction
         (3,) unit vector in the model's frame, opposite to the movement of the moved body.
@@ -52,8 +52,8 @@ class AssemblyStep:
         A person's time for the step, and its start after that of the first step, with one person at work.
     """
 
-    moved: tuple[int, ...]
-    fixed: tuple[int, ...]
+    moved_parts: tuple[int, ...]
+    fixed_parts: tuple[int, ...]
     direction: Floats
     joints: tuple[int, ...]
     glue_mm2: float
@@ -66,7 +66,7 @@ class AssemblyStep:
     @property
     def work(self) -> Work:
         """Return the quantities on which the step's time depends."""
-        bodies = frozenset(self.moved), frozenset(self.fixed)
+        bodies = frozenset(self.moved_parts), frozenset(self.fixed_parts)
         return Work(bodies, len(self.joints), self.glue_mm2, bool(self.rests_on))
 
 
@@ -101,7 +101,9 @@ class Assembly:
     @property
     def part_order(self) -> tuple[int, ...]:
         """Parts in the order in which the steps use them; those without a step are left out."""
-        return tuple(dict.fromkeys(part for step in self.steps for part in (*step.fixed, *step.moved)))
+        return tuple(
+            dict.fromkeys(part for step in self.steps for part in (*step.fixed_parts, *step.moved_parts))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,8 +207,8 @@ class _Plan:
         across = np.outer(moved, fixed)
         glue_mm2 = float((self._glue_mm2 * across).sum())
         return AssemblyStep(
-            moved=_list_numbers(moved),
-            fixed=_list_numbers(fixed),
+            moved_parts=_list_numbers(moved),
+            fixed_parts=_list_numbers(fixed),
             direction=direction,
             joints=tuple(
                 k

@@ -41,10 +41,10 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
     for group in assembly.locked:
         bodies |= dict.fromkeys(group, frozenset(group))
     for n, step in enumerate(assembly.steps, 1):
-        for side in (step.moved, step.fixed):
+        for side in (step.moved_parts, step.fixed_parts):
             if bodies[side[0]] != set(side):
                 yield f"step {n} takes {_name_parts(side)} for one body"
-        joined_body = frozenset((*step.moved, *step.fixed))
+        joined_body = frozenset((*step.moved_parts, *step.fixed_parts))
         bodies |= dict.fromkeys(joined_body, joined_body)
     for joint in joints:
         if joint.b not in bodies[joint.a]:
@@ -64,8 +64,8 @@ def _find_collisions(solids: Sequence[Solid], steps: Sequence[AssemblyStep]) -> 
             along = float(axis @ step.direction)
             if abs(along) <= SAME_AXIS:
                 continue
-            for moved in step.moved:
-                for fixed in step.fixed:
+            for moved in step.moved_parts:
+                for fixed in step.fixed_parts:
                     if shadows[fixed].blocks(shadows[moved])[0 if along > 0.0 else 1]:
                         yield f"step {n}: part {moved + 1} runs into part {fixed + 1}"
 

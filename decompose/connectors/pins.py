@@ -120,7 +120,7 @@ def _find_sites(
     """
     sites = []
     for one, other in pairs:
-        moved, fixed = (one, other) if one.part in step.moved else (other, one)
+        moved, fixed = (one, other) if one.part in step.moved_parts else (other, one)
         along = float(moved.into @ step.direction)
         if abs(along) < LEVEL if sliding else along > ALONG:
             sites.append(Site(moved, fixed))

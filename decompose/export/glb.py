@@ -40,7 +40,7 @@ def find_moves(parts: Sequence[Part], steps: Sequence[AssemblyStep]) -> Floats:
     """
     moves = np.zeros((len(steps), 3))
     for row, step in zip(moves, steps, strict=True):
-        heights = [parts[number].solid.arrays()[0] @ step.direction for number in step.moved]
+        heights = [parts[number].solid.arrays()[0] @ step.direction for number in step.moved_parts]
         extent_mm = max(h.max() for h in heights) - min(h.min() for h in heights)
         row[:] = max(APART_MM, APART_SHARE * float(extent_mm)) * step.direction
     return moves
@@ -64,7 +64,7 @@ def find_offsets(count: int, steps: Sequence[AssemblyStep], moves: Floats) -> Fl
     offsets = np.zeros((len(steps) + 1, count, 3))
     for k in range(len(steps) - 1, -1, -1):
         offsets[k] = offsets[k + 1]
-        offsets[k, list(steps[k].moved)] += moves[k]
+        offsets[k, list(steps[k].moved_parts)] += moves[k]
     return offsets
 
 

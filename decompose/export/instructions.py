@@ -128,7 +128,7 @@ def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None])
     """Describe each part in the order of use, with the first step that uses it."""
     first: dict[int, int] = {}
     for number, step in enumerate(decomposition.assembly.steps, 1):
-        for part in (*step.moved, *step.fixed):
+        for part in (*step.moved_parts, *step.fixed_parts):
             first.setdefault(part, number)
     rows = []
     for index in _order_parts(decomposition):
@@ -150,7 +150,7 @@ def _list_parts(decomposition: Decomposition, places: Sequence[BedPlace | None])
 def _describe_step(
     number: int, step: AssemblyStep, decomposition: Decomposition, step_pictures: StepPictures
 ) -> dict[str, Any]:
-    fixed = ", ".join(_name_parts(decomposition, step.fixed))
+    fixed = ", ".join(_name_parts(decomposition, step.fixed_parts))
     rest = ", ".join(_name_parts(decomposition, step.rests_on))
     return {
         "number": number,
@@ -158,14 +158,14 @@ def _describe_step(
         "picture": _embed(step_pictures.both),
         "turned_over": _embed(step_pictures.moved),
         "top": step_pictures.top,
-        "moved": ", ".join(_name_parts(decomposition, step.moved)),
+        "moved": ", ".join(_name_parts(decomposition, step.moved_parts)),
         "fixed": fixed,
         "slides": step.slides,
         "minutes": _format_minutes(step.work_s),
         "seam_mm": f"{decomposition.sum_seams_mm(step.joints if decomposition.seams else ()):,.0f}",
         "support": (
             f"Put {fixed} down as drawn, on the grey table: with the joint upwards it stands"
-            + (f" on {rest}." if len(step.fixed) > 1 else ".")
+            + (f" on {rest}." if len(step.fixed_parts) > 1 else ".")
             if rest
             else f"Hold {fixed} as drawn: it does not stand with the joint upwards."
         ),

@@ -216,7 +216,7 @@ def _draw_arrow(
     axes: Any, drawing: Drawing, step: AssemblyStep, decomposition: Decomposition, apart_mm: Floats
 ) -> None:
     """Draw the movement of the moved body as an arrow from its middle."""
-    bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved]
+    bounds = [decomposition.parts[number].solid.bounds_mm for number in step.moved_parts]
     middle = np.mean([bound.mean(axis=0) for bound in bounds], axis=0)
     start, end = drawing.place(np.array([middle + apart_mm, middle]))
     axes.annotate(

@@ -66,7 +66,7 @@ def find_glued_faces(step: AssemblyStep, decomposition: Decomposition) -> list[G
     """Find the faces that a step glues; the fixed part's triangles in the plane give its outside."""
     glued_faces = []
     for joint in (decomposition.joints[number] for number in step.joints):
-        fixed_part = decomposition.parts[joint.a if joint.a in step.fixed else joint.b]
+        fixed_part = decomposition.parts[joint.a if joint.a in step.fixed_parts else joint.b]
         vertices, faces = fixed_part.solid.arrays()
         for face in joint.faces:
             plane = np.append(face.normal, face.offset_mm)[None]
@@ -92,16 +92,16 @@ def build_both(number: int, decomposition: Decomposition, apart_mm: Floats) -> S
     glued_faces = find_glued_faces(step, decomposition)
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
     shapes = [
-        *_paint_parts(step.fixed, decomposition, np.zeros(3)),
-        *_paint_parts(step.moved, decomposition, apart_mm),
+        *_paint_parts(step.fixed_parts, decomposition, np.zeros(3)),
+        *_paint_parts(step.moved_parts, decomposition, apart_mm),
         *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_make_rod(pin), PIN_COLOUR) for pin in pins),
         *(Shape(fill_face(entry.face, -entry.outward) + apart_mm, GLUE_COLOUR) for entry in glued_faces),
-        *_write_codes(step, step.fixed, decomposition),
+        *_write_codes(step, step.fixed_parts, decomposition),
     ]
     if step.rests_on:
         shapes.append(Shape(_make_table(step, decomposition), TABLE_COLOUR))
-    return Scene((*step.fixed, *step.moved), glued_faces, pins, shapes)
+    return Scene((*step.fixed_parts, *step.moved_parts), glued_faces, pins, shapes)
 
 
 def build_moved(number: int, decomposition: Decomposition) -> Scene:
@@ -110,12 +110,12 @@ def build_moved(number: int, decomposition: Decomposition) -> Scene:
     glued_faces = [GluedFace(entry.face, -entry.outward) for entry in find_glued_faces(step, decomposition)]
     pins = [pin for pin in decomposition.connectors.pins if pin.step == number]
     shapes = [
-        *_paint_parts(step.moved, decomposition, np.zeros(3)),
+        *_paint_parts(step.moved_parts, decomposition, np.zeros(3)),
         *(Shape(fill_face(entry.face, entry.outward), GLUE_COLOUR) for entry in glued_faces),
         *(Shape(_fill_mouth(pin.holes[0]), INK) for pin in pins),
-        *_write_codes(step, step.moved, decomposition),
+        *_write_codes(step, step.moved_parts, decomposition),
     ]
-    return Scene(step.moved, glued_faces, pins, shapes)
+    return Scene(step.moved_parts, glued_faces, pins, shapes)
 
 
 def fill_face(face: JointFace, outward: Floats) -> Floats:
@@ -196,7 +196,7 @@ def _fill_mouth(hole: Tool) -> Floats:
 
 def _make_table(step: AssemblyStep, decomposition: Decomposition) -> Floats:
     """Build two triangles (2, 3, 3) below the fixed body, which stands on them along the step's direction."""
-    points = np.concatenate([decomposition.parts[part].solid.arrays()[0] for part in step.fixed])
+    points = np.concatenate([decomposition.parts[part].solid.arrays()[0] for part in step.fixed_parts])
     up = step.direction
     axes = choose_plane_axes(up)
     flat = points @ axes.T

@@ -115,7 +115,7 @@ class DrilledParts:
     def _check_pin(self, pin: Pin) -> Iterator[tuple[Rule, str]]:
         step = self.steps[pin.step]
         moved, fixed = pin.holes
-        if moved.part not in step.moved or fixed.part not in step.fixed or not _closes(pin, step):
+        if moved.part not in step.moved_parts or fixed.part not in step.fixed_parts or not _closes(pin, step):
             yield Rule.ORDER, f"a pin of step {pin.step + 1} is not along its direction"
         if pin.along is not None and abs(float(pin.along @ moved.into)) > LEVEL:
             yield Rule.PINNED, f"a key of step {pin.step + 1} does not lie in its joint"
@@ -126,7 +126,7 @@ class DrilledParts:
             if hole.exit is None:
                 continue
             way = _make_rod(pin, hole.exit)
-            body = step.moved if hole is moved else step.fixed
+            body = step.moved_parts if hole is moved else step.fixed_parts
             if any(way.intersect(self.drilled[part]).volume_mm3 > EPS_MM3 for part in body):
                 yield Rule.ORDER, f"a key of step {pin.step + 1} does not slide into its groove"
 

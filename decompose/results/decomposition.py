@@ -341,8 +341,8 @@ class Decomposition:
     def _step_as_dict(self, number: int, step: AssemblyStep) -> dict[str, Any]:
         return {
             "number": number,
-            "moved": self._name_parts(step.moved),
-            "fixed": self._name_parts(step.fixed),
+            "moved": self._name_parts(step.moved_parts),
+            "fixed": self._name_parts(step.fixed_parts),
             "direction": (step.direction + 0.0).tolist(),  # no -0
             "joints": [self._name_parts((self.joints[j].a, self.joints[j].b)) for j in step.joints],
             "glue_mm2": step.glue_mm2,

@@ -38,7 +38,7 @@ def plan(pieces: Sequence[Piece]) -> Assembly:
 
 def test_assembly_of_two_halves_moves_the_lighter_one():
     [step] = plan(make_boxes(((0, 0, 0), (60, 40, 20)), ((0, 0, 20), (60, 40, 30)))).steps
-    assert (step.moved, step.fixed) == ((1,), (0,))
+    assert (step.moved_parts, step.fixed_parts) == ((1,), (0,))
     assert step.direction == pytest.approx([0, 0, 1])
     assert step.glue_mm2 == pytest.approx(2400.0)
     assert not step.slides and step.rests_on == (0,)
@@ -78,7 +78,7 @@ def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
     loose = make_boxes(((20, 20, 20), (40, 40, 40)))
     assembly = plan([*halves, *loose])
     first_step, second_step = assembly.steps
-    assert first_step.joints == () and 2 in (*first_step.moved, *first_step.fixed)
+    assert first_step.joints == () and 2 in (*first_step.moved_parts, *first_step.fixed_parts)
     assert len(second_step.joints) == 1
 
 
@@ -86,7 +86,10 @@ def test_bodies_that_stand_apart_need_no_step_between_them():
     pair = ((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)), ((20.0, 0.0, 0.0), (40.0, 20.0, 20.0))
     second_pair = ((100.0, 0.0, 0.0), (120.0, 20.0, 20.0)), ((120.0, 0.0, 0.0), (140.0, 20.0, 20.0))
     assembly = plan(make_boxes(*pair, *second_pair))
-    assert sorted(sorted((*step.moved, *step.fixed)) for step in assembly.steps) == [[0, 1], [2, 3]]
+    assert sorted(sorted((*step.moved_parts, *step.fixed_parts)) for step in assembly.steps) == [
+        [0, 1],
+        [2, 3],
+    ]
 
 
 def test_linked_rings_are_a_fault():
@@ -110,7 +113,7 @@ def test_two_ears_above_a_plane_are_joined_one_by_one():
         for piece in cut_box(ears, (-9, -9, lo), (999, 99, hi))
     ]
     assembly = plan(pieces)
-    assert [len(step.moved) for step in assembly.steps] == [1, 1]
+    assert [len(step.moved_parts) for step in assembly.steps] == [1, 1]
 
 
 def test_body_that_would_fall_over_is_held():
@@ -127,7 +130,7 @@ def test_thin_plate_in_a_thin_box_is_laid_in_before_the_box_is_closed():
         for piece in cut_box(box, (-9, -9, lo), (99, 99, hi))
     ]
     first_step, second_step = plan([*halves, *make_boxes(((5, 5, 100), (55, 55, 102)))]).steps
-    assert first_step.joints == () and 2 in (*first_step.moved, *first_step.fixed)
+    assert first_step.joints == () and 2 in (*first_step.moved_parts, *first_step.fixed_parts)
     assert len(second_step.joints) == 1
 
 
@@ -183,5 +186,7 @@ def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[P
     assert len(assembly.steps) == len(pieces) - 1
     levels: dict[frozenset[int], int] = {}
     for step in assembly.steps:
-        assert step.level == 1 + max(levels.get(frozenset(side), 0) for side in (step.moved, step.fixed))
-        levels[frozenset((*step.moved, *step.fixed))] = step.level
+        assert step.level == 1 + max(
+            levels.get(frozenset(side), 0) for side in (step.moved_parts, step.fixed_parts)
+        )
+        levels[frozenset((*step.moved_parts, *step.fixed_parts))] = step.level

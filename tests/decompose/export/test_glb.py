@@ -69,7 +69,7 @@ def test_animation_ends_with_each_part_in_its_place(
         keys = read_floats(tree, binary, sampler["output"])
         assert times_s[0] == 0.0 and (np.diff(times_s) > 0.0).all() and len(times_s) == len(keys)
         assert np.linalg.norm(keys[0]) >= 25.0 and not keys[-1].any()
-    assert animated_nodes == {parts[number].id for step in assembly.steps for number in step.moved}
+    assert animated_nodes == {parts[number].id for step in assembly.steps for number in step.moved_parts}
 
 
 def test_no_steps_make_no_animation(parts: list[Part], tmp_path: Path) -> None:
@@ -81,11 +81,13 @@ def test_parts_of_a_body_move_as_one(parts: list[Part], assembly: Assembly) -> N
     moves = find_moves(parts, assembly.steps)
     offsets = find_offsets(len(parts), assembly.steps, moves)
     for k, step in enumerate(assembly.steps):
-        fixed_parts = [n for n in range(len(parts)) if n not in step.moved]
+        fixed_parts = [n for n in range(len(parts)) if n not in step.moved_parts]
         assert np.array_equal(offsets[k, fixed_parts], offsets[k + 1, fixed_parts])
-        assert np.ptp(offsets[k + 1][[*step.moved, *step.fixed]], axis=0) == pytest.approx(np.zeros(3))
-        assert offsets[k, step.moved] - offsets[k + 1, step.moved] == pytest.approx(
-            np.tile(moves[k], (len(step.moved), 1))
+        assert np.ptp(offsets[k + 1][[*step.moved_parts, *step.fixed_parts]], axis=0) == pytest.approx(
+            np.zeros(3)
+        )
+        assert offsets[k, step.moved_parts] - offsets[k + 1, step.moved_parts] == pytest.approx(
+            np.tile(moves[k], (len(step.moved_parts), 1))
         )
 
 

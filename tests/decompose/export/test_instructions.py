@@ -236,7 +236,7 @@ def test_faces_point_away_from_the_fixed_body_also_where_they_slide(pinwheel: De
         for entry in find_glued_faces(step, pinwheel):
             inside_mm = np.array(entry.face.outline.representative_point().coords[0]) @ entry.face.axes
             point = inside_mm + entry.face.offset_mm * entry.face.normal - 0.5 * entry.outward
-            bounds = [pinwheel.parts[part].solid.bounds_mm for part in step.fixed]
+            bounds = [pinwheel.parts[part].solid.bounds_mm for part in step.fixed_parts]
             assert any((lo < point).all() and (point < hi).all() for lo, hi in bounds)
 
 
