@@ -68,6 +68,7 @@ log = logging.getLogger(__name__)
 _WATCH_INTERVAL_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _TICK_INTERVAL_S = 1.0
 _FORECAST_INTERVAL_S = 15.0
+_FORECAST_PAUSE_S = 0.02  # between two steps, for other work
 _NOTIFY_INTERVAL_S = 2.0
 _DRY_RUNS_INTERVAL_S = 5.0
 _CAMERAS_INTERVAL_S = 0.5
@@ -260,9 +261,8 @@ class Daemon:
         self._change_s = change_s
 
     async def _renew_forecast(self) -> None:
-        work = self._controller.forecast.find_background_work()
-        if work is not None:
-            await asyncio.to_thread(work)
+        for _ in self._controller.forecast.find_background_work() or ():
+            await asyncio.sleep(_FORECAST_PAUSE_S)
 
     async def _shut_down(self, now: bool) -> None:
         """Shut down: prints first (with `now`), then the agents, then the daemon."""

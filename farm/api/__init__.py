@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from pydantic import ConfigDict, Field
 
-from drivers.messages import PrinterReadings, PrintReadings
 from farm.api.base import NETWORK_PREFIX as NETWORK_PREFIX
 from farm.api.base import SCHEMA as SCHEMA
 from farm.api.base import Line as Line
@@ -25,6 +24,12 @@ from farm.api.hosts import HostList as HostList
 from farm.api.hosts import HostPortView as HostPortView
 from farm.api.hosts import HostUpdate as HostUpdate
 from farm.api.hosts import HostView as HostView
+from farm.api.jobs import JobFigures as JobFigures
+from farm.api.jobs import JobSummary as JobSummary
+from farm.api.jobs import JobView as JobView
+from farm.api.jobs import PartView as PartView
+from farm.api.jobs import PlateStatus as PlateStatus
+from farm.api.jobs import RunView as RunView
 from farm.api.keys import AppKeyGrant as AppKeyGrant
 from farm.api.keys import AppKeyRequestView as AppKeyRequestView
 from farm.api.keys import EndedSessions as EndedSessions
@@ -54,199 +59,20 @@ from farm.api.requests import QueueEntry as QueueEntry
 from farm.api.requests import QueueMove as QueueMove
 from farm.api.requests import QueuePlace as QueuePlace
 from farm.api.requests import Reason as Reason
-from farm.model import (
-    Bed,
-    FilamentState,
-    Hold,
-    JobOptions,
-    JobState,
-    PlanProgress,
-    PrintState,
-    TextTime,
-    Verdict,
-)
-
-
-class PartView(View):
-    id: str
-    cut_from: str | None = None  # the failed part that it is a piece of
-    copy_number: int = 1  # of the copies of the model
-    glue_rank: int | None = None  # place in the order in which parts are glued, from 1
-    verdict: Verdict | None
-    plate: str
-    file: str | None  # null if the files of its job were pruned
-    picture: str | None = None  # small PNG of a part whose file was pruned
-    prints: list[PrintView]
-
-    @property
-    def own_prints(self) -> list[PrintView]:
-        """Prints of this part, without those of the part that it was cut from."""
-        return [attempt for attempt in self.prints if attempt.part == self.id]
-
-
-class PlateStatus(View):
-    id: str
-    parts: list[str]
-    printer: str  # of its last print, or of the plan
-    gcode: str | None  # null if the files of its job were pruned
-    estimated_s: float
-    grams: float
-    filament_mm: float
-    price: float | None
-    cached: bool  # its G-code was in the cache
-    warnings: list[str]  # such as walls too thin to print, or a part that may fall over
-    printing: bool
-    hold: Hold | None
-
-
-class RunView(View):
-    """Interval in which a job was printed."""
-
-    started: str
-    ended: str | None  # null for the present one
-
-
-class JobView(View):
-    id: int
-    name: str
-    state: JobState
-    error: str | None
-    reason: str | None
-    paused: bool
-    exit_code: int
-    hold: Hold | None
-    progress: PlanProgress | None  # while it is planned
-    now: str  # of this view, on the farm's clock
-    submitted: str
-    submitted_by: str | None  # user name, from the socket's credentials
-    options: JobOptions
-    parts: list[PartView]
-    plates: list[PlateStatus]
-    repairs: list[str]
-    scale: float | None
-    plan: str | None  # hash of the plan, to pass to `farm approve`
-    starts: str | None  # earliest start time
-    estimated_s: float | None
-    lower_bound_s: float | None  # of the parallel printing time on these printers
-    eta: str | None
-    elapsed_s: float | None  # parallel printing time so far, or actual
-    runs: list[RunView]  # more than one if parts were printed again after it had ended
-    serial_s: float | None
-    speedup: float | None
-    utilisation: float | None
-    printed: int  # plates
-    good: int  # judged good by a person
-    printed_copies: int  # copies of the model with all their parts printed
-    current_s: float | None  # parallel printing time: expected from what is known now, or actual
-    wasted_s: float  # by prints that failed, were cancelled, or are bad
-    wasted_grams: float
-    grams: float | None
-    filament_mm: float | None
-    price: float | None  # of its filament; None if a price is not known
-    currency: str | None
-    starved_share: (
-        float | None
-    )  # time that simulated printers waited for the host; over 1 % the run is not valid
-    folder: str | None  # with its files by name: parts (STL), plates (G-code), the picture
-    pruned: str | None = None  # when its files were pruned; figures and pictures stay
-    waits_for_person: bool
-    assembly_s: float | None = None  # a person's time to glue the parts: expected, or reported
-    assembled: str | None = None  # when they were glued: reported, or expected from what is known now
-    glued: bool = False  # whether a person has reported it
-    submitted_to_assembled_s: float | None = None  # from submission to that time
-
-    @property
-    def parts_by_use(self) -> list[PartView]:
-        """Parts of each copy in the order in which they are glued."""
-        return sorted(self.parts, key=lambda part: (part.copy_number, part.glue_rank or len(self.parts)))
-
-    @property
-    def prints(self) -> list[PrintView]:
-        """Prints of the job; prints shared by several pieces of a part appear once."""
-        prints = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
-        return list(prints.values())
-
-
-class Targets(View):
-    nozzle_c: float | None
-    bed_c: float | None
-
-
-class Reel(View):
-    material: str
-    kind: str | None = None  # of the material, like PLA; null if it is not known
-    colour: str | None
-    grams: float | None  # left; null if it is not known
-    nozzle_mm: float
-
-
-class PrintProgress(PrintReadings, View):
-    """Progress of an open print."""
-
-    job: int
-    plate: str
-    state: PrintState
-    progress: float = Field(ge=0, le=1)
-    remaining_s: float
-    layers: int
-    pause_ends: str | None  # while it is paused: when it is cancelled unless it is resumed
-
-
-class LastPrint(View):
-    """The last print on a printer; its part is on the bed until that is cleared."""
-
-    id: str = ""
-    plate: str
-    state: PrintState
-    ended: str | None
-    off: float | None  # share by which it took longer than expected; null unless it ended as `done`
-    verdict: Verdict | None
-
-
-class PrinterView(PrinterReadings, View):
-    name: str
-    model: str
-    state: str
-    bed: Bed
-    filament: FilamentState
-    reel: Reel
-    agent_pid: int | None
-    nozzle_c: float | None
-    bed_c: float | None
-    targets: Targets
-    time_factor: float  # actual over expected time of its layers, learned from its prints
-    print: PrintProgress | None
-    last: LastPrint | None
-    look: str | None
-    maintenance: str | None  # reason why it is out of use
-    hold: Hold | None
-    kept_for: str | None = None  # plate or job that it is kept for while it is free
-    camera: bool = False  # GET /printers/NAME/camera shows it
-
-
-class Todo(View):
-    """A task of a person."""
-
-    code: str
-    printers: list[str]
-    text: str
-    brief: str = ""  # the text in a few words
-    jobs: list[int] = Field(default_factory=list)  # that it is about
-    good: dict[str, str] = Field(default_factory=dict)  # by printer: a failed part that may be good
-    times: list[TextTime] = Field(default_factory=list)  # that the text names
-
-
-class NightView(View):
-    """Counts of the plates since the afternoon before; each plate is counted once."""
-
-    since: str
-    plates: int
-    printed: int
-    failed: int
-    printing: int
-    waiting: int  # not started
-    grams: float
-    wasted_grams: float
+from farm.api.status import DaemonView as DaemonView
+from farm.api.status import FarmFigures as FarmFigures
+from farm.api.status import FleetView as FleetView
+from farm.api.status import LastPrint as LastPrint
+from farm.api.status import NightView as NightView
+from farm.api.status import PrinterView as PrinterView
+from farm.api.status import PrintProgress as PrintProgress
+from farm.api.status import Reel as Reel
+from farm.api.status import Status as Status
+from farm.api.status import StatusSummary as StatusSummary
+from farm.api.status import Targets as Targets
+from farm.api.status import Todo as Todo
+from farm.api.status import Wait as Wait
+from farm.model import JobState
 
 
 class JobName(View):
@@ -261,34 +87,6 @@ class Names(View):
 
     printers: list[str]
     jobs: list[JobName]
-
-
-class FleetView(View):
-    name: str
-    timezone: str
-    time_scale: float
-    now: str
-    forecast: str | None = None  # when the expected ends of jobs were worked out
-    file: str
-
-
-class DaemonView(View):
-    pid: int
-    version: str
-    since: str
-
-
-class Status(View):
-    model_config = ConfigDict(populate_by_name=True)
-
-    schema_: int = Field(default=SCHEMA, alias="schema")
-    daemon: DaemonView
-    todo: list[Todo]
-    fleet: FleetView
-    printers: list[PrinterView]
-    jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
-    night: NightView | None  # null if no print ended in it
-    cluster: ClusterView | None = None  # null if this computer plans alone
 
 
 class JobStatus(View):

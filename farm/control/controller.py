@@ -260,6 +260,7 @@ class Controller:
             self.clock.now(),
             ends_s=ends.by_plate,
             forecast_s=ends.at_s,
+            awaits_forecast=math.isinf(ends.at_s),
             is_started=not self.situations.is_starting(),
             progress=self.planning.progress,
             warnings=self.telemetry.list_warnings(state.root),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
@@ -23,6 +24,7 @@ _TEMPORARY_CODES = (
     HoldCode.FILAMENT_UNKNOWN,
     HoldCode.REEL_UNCERTAIN,
 )
+_CHANGES_OF_A_STEP = 400  # about 5 ms
 _HORIZON_S = 15 * 86400.0  # if no plate starts within this time, none ever does
 _END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous changes are in this order
 
@@ -68,13 +70,27 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     has_bound
         Whether to compute a lower bound better than the present time.
     """
+    steps = forecast_in_steps(situation, has_bound)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            forecast: Forecast = end.value
+            return forecast
+
+
+def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator[None, None, Forecast]:
+    """Forecast the prints of all waiting plates, as `forecast_prints` does, in short steps.
+
+    Yields after each step, and returns the forecast.
+    """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
     coming_printers = [
         p for p in fleet if ((hold := p.obstacle()) and hold.code) in _TEMPORARY_CODES
     ] or fleet
     simulation = _Simulation(situation, coming_printers)
-    simulation.run()
+    yield from simulation.run()
     slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))
     unplaced_plates = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
     ends_s = max((slot.ends_s for slot in slots), default=now_s)
@@ -137,11 +153,15 @@ class _Simulation:
         if at_s >= self._now_s:
             heapq.heappush(self._changes, (at_s, kind, str(subject), subject))
 
-    def run(self) -> None:
-        """Simulate until no plate waits, or no waiting plate can ever start."""
+    def run(self) -> Generator[None, None, None]:
+        """Simulate until no plate waits, or no waiting plate can ever start; yield every few changes."""
         self._match()
         edge_s, give_up_s = self._find_next_edge_s(), self._now_s + _HORIZON_S
-        while self.queue:
+        for number in itertools.count(1):
+            if not self.queue:
+                return
+            if not number % _CHANGES_OF_A_STEP:
+                yield
             change_s = self._changes[0][0] if self._changes else math.inf
             if edge_s <= change_s:
                 if edge_s > give_up_s:

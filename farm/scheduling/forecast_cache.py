@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock
-from farm.scheduling.forecast import forecast_prints
+from farm.scheduling.forecast import forecast_in_steps
 from farm.scheduling.situation import Situation
 from farm.state import Books
 
@@ -37,7 +37,8 @@ class ExpectedEnds:
 class ForecastCache:
     """Forecasts the ends of all waiting plates, at most every few wall seconds.
 
-    That of a large queue is made by `find_background_work`, in a thread of the daemon; callers get the last.
+    That of a large queue is made in the steps of `find_background_work`, between which the daemon does other
+    work; callers get the last.
 
     Parameters
     ----------
@@ -60,29 +61,31 @@ class ForecastCache:
         self._ends = ExpectedEnds()
 
     def find_ends(self) -> ExpectedEnds:
-        """Return the expected ends; of a large queue, as they were last worked out."""
-        if not self._is_large or self._ends.at_s == -math.inf:
-            work = self._find_due_work()
-            if work is not None:
-                work()
+        """Return the expected ends; of a large queue, as they were last worked out, if ever."""
+        if not self._is_large:
+            steps = self._find_due_work()
+            if not self._is_large:
+                for _ in steps or ():
+                    pass
         return self._ends
 
-    def find_background_work(self) -> Callable[[], None] | None:
-        """Return what makes the forecast of a large queue, in any thread; None if none is due."""
-        return self._find_due_work() if self._is_large else None
+    def find_background_work(self) -> Iterator[None] | None:
+        """Return the steps that make the forecast of a large queue; None if none is due."""
+        steps = self._find_due_work()
+        return steps if self._is_large else None
 
-    def _find_due_work(self) -> Callable[[], None] | None:
-        books, now_s, ends_before = self._find_books(), self._clock.now(), self._ends
-        age_s = now_s - ends_before.at_s
+    def _find_due_work(self) -> Iterator[None] | None:
+        books, now_s = self._find_books(), self._clock.now()
+        age_s = now_s - self._ends.at_s
         interval_s = (_LARGE_INTERVAL_S if self._is_large else _MIN_INTERVAL_S) * self._clock.scale
         if age_s <= interval_s or (books is self._books and age_s <= _MAX_AGE_S):
             return None
         situation = self._find_situation()
         self._is_large = len(situation.waiting) >= LARGE_QUEUE
+        return self._forecast(situation, books, self._ends)
 
-        def work() -> None:
-            slots = forecast_prints(situation, has_bound=False).slots
-            if self._ends is ends_before:  # else the clock was set meanwhile
-                self._books, self._ends = books, ExpectedEnds({s.plate: s.ends_s for s in slots}, now_s)
-
-        return work
+    def _forecast(self, situation: Situation, books: Books, ends_before: ExpectedEnds) -> Iterator[None]:
+        forecast = yield from forecast_in_steps(situation, has_bound=False)
+        if self._ends is ends_before:  # else the clock was set meanwhile
+            ends_s = {slot.plate: slot.ends_s for slot in forecast.slots}
+            self._books, self._ends = books, ExpectedEnds(ends_s, situation.now_s)

@@ -10,7 +10,7 @@ from farm.views.context import ViewContext
 from farm.views.events import describe_event
 from farm.views.history import describe_night, list_history, list_jobs, list_prints, select_shown_jobs
 from farm.views.job_cache import JobCache
-from farm.views.jobs import describe_job, describe_jobs, describe_timeline
+from farm.views.jobs import describe_job, describe_jobs, describe_timeline, group_waits, summarise_jobs
 from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
 from farm.views.printers import describe_printer
@@ -27,6 +27,7 @@ __all__ = [
     "describe_night",
     "describe_printer",
     "describe_timeline",
+    "group_waits",
     "list_due_notices",
     "list_history",
     "list_jobs",
@@ -34,4 +35,5 @@ __all__ = [
     "list_prints",
     "list_tasks",
     "select_shown_jobs",
+    "summarise_jobs",
 ]

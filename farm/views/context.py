@@ -26,6 +26,7 @@ class ViewContext:
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
     forecast_s: float = -math.inf  # when those were worked out
+    awaits_forecast: bool = False  # the first one of a large queue is not ready yet
     is_started: bool = True  # the farm has been running long enough for printers to connect
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole

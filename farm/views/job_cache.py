@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from farm import api
 from farm.state import Books
 from farm.views.accounting import JobSummary
+
+T = TypeVar("T")
 
 MAX_JOBS = 1000
 """Maximum number of jobs that are kept, each with about 1 kB for a part."""
@@ -15,37 +18,44 @@ MAX_JOBS = 1000
 
 @dataclass(slots=True)
 class JobContents:
-    """Contents of a job in views that depend neither on the time nor on other jobs.
-
-    Attributes
-    ----------
-    parts, plates
-        Its parts and plates; the holds of plates are those of the last view.
-    summary
-        Its totals.
-    """
+    """Parts and plates of a job in views; the holds of plates are those of the last view."""
 
     parts: list[api.PartView]
     plates: list[api.PlateStatus]
-    summary: JobSummary
+
+
+class RevisionCache(Generic[T]):
+    """Descriptions of the jobs that were looked at last, by the revision of each in the books."""
+
+    def __init__(self) -> None:
+        self._descriptions: dict[int, tuple[object, T]] = {}
+
+    def find(self, books: Books, job: int, make: Callable[[], T]) -> T:
+        """Return the description of a job, made anew if something of it has changed."""
+        revision = books.revision(job)
+        cached = self._descriptions.get(job)
+        if cached is not None and revision is not None and cached[0] is revision:
+            return cached[1]
+        description = make()
+        if job not in self._descriptions and len(self._descriptions) >= MAX_JOBS:
+            self._descriptions.pop(next(iter(self._descriptions)))
+        self._descriptions[job] = revision, description
+        return description
 
 
 class JobCache:
-    """Contents of the jobs that were looked at last, by the revision of each in the books.
+    """Descriptions of jobs that depend neither on the time nor on other jobs.
 
     It serves one state folder and one time zone.
+
+    Attributes
+    ----------
+    contents
+        Parts and plates.
+    summaries
+        Totals.
     """
 
     def __init__(self) -> None:
-        self._contents: dict[int, tuple[object, JobContents]] = {}
-
-    def find(self, books: Books, job: int, make: Callable[[], JobContents]) -> JobContents:
-        """Return the contents of a job, made anew if something of it has changed."""
-        revision = books.revision(job)
-        cached_revision, contents = self._contents.get(job, (None, None))
-        if contents is None or revision is None or cached_revision is not revision:
-            contents = make()
-            if job not in self._contents and len(self._contents) >= MAX_JOBS:
-                self._contents.pop(next(iter(self._contents)))
-            self._contents[job] = revision, contents
-        return contents
+        self.contents = RevisionCache[JobContents]()
+        self.summaries = RevisionCache[JobSummary]()

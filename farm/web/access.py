@@ -17,6 +17,7 @@ SCHEMA_PAGE = f"{NETWORK_PREFIX}/docs"
 LIVENESS = "/healthz"
 _LOOK = (
     "/status",
+    "/status/summary",
     "/events",
     "/names",
     "/history",

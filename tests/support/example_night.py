@@ -16,6 +16,7 @@ from farm.views import (
     list_tasks,
     select_shown_jobs,
 )
+from farm.wording import group_holds
 from make_books import apply_events, make_end_event, make_job, make_plan_event
 
 PRINTERS = [f"um2-{i:02d}" for i in range(1, 6)]
@@ -71,3 +72,15 @@ def make_status(books):
         jobs=[describe_job(context, item) for item in select_shown_jobs(books)],
         night=describe_night(context),
     )
+
+
+def summarise(view):
+    """Return a farm without the parts and plates of its jobs, as `farm status` prints it."""
+    figures = set(api.JobFigures.model_fields)
+    jobs = [
+        api.JobSummary(**{name: getattr(job, name) for name in figures}, plate_count=job.plate_count)
+        for job in view.jobs
+    ]
+    waits = [api.Wait(hold=hold, plates=plates) for hold, plates in group_holds(view.jobs)]
+    farm_figures = {name: getattr(view, name) for name in api.FarmFigures.model_fields}
+    return api.StatusSummary(**farm_figures, jobs=jobs, waits=waits)

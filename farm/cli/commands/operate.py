@@ -86,7 +86,7 @@ def cleared(
             "give exactly one printer: the one that printed the part", param_hint="--good"
         )
     client = connect(places)
-    fleet = {p.name: p for p in client.status().printers}
+    fleet = {p.name: p for p in client.status_summary().printers}
     if printers == ["all"]:
         if bad:
             raise typer.BadParameter("give the printers whose parts are bad, not all", param_hint="--bad")
@@ -196,7 +196,7 @@ def resume(places: Places, targets: OptionalTargets = None) -> None:
     for target in targets or ():
         client.send_command(f"{find_target_path(target)}/resume")
         print(f"{_format_target(target)}: resumed")
-    for task in client.status().todo:
+    for task in client.status_summary().todo:
         if task.code == "hours":  # resumed, but it will be ended with the attended hours
             print(task.text)
 

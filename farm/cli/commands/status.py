@@ -71,9 +71,15 @@ def status(
         answer = client.job(job)
         print_json(answer) if json else show_job(answer.job)
     else:
-        view = client.status()
-        screen = open_console()
-        print_json(view) if json else screen.print(render_status(view, read_terminal_width(screen)))
+        _show_farm(client, json)
+
+
+def _show_farm(client: Client, as_json: bool) -> None:
+    if as_json:
+        print_json(client.status())
+        return
+    screen = open_console()
+    screen.print(render_status(client.status_summary(), read_terminal_width(screen)))
 
 
 def _watch(client: Client, number: int | None) -> None:
@@ -83,7 +89,7 @@ def _watch(client: Client, number: int | None) -> None:
     def draw(height: int | None) -> RenderableType:
         if number is not None:
             return render_job(client.job(number).job, screen.width)
-        return render_status(client.status(), screen.width, height)
+        return render_status(client.status_summary(), screen.width, height)
 
     # The size is queried each time: a terminal may be resized.
     try:

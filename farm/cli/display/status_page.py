@@ -18,7 +18,6 @@ from farm.wording import (
     format_planning,
     format_share,
     format_time,
-    group_holds,
     parse_time,
     shorten_names,
 )
@@ -37,7 +36,7 @@ _OTHER_LINES = 12  # number of lines of a short page besides those of its printe
 _PIPE_WIDTH = 200  # texts share a line up to this width if the width does not matter
 
 
-def render_status(view: api.Status, width: int | None = None, height: int | None = None) -> Text:
+def render_status(view: api.StatusSummary, width: int | None = None, height: int | None = None) -> Text:
     """Lay out the status page.
 
     Parameters
@@ -55,7 +54,7 @@ def render_status(view: api.Status, width: int | None = None, height: int | None
     return Text("\n").join(lines)
 
 
-def _list_blocks(view: api.Status, width: int | None, height: int | None) -> list[Block]:
+def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None) -> list[Block]:
     """List the blocks of the page; for a `height`, with one line a job, and the printers with tasks first."""
     time, brief = view.fleet.now, height is not None
     open_jobs = [job for job in view.jobs if not _is_over(job)]
@@ -74,7 +73,7 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
         Block(_list_task_lines(view.todo, width), rank=1, min_lines=4),
         Block(night, rank=4, min_lines=1),
         Block(live_lines, rank=3, noun="job" if brief else "line", min_lines=4),
-        Block(_list_wait_lines(open_jobs, width), rank=5, min_lines=2),
+        Block(_list_wait_lines(view.waits, width), rank=5, min_lines=2),
         Block(cluster, rank=4, min_lines=1),
         Block([headings], rank=2, min_lines=1),
         Block(table, rank=2, noun="printer" if len(table) == len(printers) else "line", min_lines=8),
@@ -82,7 +81,7 @@ def _list_blocks(view: api.Status, width: int | None, height: int | None) -> lis
     ]
 
 
-def _is_over(job: api.JobView) -> bool:
+def _is_over(job: api.JobSummary) -> bool:
     """Return whether a job is finished; a printed one still waits for verdicts."""
     return JobState(job.state).ended and job.state != JobState.PRINTED
 
@@ -162,9 +161,9 @@ def format_night(view: api.NightView) -> str:
     return f"{plates}{counts}; {format_mass(view.grams)}{waste}"
 
 
-def _list_live_lines(jobs: Sequence[api.JobView], now: str, width: int | None) -> Iterator[list[Text]]:
+def _list_live_lines(jobs: Sequence[api.JobSummary], now: str, width: int | None) -> Iterator[list[Text]]:
     """Yield the lines of each open job; queued jobs that wait for the same share theirs."""
-    jobs_by_hold: dict[str, list[api.JobView]] = {}
+    jobs_by_hold: dict[str, list[api.JobSummary]] = {}
     for job in jobs:
         if _waits_in_queue(job) and job.hold is not None:
             jobs_by_hold.setdefault(job.hold.text, []).append(job)
@@ -181,11 +180,11 @@ def _list_live_lines(jobs: Sequence[api.JobView], now: str, width: int | None) -
             yield _fold_texts("JOBS", [text], "", width)
 
 
-def _waits_in_queue(job: api.JobView) -> bool:
-    return job.progress is None and not job.parts and job.hold is not None
+def _waits_in_queue(job: api.JobSummary) -> bool:
+    return job.progress is None and not job.plate_count and job.hold is not None
 
 
-def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]:
+def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Text]:
     first, *more = _list_job_facts(job, now)
     submitter = f" by {job.submitted_by}" if job.submitted_by else ""
     facts = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
@@ -197,23 +196,24 @@ def _list_job_lines(job: api.JobView, now: str, width: int | None) -> list[Text]
     return lines
 
 
-def _list_wait_lines(jobs: Iterable[api.JobView], width: int | None) -> list[Text]:
+def _list_wait_lines(waits: Iterable[api.Wait], width: int | None) -> list[Text]:
     """List the reasons of waiting plates, each sentence once with all plates that wait for it."""
     lines: list[Text] = []
-    for hold, plates in group_holds(jobs):
-        lines += _fold_texts("" if lines else "WAIT", [f"{shorten_names(plates)}: {hold.text}"], "", width)
+    for wait in waits:
+        text = f"{shorten_names(wait.plates)}: {wait.hold.text}"
+        lines += _fold_texts("" if lines else "WAIT", [text], "", width)
     return lines
 
 
-def _list_job_facts(job: api.JobView, now: str) -> list[str]:
+def _list_job_facts(job: api.JobSummary, now: str) -> list[str]:
     """List the progress and the figures of a job."""
-    if job.progress is not None and not job.parts:
+    if job.progress is not None and not job.plate_count:
         return [format_planning(job.progress)]
-    if not job.parts:
+    if not job.plate_count:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
-    plate_count = len(job.plates)
     parts = [
-        f"printed {job.printed}/{plate_count}" + (f", good {job.good}/{job.printed}" if job.printed else "")
+        f"printed {job.printed}/{job.plate_count}"
+        + (f", good {job.good}/{job.printed}" if job.printed else "")
     ]
     if job.options.copies > 1:
         parts[0] += f", copies {job.printed_copies}/{job.options.copies}"
@@ -228,7 +228,7 @@ def _list_job_facts(job: api.JobView, now: str) -> list[str]:
             parts[-1] += f", {'actual' if has_ended else 'now'} {now_s}"
     if job.state == JobState.PRINTING and job.eta:
         parts[-1] += f" (ends {format_time(job.eta, now)})"
-    if job.speedup and job.utilisation and len(job.plates) > 1:
+    if job.speedup and job.utilisation and job.plate_count > 1:
         parts.append(f"single printer {format_duration(job.serial_s)}")
         parts.append(f"speed-up {job.speedup:.1f}, utilisation {format_share(job.utilisation)}")
     if job.wasted_s > 0:

@@ -13,14 +13,17 @@ from farm.http.cluster_view import describe_cluster
 from farm.http.services import Services
 from farm.model import JobState, PrintState
 from farm.views import (
+    ViewContext,
     describe_jobs,
     describe_night,
     describe_printer,
+    group_waits,
     list_history,
     list_jobs,
     list_prints,
     list_tasks,
     select_shown_jobs,
+    summarise_jobs,
 )
 
 
@@ -31,6 +34,10 @@ def status_routes(services: Services) -> APIRouter:
     @router.get("/status")
     async def status() -> api.Status:
         return describe_farm(services)
+
+    @router.get("/status/summary")
+    async def status_summary() -> api.StatusSummary:
+        return summarise_farm(services)
 
     @router.get("/names")
     async def names() -> api.Names:
@@ -112,13 +119,30 @@ def _refuse_while_busy(services: Services) -> None:
 
 
 def describe_farm(services: Services) -> api.Status:
-    """Describe the whole farm: tasks, last night, printers, jobs."""
+    """Describe the whole farm: tasks, last night, printers, jobs with their parts and plates."""
+    context = services.controller.build_view_context(services.state)
+    jobs = describe_jobs(context, select_shown_jobs(context.books))
+    return api.Status(**dict(_describe_figures(services, context)), jobs=jobs)
+
+
+def summarise_farm(services: Services) -> api.StatusSummary:
+    """Describe the whole farm as `farm status` prints it: without the parts and plates of jobs."""
+    context = services.controller.build_view_context(services.state)
+    jobs = select_shown_jobs(context.books)
+    return api.StatusSummary(
+        **dict(_describe_figures(services, context)),
+        jobs=summarise_jobs(context, jobs),
+        waits=group_waits(context, jobs),
+    )
+
+
+def _describe_figures(services: Services, context: ViewContext) -> api.FarmFigures:
+    """Describe the whole farm without its jobs."""
     controller = services.controller
-    context = controller.build_view_context(services.state)
     fleet = controller.fleet
     reservations = controller.scheduler.list_reservations()
     obstacles = {printer.name: printer.obstacle() for printer in controller.situations.printers()}
-    return api.Status(
+    return api.FarmFigures(
         daemon=services.daemon_view(context),
         todo=list_tasks(context),
         night=describe_night(context),
@@ -134,6 +158,5 @@ def describe_farm(services: Services) -> api.Status:
             describe_printer(context, p, obstacles.get(p.name), reservations.get(p.name))
             for p in fleet.printers
         ],
-        jobs=describe_jobs(context, select_shown_jobs(controller.books)),
         cluster=None if services.cluster is None else describe_cluster(services.cluster.state),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
@@ -41,6 +41,32 @@ def describe_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobView
     return [_describe_job(context, job, ratio) for job in jobs]
 
 
+def summarise_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobSummary]:
+    """Describe jobs without their parts and plates."""
+    ratio = compute_assembly_ratio(context.books.jobs.values())
+    return [
+        api.JobSummary(
+            **dict(_describe_figures(context, job, list(context.books.plates_of(job)), ratio)),
+            plate_count=len(job.plates),
+        )
+        for job in jobs
+    ]
+
+
+def group_waits(context: ViewContext, jobs: Iterable[Job]) -> list[api.Wait]:
+    """Group the waiting plates of jobs by the sentence of their hold, as `farm.wording.group_holds` does."""
+    waits: dict[str, api.Wait] = {}
+    for name in (name for job in jobs for name in job.plates):
+        hold = context.plate_holds.get(name)
+        if hold is None:
+            continue
+        wait = waits.get(hold.text)
+        if wait is None:
+            waits[hold.text] = wait = api.Wait(hold=hold, plates=[])
+        wait.plates.append(name)
+    return list(waits.values())
+
+
 def describe_job(context: ViewContext, job: Job) -> api.JobView:
     """Describe a job with its parts, plates and prints."""
     return describe_jobs(context, [job])[0]
@@ -49,12 +75,21 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
 def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.JobView:
     books = context.books
     plates = list(books.plates_of(job))
-    contents = context.jobs.find(books, job.id, lambda: _make_contents(context, job, plates))
+    contents = context.jobs.contents.find(books, job.id, lambda: _make_contents(context, job, plates))
     contents.plates = _update_holds(context, contents.plates)
-    summary = contents.summary
+    figures = _describe_figures(context, job, plates, assembly_ratio)
+    return api.JobView(**dict(figures), parts=contents.parts, plates=contents.plates)
+
+
+def _describe_figures(
+    context: ViewContext, job: Job, plates: Sequence[Plate], assembly_ratio: float
+) -> api.JobFigures:
+    """Describe a job without its parts and plates."""
+    books = context.books
+    summary = context.jobs.summaries.find(books, job.id, lambda: summarise_job(books, job))
     times = measure_times(context, job)
     glue = measure_assembly(job, times.end_s, assembly_ratio)
-    return api.JobView(
+    return api.JobFigures(
         id=job.id,
         name=job.name,
         state=job.state,
@@ -68,8 +103,6 @@ def _describe_job(context: ViewContext, job: Job, assembly_ratio: float) -> api.
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
         options=job.options,
-        parts=contents.parts,
-        plates=contents.plates,
         repairs=list(job.repairs),
         scale=job.scale,
         plan=job.plan,
@@ -108,7 +141,6 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> J
     return JobContents(
         parts=[share_field_set(_make_part_view(context, name, files)) for name in job.parts],
         plates=[share_field_set(_make_plate_view(context, plate, files)) for plate in plates],
-        summary=summarise_job(context.books, job),
     )
 
 
@@ -147,7 +179,7 @@ def sum_prices(plates: Iterable[Plate]) -> float | None:
     return sum(known_prices) if prices and len(known_prices) == len(prices) else None
 
 
-def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bool:
+def _waits_for_person(context: ViewContext, job: Job, plates: Iterable[Plate]) -> bool:
     """Return whether a job cannot continue without action by a person."""
     if job.state is JobState.HELD:
         return True

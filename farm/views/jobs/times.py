@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from farm.model import Job, JobState, Plate, Print, PrintState
-from farm.state import Books, PlateState
+from farm.state import PlateState
 from farm.views.accounting import compute_duration_s, is_wasted
 from farm.views.context import ViewContext
 
@@ -84,7 +84,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
         makespan_s = job.expected_s
         if elapsed_s is not None:
             makespan_s = elapsed_s + _estimate_growth_s(plates, runs, remaining_s or 0.0) or job.expected_s
-        if remaining_s is not None and not _waits_for_resume(job, plates):
+        if remaining_s is not None and _is_end_known(context, job, plates):
             end_s = context.now_s + remaining_s
     reached_s = sum(map(compute_duration_s, prints))
     return JobTimes(
@@ -93,9 +93,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
         makespan_s=makespan_s,
         end_s=end_s,
         speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
-        utilisation=_compute_utilisation(context.books, job, plates, runs, makespan_s)
-        if makespan_s
-        else None,
+        utilisation=_compute_utilisation(job, prints, plates, runs, makespan_s) if makespan_s else None,
         starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
     )
 
@@ -120,11 +118,15 @@ def list_runs(job: Job, prints: Sequence[Print], now_s: float) -> Iterator[Run]:
 
 
 def _compute_utilisation(
-    books: Books, job: Job, plates: Sequence[_PlateInState], runs: Sequence[Run], makespan_s: float
+    job: Job,
+    prints: Sequence[Print],
+    plates: Sequence[_PlateInState],
+    runs: Sequence[Run],
+    makespan_s: float,
 ) -> float | None:
     """Return the printing time of a job's plates over that of the printers used in each run."""
     unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED]
-    successes = [p for p in books.prints_of_job(job) if p.state is PrintState.DONE and not is_wasted(p)]
+    successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
     ended_runs = [run for run in runs if not run.open]
     available_s = sum(len(run.printers) * run.length_s for run in ended_runs)
@@ -152,10 +154,10 @@ def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState])
     return max((_estimate_plate_remaining_s(context, *plate) for plate in plates), default=0.0)
 
 
-def _waits_for_resume(job: Job, plates: Sequence[_PlateInState]) -> bool:
-    """Return whether a plate waits until a person resumes it, so that its end is not known."""
+def _is_end_known(context: ViewContext, job: Job, plates: Sequence[_PlateInState]) -> bool:
+    """Return whether no plate waits for its first forecast, or until a person resumes it."""
     waiting_plates = (plate for plate, state in plates if state is PlateState.WAITING)
-    return any(job.paused or plate.paused for plate in waiting_plates)
+    return not any(job.paused or plate.paused or context.awaits_forecast for plate in waiting_plates)
 
 
 def _estimate_plate_remaining_s(context: ViewContext, plate: Plate, state: PlateState) -> float:

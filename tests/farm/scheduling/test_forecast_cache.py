@@ -1,5 +1,7 @@
 """Cached forecast: computed again if it may have changed, at a limited rate."""
 
+import math
+
 import pytest
 
 from farm.scheduling import forecast_cache
@@ -51,24 +53,41 @@ def test_forecast_is_computed_again_after_changes_with_a_minimum_interval(scene)
     assert scene.situations == 3
 
 
+def run(steps):
+    for _ in steps:
+        pass
+
+
 def test_no_caller_waits_for_the_forecast_of_a_large_queue(scene, monkeypatch):
     monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
     cache = scene.cache
-    assert cache.find_background_work() is None  # a small forecast is computed on request
+    assert cache.find_ends().by_plate == {} and cache.find_ends().at_s == -math.inf  # not even for the first
+    run(cache.find_background_work())
     first_s = cache.find_ends()
     assert first_s.at_s == 1000.0 and first_s.by_plate.keys() == {"1/01", "1/02"}
     scene.move(1089.0, plates=3)
     assert cache.find_background_work() is None
     scene.now_s = 1091.0
     assert cache.find_ends() is first_s
-    work = cache.find_background_work()
+    steps = cache.find_background_work()
     assert cache.find_ends() is first_s
-    work()
+    run(steps)
     second_ends = cache.find_ends()
     assert second_ends.at_s == 1091.0 and second_ends.by_plate.keys() == {"1/01", "1/02", "1/03"}
     scene.move(1200.0, plates=2)
-    background_work = cache.find_background_work()
+    steps = cache.find_background_work()
     cache.clock_set()
-    background_work()  # it was computed with the former hours
-    scene.now_s = 900.0
-    assert cache.find_ends().at_s == 900.0
+    run(steps)  # it was computed with the former hours
+    assert cache.find_ends().at_s == -math.inf
+
+
+def test_forecast_of_a_queue_that_has_become_small_is_made_on_request(scene, monkeypatch):
+    monkeypatch.setattr(forecast_cache, "LARGE_QUEUE", 2)
+    run(scene.cache.find_background_work())
+    scene.move(1200.0, plates=1)
+    assert scene.cache.find_background_work() is None
+    assert scene.cache.find_ends().by_plate.keys() == {"1/01"}
+    scene.move(1300.0, plates=2)
+    assert scene.cache.find_ends().at_s == 1200.0
+    run(scene.cache.find_background_work())
+    assert scene.cache.find_ends().at_s == 1300.0

@@ -17,10 +17,10 @@ class Daemon:
     def send_command(self, path: str) -> str:
         return {"/jobs/3/parts/p01/pause": "um2-01"}.get(path, "")
 
-    def status(self) -> api.Status:
+    def status_summary(self) -> api.StatusSummary:
         hours = api.Todo(code="hours", printers=["a"], text="a needs until Fri 19:00")
         clear = api.Todo(code="clear", printers=["b"], text="clear 1 bed: b")
-        return api.Status.model_construct(todo=[hours, clear])
+        return api.StatusSummary.model_construct(todo=[hours, clear])
 
 
 def test_print_resumed_too_late_is_a_warning(monkeypatch: pytest.MonkeyPatch):

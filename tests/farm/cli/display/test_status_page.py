@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from example_night import PRINTERS, make_night_books, make_status, make_view_context
+from example_night import PRINTERS, make_night_books, make_status, make_view_context, summarise
 from farm import api
 from farm.cli.display.console import open_console
 from farm.cli.display.status_page import format_night, render_status, shorten_names
@@ -18,7 +18,7 @@ from make_books import apply_events, make_job, make_plan_event
 def render(view, width=120):
     screen = open_console()
     screen.width, screen.file, screen.record = width, io.StringIO(), True
-    screen.print(render_status(view, width))
+    screen.print(render_status(summarise(view), width))
     return [line.rstrip() for line in screen.export_text().splitlines()]
 
 

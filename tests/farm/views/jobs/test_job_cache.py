@@ -6,13 +6,16 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
+from farm import api
 from farm.config import Fleet
 from farm.model import Hold, HoldCode, PrintState, Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import put
-from farm.views import JobCache, ViewContext, describe_jobs
+from farm.views import JobCache, ViewContext, describe_jobs, group_waits, summarise_jobs
 from farm.views import job_cache as module
+from farm.views.job_cache import RevisionCache
+from farm.wording import group_holds
 from make_books import apply_events, make_job, make_printing_books
 
 FLEET = Fleet.model_validate(
@@ -26,13 +29,14 @@ PLATES = ("1/01", "1/02")
 HOLDS = [Hold(code=HoldCode.PRINTER_BUSY, text="a is printing"), Hold(code=HoldCode.PAUSED, text="paused")]
 
 
-def show(books, cache, now_s, holds):
-    """Describe the jobs; holds are new objects each time, as those of the scheduler are."""
+def make_context(books, cache, now_s, holds):
+    """Make the data of a view; holds are new objects each time, as those of the scheduler are."""
     copies = {plate: hold.model_copy() for plate, hold in holds.items()}
-    context = ViewContext(
-        FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, jobs=cache
-    )
-    return describe_jobs(context, books.jobs.values())
+    return ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s, plate_holds=copies, jobs=cache)
+
+
+def show(books, cache, now_s, holds):
+    return describe_jobs(make_context(books, cache, now_s, holds), books.jobs.values())
 
 
 def assign(books, plate, number):
@@ -74,7 +78,14 @@ def test_a_cached_view_equals_a_fresh_one(moments):
     books, cache = make_printing_books(plates=2), JobCache()
     for now_s, (step, holds) in enumerate(moments, 10):
         books = books if step is None else change(books, step)
-        assert show(books, cache, now_s, holds) == show(books, JobCache(), now_s, holds)
+        views = show(books, cache, now_s, holds)
+        assert views == show(books, JobCache(), now_s, holds)
+        context, jobs = make_context(books, cache, now_s, holds), books.jobs.values()
+        for summary, view in zip(summarise_jobs(context, jobs), views, strict=True):
+            assert summary.plate_count == len(view.plates)
+            names = api.JobFigures.model_fields
+            assert all(getattr(summary, name) == getattr(view, name) for name in names)
+        assert [(wait.hold, wait.plates) for wait in group_waits(context, jobs)] == group_holds(views)
 
 
 def test_unchanged_parts_and_plates_are_not_described_again():
@@ -88,7 +99,7 @@ def test_unchanged_parts_and_plates_are_not_described_again():
 
 def test_cache_keeps_a_limited_number_of_jobs(monkeypatch):
     monkeypatch.setattr(module, "MAX_JOBS", 2)
-    cache, books = JobCache(), put(make_printing_books(), *(make_job(number) for number in (2, 3)))
+    cache, books = RevisionCache(), put(make_printing_books(), *(make_job(number) for number in (2, 3)))
     books = replace(books, _revisions=dict.fromkeys((1, 2, 3), "first"))
     made = []
 

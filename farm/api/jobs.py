@@ -1,0 +1,122 @@
+"""Jobs with their parts and plates."""
+
+from __future__ import annotations
+
+from farm.api.base import View
+from farm.api.prints import PrintView
+from farm.model import Hold, JobOptions, JobState, PlanProgress, Verdict
+
+
+class PartView(View):
+    id: str
+    cut_from: str | None = None  # the failed part that it is a piece of
+    copy_number: int = 1  # of the copies of the model
+    glue_rank: int | None = None  # place in the order in which parts are glued, from 1
+    verdict: Verdict | None
+    plate: str
+    file: str | None  # null if the files of its job were pruned
+    picture: str | None = None  # small PNG of a part whose file was pruned
+    prints: list[PrintView]
+
+    @property
+    def own_prints(self) -> list[PrintView]:
+        """Prints of this part, without those of the part that it was cut from."""
+        return [attempt for attempt in self.prints if attempt.part == self.id]
+
+
+class PlateStatus(View):
+    id: str
+    parts: list[str]
+    printer: str  # of its last print, or of the plan
+    gcode: str | None  # null if the files of its job were pruned
+    estimated_s: float
+    grams: float
+    filament_mm: float
+    price: float | None
+    cached: bool  # its G-code was in the cache
+    warnings: list[str]  # such as walls too thin to print, or a part that may fall over
+    printing: bool
+    hold: Hold | None
+
+
+class RunView(View):
+    """Interval in which a job was printed."""
+
+    started: str
+    ended: str | None  # null for the present one
+
+
+class JobFigures(View):
+    """A job without its parts and plates."""
+
+    id: int
+    name: str
+    state: JobState
+    error: str | None
+    reason: str | None
+    paused: bool
+    exit_code: int
+    hold: Hold | None
+    progress: PlanProgress | None  # while it is planned
+    now: str  # of this view, on the farm's clock
+    submitted: str
+    submitted_by: str | None  # user name, from the socket's credentials
+    options: JobOptions
+    repairs: list[str]
+    scale: float | None
+    plan: str | None  # hash of the plan, to pass to `farm approve`
+    starts: str | None  # earliest start time
+    estimated_s: float | None
+    lower_bound_s: float | None  # of the parallel printing time on these printers
+    eta: str | None
+    elapsed_s: float | None  # parallel printing time so far, or actual
+    runs: list[RunView]  # more than one if parts were printed again after it had ended
+    serial_s: float | None
+    speedup: float | None
+    utilisation: float | None
+    printed: int  # plates
+    good: int  # judged good by a person
+    printed_copies: int  # copies of the model with all their parts printed
+    current_s: float | None  # parallel printing time: expected from what is known now, or actual
+    wasted_s: float  # by prints that failed, were cancelled, or are bad
+    wasted_grams: float
+    grams: float | None
+    filament_mm: float | None
+    price: float | None  # of its filament; None if a price is not known
+    currency: str | None
+    starved_share: (
+        float | None
+    )  # time that simulated printers waited for the host; over 1 % the run is not valid
+    folder: str | None  # with its files by name: parts (STL), plates (G-code), the picture
+    pruned: str | None = None  # when its files were pruned; figures and pictures stay
+    waits_for_person: bool
+    assembly_s: float | None = None  # a person's time to glue the parts: expected, or reported
+    assembled: str | None = None  # when they were glued: reported, or expected from what is known now
+    glued: bool = False  # whether a person has reported it
+    submitted_to_assembled_s: float | None = None  # from submission to that time
+
+
+class JobSummary(JobFigures):
+    """A job on the page of the whole farm."""
+
+    plate_count: int
+
+
+class JobView(JobFigures):
+    parts: list[PartView]
+    plates: list[PlateStatus]
+
+    @property
+    def plate_count(self) -> int:
+        return len(self.plates)
+
+    @property
+    def parts_by_use(self) -> list[PartView]:
+        """Parts of each copy in the order in which they are glued."""
+        return sorted(self.parts, key=lambda part: (part.copy_number, part.glue_rank or len(self.parts)))
+
+    @property
+    def prints(self) -> list[PrintView]:
+        """Prints of the job; prints shared by several pieces of a part appear once."""
+        prints = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
+        return list(prints.values())

@@ -1,0 +1,140 @@
+"""The whole farm: printers, tasks of people, last night, jobs."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field
+
+from drivers.messages import PrinterReadings, PrintReadings
+from farm.api.base import SCHEMA, View
+from farm.api.cluster import ClusterView
+from farm.api.jobs import JobSummary, JobView
+from farm.model import Bed, FilamentState, Hold, PrintState, TextTime, Verdict
+
+
+class Targets(View):
+    nozzle_c: float | None
+    bed_c: float | None
+
+
+class Reel(View):
+    material: str
+    kind: str | None = None  # of the material, like PLA; null if it is not known
+    colour: str | None
+    grams: float | None  # left; null if it is not known
+    nozzle_mm: float
+
+
+class PrintProgress(PrintReadings, View):
+    """Progress of an open print."""
+
+    job: int
+    plate: str
+    state: PrintState
+    progress: float = Field(ge=0, le=1)
+    remaining_s: float
+    layers: int
+    pause_ends: str | None  # while it is paused: when it is cancelled unless it is resumed
+
+
+class LastPrint(View):
+    """The last print on a printer; its part is on the bed until that is cleared."""
+
+    id: str = ""
+    plate: str
+    state: PrintState
+    ended: str | None
+    off: float | None  # share by which it took longer than expected; null unless it ended as `done`
+    verdict: Verdict | None
+
+
+class PrinterView(PrinterReadings, View):
+    name: str
+    model: str
+    state: str
+    bed: Bed
+    filament: FilamentState
+    reel: Reel
+    agent_pid: int | None
+    nozzle_c: float | None
+    bed_c: float | None
+    targets: Targets
+    time_factor: float  # actual over expected time of its layers, learned from its prints
+    print: PrintProgress | None
+    last: LastPrint | None
+    look: str | None
+    maintenance: str | None  # reason why it is out of use
+    hold: Hold | None
+    kept_for: str | None = None  # plate or job that it is kept for while it is free
+    camera: bool = False  # GET /printers/NAME/camera shows it
+
+
+class Todo(View):
+    """A task of a person."""
+
+    code: str
+    printers: list[str]
+    text: str
+    brief: str = ""  # the text in a few words
+    jobs: list[int] = Field(default_factory=list)  # that it is about
+    good: dict[str, str] = Field(default_factory=dict)  # by printer: a failed part that may be good
+    times: list[TextTime] = Field(default_factory=list)  # that the text names
+
+
+class NightView(View):
+    """Counts of the plates since the afternoon before; each plate is counted once."""
+
+    since: str
+    plates: int
+    printed: int
+    failed: int
+    printing: int
+    waiting: int  # not started
+    grams: float
+    wasted_grams: float
+
+
+class FleetView(View):
+    name: str
+    timezone: str
+    time_scale: float
+    now: str
+    forecast: str | None = None  # when the expected ends of jobs were worked out
+    file: str
+
+
+class DaemonView(View):
+    pid: int
+    version: str
+    since: str
+
+
+class FarmFigures(View):
+    """The whole farm without its jobs."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    daemon: DaemonView
+    todo: list[Todo]
+    fleet: FleetView
+    printers: list[PrinterView]
+    night: NightView | None  # null if no print ended in it
+    cluster: ClusterView | None = None  # null if this computer plans alone
+
+
+class Status(FarmFigures):
+    jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
+
+
+class Wait(View):
+    """Plates that wait for the same reason."""
+
+    hold: Hold
+    plates: list[str]
+
+
+class StatusSummary(FarmFigures):
+    """The whole farm as `farm status` prints it: without the parts and plates of jobs."""
+
+    jobs: list[JobSummary]  # as those of `Status`
+    waits: list[Wait]
