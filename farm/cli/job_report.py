@@ -47,7 +47,7 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
         Finds the files that the daemon names.
     """
     view = client.job(number).job
-    fleet = client.status_summary().fleet
+    fleet = client.status().fleet
     now = datetime.fromisoformat(fleet.now).astimezone(ZoneInfo(fleet.timezone))
     part_by_files = {(part.file, part.picture): part for part in view.parts}  # copies of a part share both
     picture_by_files = {files: _find_picture(part, find_file) for files, part in part_by_files.items()}
