@@ -231,7 +231,7 @@ def test_unknown_path_is_not_found(daemon):
 
 
 def test_summary_of_the_farm_leaves_out_the_parts_and_plates_of_jobs(daemon):
-    submit(daemon, stl())
+    submit(daemon, make_stl())
     status, summary = (ask(daemon, "GET", path).json() for path in ("/status", "/status/summary"))
     assert summary.keys() == status.keys() | {"waits"}
     (job,), (job_summary,) = status["jobs"], summary["jobs"]
