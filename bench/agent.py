@@ -155,7 +155,7 @@ def _is_running(process: subprocess.Popen[bytes]) -> bool:
     return False
 
 
-async def print_one(
+async def print_file(
     folder: Path, port: Path, gcode: Path, sha256: str, max_lines: int | None
 ) -> dict[str, float]:
     """Print on one printer, to the end or for `max_lines`; measure CPU share and memory of its agent."""
@@ -235,7 +235,7 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
         sha256 = hashlib.sha256(text).hexdigest()
         results = await asyncio.gather(
             *(
-                print_one(
+                print_file(
                     folder / f"p{number}",
                     folder / f"tty{number}",
                     gcode,

@@ -28,12 +28,12 @@ from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 SEGMENT_MM = 0.8
-PREPARE = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
+PREPARATION = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
 
 
 def list_moves(lines: int) -> list[bytes]:
     """List numbered, checksummed moves of about 40 bytes, like those of a slicer."""
-    bodies = list(PREPARE)
+    bodies = list(PREPARATION)
     angle, e_mm = 0.0, 0.0
     for _ in range(lines):
         radius_mm = 10.0 + 80.0 * (0.5 + 0.5 * math.sin(angle / 40.0))
@@ -52,13 +52,13 @@ def measure_firmware_us(lines: list[bytes]) -> float:
     firmware.feed(b"", now_s)
     start_s = 0.0
     for index, line in enumerate(lines):
-        if index == len(PREPARE):
+        if index == len(PREPARATION):
             start_s = time.process_time()
         reply = firmware.feed(line, now_s)
         while not reply:
             now_s = firmware.deadline_s()
             reply = firmware.feed(b"", now_s)
-    return (time.process_time() - start_s) / (len(lines) - len(PREPARE)) * 1e6
+    return (time.process_time() - start_s) / (len(lines) - len(PREPARATION)) * 1e6
 
 
 def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
@@ -75,14 +75,14 @@ def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
             start_s, used_cpu_s = 0.0, 0.0
             pid = read_status(folder).pid
             for index, line in enumerate(lines):
-                if index == len(PREPARE):
+                if index == len(PREPARATION):
                     start_s, used_cpu_s = time.perf_counter(), _read_cpu_s(pid)
                 os.write(port, line)
                 reply = b""
                 while b"ok" not in reply:
                     select.select([port], [], [])
                     reply += os.read(port, 4096)
-            moves = len(lines) - len(PREPARE)
+            moves = len(lines) - len(PREPARATION)
             wall_s, cpu_s = time.perf_counter() - start_s, _read_cpu_s(pid) - used_cpu_s
             return wall_s / moves * 1e6, cpu_s / moves * 1e6
         finally:

@@ -55,7 +55,7 @@ def read_cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-async def print_one(
+async def print_file(
     folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep_emulator: bool = False
 ) -> tuple[float, float, float]:
     """Print on one printer; measure the wall times of first and last line, and the agent's CPU between."""
@@ -110,7 +110,7 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
         gcode.write_bytes(text)
         clock = Clock(scale, time.time())
         runs = await asyncio.gather(
-            *(print_one(Path(folder) / f"p{number}", clock, gcode) for number in range(agents))
+            *(print_file(Path(folder) / f"p{number}", clock, gcode) for number in range(agents))
         )
     span_s = max(run[1] for run in runs) - min(run[0] for run in runs)
     return {
@@ -141,7 +141,7 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
             for _ in range(COMPARISON_ROUNDS):  # in turn, so that other load affects both
                 url = f"sim://{MODEL}?wire=1"
                 began_s, ended_s, _ = asyncio.run(
-                    print_one(printer, Clock(), whole_file, url, keep_emulator=True)
+                    print_file(printer, Clock(), whole_file, url, keep_emulator=True)
                 )
                 agent_rates.append(lines / (ended_s - began_s))
                 control(printer / "emulator", "clear_bed")

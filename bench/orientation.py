@@ -170,18 +170,18 @@ def compare(
 def summarise(rows: list[Row]) -> dict[str, Any]:
     """Compute ratios over all parts: mean and worst."""
 
-    def ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
+    def compute_ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
         values = [a / b for a, b in pairs if a is not None and b is not None]
         return {"mean": float(np.mean(values)), "worst": max(values), "parts": len(values)}
 
     is_touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
     return {
         "schema": 1,
-        "to_best_axis": ratios([(r.ours_s, r.best_axis_s()) for r in rows]),
-        "to_best_axis_full_brim": ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
-        "to_best_standing_axis": ratios([(r.ours_s, r.best_axis_s(is_standing=True)) for r in rows]),
-        "to_as_is": ratios([(r.ours_s, r.as_is_s) for r in rows]),
-        "estimate": ratios([(r.price_s, r.ours_s) for r in rows]),
+        "to_best_axis": compute_ratios([(r.ours_s, r.best_axis_s()) for r in rows]),
+        "to_best_axis_full_brim": compute_ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
+        "to_best_standing_axis": compute_ratios([(r.ours_s, r.best_axis_s(is_standing=True)) for r in rows]),
+        "to_as_is": compute_ratios([(r.ours_s, r.as_is_s) for r in rows]),
+        "estimate": compute_ratios([(r.price_s, r.ours_s) for r in rows]),
         "stand": sum(r.stands for r in rows),
         "touched": sum(r.touched_mm2 > TOUCHED_MM2 for r in rows),
         "axes_touched_share": float(np.mean(is_touched)),

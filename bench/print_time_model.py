@@ -148,7 +148,9 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
     groups |= {name: table.printed & (table.settings == name) for name in SETTINGS}
     by_model = {str(model): table.printed & (table.models == model) for model in np.unique(table.models)}
 
-    def figures(errors: Floats, masks: dict[str, npt.NDArray[np.bool_]]) -> dict[str, dict[str, float]]:
+    def compute_figures(
+        errors: Floats, masks: dict[str, npt.NDArray[np.bool_]]
+    ) -> dict[str, dict[str, float]]:
         return {name: summarise(errors[mask]) for name, mask in masks.items() if mask.any()}
 
     return {
@@ -157,11 +159,11 @@ def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
         "parts": len({(row.model, row.part) for row in rows}),
         "factors": table.fit(all_rows),
         "factors_in_code": dict(FACTORS),
-        "held_out": figures(table.cross_validate(all_rows), groups),
-        "held_out_tables": figures(table.cross_validate(all_rows, tables=True), groups),
-        "fitted_on_two_settings": figures(table.cross_validate(in_full_settings), groups),
-        "as_in_code": figures(table.errors(dict(FACTORS), tables=False), groups),
-        "by_model": figures(table.cross_validate(all_rows), by_model),
+        "held_out": compute_figures(table.cross_validate(all_rows), groups),
+        "held_out_tables": compute_figures(table.cross_validate(all_rows, tables=True), groups),
+        "fitted_on_two_settings": compute_figures(table.cross_validate(in_full_settings), groups),
+        "as_in_code": compute_figures(table.errors(dict(FACTORS), tables=False), groups),
+        "by_model": compute_figures(table.cross_validate(all_rows), by_model),
     }
 
 

@@ -83,9 +83,9 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
         answer = b""
         while chunk := connection.recv(65536):
             answer += chunk
-        durations_s = time.perf_counter() - start_s
+        duration_s = time.perf_counter() - start_s
     status, _, text = answer.partition(b"\r\n\r\n")
-    return durations_s, int(status.split()[1]), text.decode()
+    return duration_s, int(status.split()[1]), text.decode()
 
 
 def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:

@@ -184,13 +184,13 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
         loop, tries = asyncio.get_running_loop(), []
         accept = loop.sock_accept
 
-        async def full(listener):
+        async def accept_when_free(listener):
             tries.append(1)
             if len(tries) < 20:
                 raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
             return await accept(listener)
 
-        monkeypatch.setattr(loop, "sock_accept", full)
+        monkeypatch.setattr(loop, "sock_accept", accept_when_free)
         assert b"well" in await ask(path, COMPLETE_REQUEST)  # by the accept in progress
         assert b"well" in await ask(path, COMPLETE_REQUEST)
         assert len(tries) >= 20
@@ -208,7 +208,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
         loop, make = asyncio.get_running_loop(), server._make_protocol
         accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
 
-        async def failing(listener):
+        async def fail_to_accept(listener):
             if faults:
                 raise faults.pop()
             return await accept(listener)
@@ -217,7 +217,7 @@ def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypat
             server._make_protocol = make
             raise RuntimeError("no protocol")
 
-        monkeypatch.setattr(loop, "sock_accept", failing)
+        monkeypatch.setattr(loop, "sock_accept", fail_to_accept)
         server._make_protocol = raise_error
         assert await ask(path) == b""  # by the accept in progress: refused
         assert b"well" in await ask(path, COMPLETE_REQUEST)

@@ -18,7 +18,7 @@ from bench.web_load import list_incomplete_requests
 from real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = pytest.mark.system
-HALF = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
+INCOMPLETE_HEAD = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
 
 
 def make_certificate(folder):
@@ -143,7 +143,7 @@ def test_slow_network_clients_do_not_delay_the_socket(farm):
         for number in range(300):
             client = idle.enter_context(socket.create_connection(("127.0.0.1", port), 30))
             if number % 2:
-                client.send(HALF)
+                client.send(INCOMPLETE_HEAD)
         assert farm.status()["printers"][0]["state"] == "idle"
         assert reach(port, "/healthz")[0] == 200
     pid = farm.status()["daemon"]["pid"]
