@@ -41,7 +41,7 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
         for event in (
             ev.JobSubmitted(at_s=float(number), job=job),
             ev.PlanningStarted(at_s=float(number), job=number),
-            make_planned_event(number, count, printers, rng),
+            make_planned_event(number, count, printers, rng, options.printers),
         ):
             new_books, _ = apply(event, books)
             store.commit(event, books, new_books)
@@ -49,8 +49,10 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
     store.close()
 
 
-def make_planned_event(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
-    """Make the plan of one job."""
+def make_planned_event(
+    number: int, count: int, printers: list[str], rng: random.Random, limit: int | None = None
+) -> ev.JobPlanned:
+    """Make the plan of one job, which may use a limited number of printers."""
     parts, plates = [], []
     for plate_number in range(1, count + 1):
         sliced_s, top = rng.uniform(3600.0, 36000.0), (40.0, 40.0, rng.uniform(50.0, 190.0))
@@ -68,6 +70,7 @@ def make_planned_event(number: int, count: int, printers: list[str], rng: random
     return ev.JobPlanned(
         at_s=float(number), job=number, parts=tuple(parts), plates=tuple(plates), repairs=(), scale=1.0,
         serial_s=9e5, expected_s=36000.0, picture=None,
+        printers=tuple(sorted({plate.printer for plate in plates}))[:limit],
     )  # fmt: skip
 
 

@@ -88,18 +88,22 @@ class Scheduler:
         yield from revisions.revise(situations.books, situation, find_reservations)
         # A job that is planned again keeps its place: no other takes its printers meanwhile.
         revision_holds = revisions.holds(situations.books, situation.now_s)
-        assignments = [a for a in self._assign(situation) if a.plate not in revision_holds]
+        postponed_plates = revisions.postponed.union(revision_holds)
+        assignments = [a for a in self._assign(situation) if a.plate not in postponed_plates]
         situation = situation.without(revision_holds)
         starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
         yield from self._start(starts)
-        if self._later_starts:
+        if self._later_starts or revisions.postponed:
+            self.next_change_s = situation.now_s
             return
         if starts:
             situation = situation.without({start.plate for start in starts})
             situation = situation.with_printers(situations.printers())
         yield from self._replanning.reslice_waiting(situations.books, situation)
         yield from self._admit_jobs(situation)
-        if not starts:  # a start changes which printers are reserved: the next tick schedules
+        if revisions.has_more:
+            self.next_change_s = situation.now_s
+        elif not starts:  # a start changes which printers are reserved: the next tick schedules
             self.next_change_s = self._find_next_change_s(situation, held_back)
 
     def _find_next_change_s(self, situation: Situation, held_back: Mapping[str, Hold]) -> float:

@@ -107,6 +107,10 @@ class PlateQueue(Collection[WaitingPlate]):
             for job in self.jobs
         )
 
+    def up_to(self, rank: QueueRank) -> PlateQueue:
+        """Return the queue up to the job of a rank."""
+        return PlateQueue(tuple(job for job in self.jobs if job.rank <= rank))
+
     def with_demands(self, demands: Collection[Demand]) -> Iterator[tuple[QueueRank, Sequence[WaitingPlate]]]:
         """Yield the rank of each job that has plates with these demands, with those plates."""
         for job in self.jobs:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from farm.planning.replanning.policy import JOIN_S, saves_enough
-from farm.scheduling import Requirements, Situation, WaitingPlate, forecast_prints
+from farm.scheduling import Requirements, Situation, WaitingPlate, compute_seconds_on, forecast_prints
 
 MAX_REVISIONS = 3
 """Largest number of plans that replace the first one."""
@@ -38,6 +38,8 @@ class PlannedJob:
         Farm seconds that another plan takes.
     done_by_s
         Time at which it has to end; None for no limit.
+    end_s
+        Time at which it ends if all of its plates start now; None if they do not.
     """
 
     number: int
@@ -46,6 +48,7 @@ class PlannedJob:
     requirements: Requirements
     planning_s: float
     done_by_s: float | None = None
+    end_s: float | None = None
 
 
 def choose_revision(
@@ -65,45 +68,60 @@ def choose_revision(
     candidates
         Sets of printers that it could be planned for.
     """
-    sets = [tuple(names) for names in candidates]
+    sets = list(dict.fromkeys(tuple(names) for names in candidates))
     best = _find_best(job, situation, sets)
     if best is None:
         return None
     plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
     new_situation = situation.with_waiting((*situation.waiting.without(plate_ids), *plates))
-    is_final = _find_best(replace(job, plates=plates, planned_for=best), new_situation, sets) is None
+    is_final = (
+        _find_best(replace(job, plates=plates, planned_for=best, end_s=None), new_situation, sets) is None
+    )
     return best if is_final else None
 
 
 def _find_best(
-    job: PlannedJob, situation: Situation, candidates: Iterable[tuple[str, ...]]
+    job: PlannedJob, situation: Situation, candidates: Sequence[tuple[str, ...]]
 ) -> tuple[str, ...] | None:
     """Find the set of printers for which another plan ends soonest; None if none saves enough."""
+    if not any(_differs(job, names) for names in candidates):
+        return None  # without the forecast, which takes long
     plate_ids = {plate.id for plate in job.plates}
-    rank = job.plates[0].queue_rank
     # Later jobs do not delay this one; without them the forecast is quick.
-    earlier_jobs = situation.with_waiting(p for p in situation.waiting if p.queue_rank <= rank)
-    before_s = find_end_s(plate_ids, earlier_jobs)
+    earlier_jobs = replace(situation, waiting=situation.waiting.up_to(job.plates[0].queue_rank))
+    before_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
     if job.done_by_s is not None and before_s <= job.done_by_s:
         return None
     ends_s = {}
     for names in candidates:
-        if _may_help(job, names, before_s):
-            plates = estimate_plates(job, names)
+        if not _may_help(job, names, before_s):
+            continue
+        plates = estimate_plates(job, names)
+        additional_s = JOIN_S * max(0, len(names) - len(job.plates)) + job.planning_s
+        earliest_s = _find_earliest_end_s(plates[0], situation) + additional_s
+        if saves_enough(before_s, earliest_s, situation.now_s):
             other_plates = earlier_jobs.waiting.without(plate_ids)
-            end_s = find_end_s({p.id for p in plates}, earlier_jobs.with_waiting((*other_plates, *plates)))
-            joining_s = JOIN_S * max(0, len(names) - len(job.plates))
-            ends_s[names] = end_s + joining_s + job.planning_s
+            new_situation = earlier_jobs.with_waiting((*other_plates, *plates))
+            ends_s[names] = find_end_s({p.id for p in plates}, new_situation) + additional_s
     best = min(ends_s, key=ends_s.__getitem__, default=None)
     if best is None or math.isinf(ends_s[best]):
         return None
     return best if saves_enough(before_s, ends_s[best], situation.now_s) else None
 
 
+def _find_earliest_end_s(plate: WaitingPlate, situation: Situation) -> float:
+    """Return the end of a plate that starts now on the fastest printer."""
+    return situation.now_s + min(compute_seconds_on(plate, printer) for printer in situation.printers)
+
+
+def _differs(job: PlannedJob, names: Sequence[str]) -> bool:
+    return bool(names) and set(names) != set(job.planned_for)
+
+
 def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
     """Return whether a plan for these printers may differ from the present one and be better."""
-    if not names or set(names) == set(job.planned_for):
+    if not _differs(job, names):
         return False
     if math.isinf(before_s):
         return True

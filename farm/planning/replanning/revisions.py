@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 
 from farm.errors import FarmError
 from farm.model import Hold, HoldCode, Job, JobState, compute_assembly_ratio
@@ -26,6 +26,7 @@ from farm.scheduling import (
     StartPlanning,
     WaitingPlate,
     assign_plates,
+    compute_seconds_on,
     derive_job_requirements,
     describe_plates,
     join_names,
@@ -40,6 +41,8 @@ log = logging.getLogger(__name__)
 
 PATIENCE = 3.0
 """Multiple of the expected planning time after which a job starts with its present plan."""
+MAX_FORECAST = 1000
+"""Printers and plates in the forecasts of one run, beyond which jobs are examined in the next run."""
 _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
@@ -49,12 +52,20 @@ class PlanRevisions:
     A job is examined when its first plate could start, and when a printer of its plan is no longer available;
     its plates do not start while another plan is made. State is kept in memory only: after a restart the jobs
     are examined again.
+
+    Attributes
+    ----------
+    has_more
+        The last run has left jobs for the next one, which begins at once.
+    postponed
+        Those of their plates that could start, and do not start before they are examined.
     """
 
     def __init__(self) -> None:
         self._running: dict[int, StartPlanning] = {}
         self._began_s: dict[int, float] = {}
         self._held_until_s: dict[int, float] = {}
+        self.has_more, self.postponed = False, frozenset[str]()
         self._examined_keys: set[_Key] = set()  # jobs with their plans, free and coming printers
         self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
 
@@ -104,6 +115,7 @@ class PlanRevisions:
         find_reservations
             Returns the free printers that are reserved, each with its purpose.
         """
+        self.has_more, self.postponed = False, frozenset()
         changeable = {job.id for job in books.jobs.values() if self._is_changeable(books, job)}
         plates_by_job = _find_unstarted(books, situation, changeable) if changeable else {}
         if not plates_by_job:
@@ -111,23 +123,33 @@ class PlanRevisions:
         reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
         plate_by_printer = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
         starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
-        for number, plates in plates_by_job.items():
-            job = books.job(number)
+        candidates, forecast_size = _Candidates(situation), 0
+        for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):
+            job, plates, starts = books.job(number), plates_by_job[number], number in starting_jobs
+            if self.is_running(number) or (not starts and candidates.has_all(job, job.planned_for)):
+                continue
             own_uses = {plate.id for plate in plates} | {SPARE_USE}  # its spares are subtracted below
             taken_printers = {
                 name
                 for name, use in (*reservations.items(), *plate_by_printer.items())
                 if use not in own_uses
             }
-            idle, coming_printers = _list_candidates(job, situation, taken_printers)
-            key = (number, job.plan, frozenset(idle), frozenset(coming_printers))
-            due = number in starting_jobs or not set(job.planned_for) <= set(coming_printers)
-            if not due or key in self._examined_keys or self.is_running(number):
+            idle, coming_printers = candidates.choose(job, taken_printers)
+            # A job that does not start yet is examined again when it does: idle printers come and go.
+            key = (number, job.plan, frozenset(idle if starts else ()), frozenset(coming_printers))
+            if key in self._examined_keys:
                 continue
+            if forecast_size > MAX_FORECAST:
+                self.has_more = True
+                if starts:
+                    self.postponed |= {plate.id for plate in plates}
+                continue
+            forecast_size += len(situation.printers) + len(situation.waiting.up_to(plates[0].queue_rank))
             self._examined_keys = {
                 attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable
             } | {key}
-            candidate = _describe(job, plates, situation, ratio)
+            end_s = _find_end_s(plates, plate_by_printer, situation)
+            candidate = _describe(job, plates, situation, ratio, end_s)
             names = choose_revision(candidate, situation, (idle, coming_printers))
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
@@ -208,17 +230,33 @@ def _may_change(books: Books, job: Job) -> bool:
     )
 
 
-def _list_candidates(
-    job: Job, situation: Situation, reserved_printers: Collection[str]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """List the printers that a job could use now, and all that it could use without a repair."""
-    request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
-    matching_printers = [p for p in situation.printers if request.requirements.matches(p.capabilities)]
-    coming_printers = list_coming(
-        matching_printers, limit_availability(Availability(situation.printers), situation, job)
-    )
-    idle = [p for p in coming_printers if p.obstacle() is None and p.name not in reserved_printers]
-    return _take_largest(idle, request), _take_largest(coming_printers, request)
+class _Candidates:
+    """Printers that jobs could use; those of jobs with the same requirements are listed once."""
+
+    def __init__(self, situation: Situation) -> None:
+        self._situation = situation
+        self._coming: dict[Hashable, dict[str, FleetPrinter]] = {}
+
+    def has_all(self, job: Job, names: Iterable[str]) -> bool:
+        """Return whether a job could use all of these printers without a repair."""
+        return self._find_coming(job).keys() >= frozenset(names)
+
+    def choose(self, job: Job, taken_printers: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Choose among the printers that a job could use now, and among all without a repair."""
+        request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
+        coming_printers = list(self._find_coming(job).values())
+        idle = [p for p in coming_printers if p.obstacle() is None and p.name not in taken_printers]
+        return _take_largest(idle, request), _take_largest(coming_printers, request)
+
+    def _find_coming(self, job: Job) -> dict[str, FleetPrinter]:
+        """Find the printers that a job could use without a repair, by name."""
+        requirements, printers = derive_job_requirements(job), self._situation.printers
+        key = requirements, job.not_before_s, job.options.hold
+        if key not in self._coming:
+            matching_printers = [p for p in printers if requirements.matches(p.capabilities)]
+            availability = limit_availability(Availability(printers), self._situation, job)
+            self._coming[key] = {p.name: p for p in list_coming(matching_printers, availability)}
+        return self._coming[key]
 
 
 def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:
@@ -226,7 +264,19 @@ def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tupl
     return tuple(sorted(p.name for p in largest[: request.limit(len(printers))]))
 
 
-def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, ratio: float) -> PlannedJob:
+def _find_end_s(
+    plates: Sequence[WaitingPlate], plate_by_printer: Mapping[str, str], situation: Situation
+) -> float | None:
+    """Return the end of plates that all start now, as in a forecast; None if one of them does not."""
+    printers = {plate: situation.fleet[name] for name, plate in plate_by_printer.items()}
+    if not all(plate.id in printers for plate in plates):
+        return None
+    return situation.now_s + max(compute_seconds_on(plate, printers[plate.id]) for plate in plates)
+
+
+def _describe(
+    job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, ratio: float, end_s: float | None
+) -> PlannedJob:
     return PlannedJob(
         number=job.id,
         plates=plates,
@@ -234,6 +284,7 @@ def _describe(job: Job, plates: tuple[WaitingPlate, ...], situation: Situation, 
         requirements=derive_job_requirements(job),
         planning_s=max(job.planning_s or 0.0, CUTTING_S * situation.time_scale),
         done_by_s=job.compute_print_deadline_s(ratio),
+        end_s=end_s,
     )
 
 

@@ -8,6 +8,7 @@ from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import HoldCode, JobOptions, JobState, Link, PlanProgress, PlanStep
 from farm.planning.plan import Plan
+from farm.planning.replanning import revisions
 from farm.state import PlateState, validate_books
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
@@ -163,3 +164,38 @@ def test_new_daemon_examines_the_job_again(farm, tmp_path):
     restarted_farm.controller.handle()
     assert restarted_farm.effects.plans == [old_plan]
     assert printing(restarted_farm) == {}
+
+
+def test_jobs_start_run_by_run_if_their_forecasts_are_large(tmp_path, monkeypatch):
+    monkeypatch.setattr(revisions, "MAX_FORECAST", 0)
+    farm = Farm(tmp_path, [PLUS] * 8)
+    farm.ready(*"abcdefgh", bed_clear=False)
+    for number in (1, 2, 3):
+        farm.jobs.submit(f"{number:08d}", "m.stl", MODEL, JobOptions(printers=2))
+        farm.controller.on_plan(number, make_plan(number, [8.0, 8.0], farm.effects.plans[-1][1]))
+    controller: Controller = farm.controller
+    controller.stopping = True
+    at_s = controller.clock.now()
+    controller.handle(*(ev.BedCleared(at_s=at_s, printer=name, by="ann") for name in "abcdefgh"))
+    controller.stopping = False
+    started_jobs = []
+    for _ in range(3):
+        controller.tick()
+        started_jobs.append({plate.partition("/")[0] for plate in printing(farm).values()})
+    assert started_jobs == [{"1"}, {"1", "2"}, {"1", "2", "3"}]
+    assert len(printing(farm)) == 6
+
+
+def test_job_that_waits_for_its_start_is_not_examined_again_for_other_idle_printers(farm, monkeypatch):
+    examined_jobs = []
+    monkeypatch.setattr(revisions, "choose_revision", lambda job, *_: examined_jobs.append(job.number))
+    controller: Controller = farm.controller
+    at_s = controller.clock.now()
+    controller.handle(ev.JobRescheduled(at_s=at_s, job=1, not_before_s=at_s + 9 * HOUR))
+    farm.ready(*"cdefgh", bed_clear=False)
+    farm.ready("a", link=Link.ABSENT, reason="unplugged")
+    examined = len(examined_jobs)
+    assert examined > 0
+    for name in "cdef":
+        controller.handle(ev.BedCleared(at_s=at_s, printer=name, by="ann"))
+    assert len(examined_jobs) == examined
