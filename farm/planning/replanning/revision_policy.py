@@ -51,6 +51,15 @@ class PlannedJob:
     end_s: float | None = None
 
 
+def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]) -> bool:
+    """Return whether `choose_revision` needs forecasts, which take long; if not, the plan stays."""
+    if job.end_s is None:
+        return any(_differs(job, names) for names in candidates)
+    if job.done_by_s is not None and job.end_s <= job.done_by_s:
+        return False
+    return any(_may_save(job, tuple(names), job.end_s, situation) for names in candidates)
+
+
 def choose_revision(
     job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]
 ) -> tuple[str, ...] | None:
@@ -85,8 +94,8 @@ def _find_best(
     job: PlannedJob, situation: Situation, candidates: Sequence[tuple[str, ...]]
 ) -> tuple[str, ...] | None:
     """Find the set of printers for which another plan ends soonest; None if none saves enough."""
-    if not any(_differs(job, names) for names in candidates):
-        return None  # without the forecast, which takes long
+    if not may_revise(job, situation, candidates):
+        return None
     plate_ids = {plate.id for plate in job.plates}
     # Later jobs do not delay this one; without them the forecast is quick.
     earlier_jobs = replace(situation, waiting=situation.waiting.up_to(job.plates[0].queue_rank))
@@ -95,24 +104,29 @@ def _find_best(
         return None
     ends_s = {}
     for names in candidates:
-        if not _may_help(job, names, before_s):
-            continue
-        plates = estimate_plates(job, names)
-        additional_s = JOIN_S * max(0, len(names) - len(job.plates)) + job.planning_s
-        earliest_s = _find_earliest_end_s(plates[0], situation) + additional_s
-        if saves_enough(before_s, earliest_s, situation.now_s):
+        if _may_save(job, names, before_s, situation):
+            plates = estimate_plates(job, names)
             other_plates = earlier_jobs.waiting.without(plate_ids)
             new_situation = earlier_jobs.with_waiting((*other_plates, *plates))
-            ends_s[names] = find_end_s({p.id for p in plates}, new_situation) + additional_s
+            ends_s[names] = find_end_s({p.id for p in plates}, new_situation) + _find_additional_s(job, names)
     best = min(ends_s, key=ends_s.__getitem__, default=None)
     if best is None or math.isinf(ends_s[best]):
         return None
     return best if saves_enough(before_s, ends_s[best], situation.now_s) else None
 
 
-def _find_earliest_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return the end of a plate that starts now on the fastest printer."""
-    return situation.now_s + min(compute_seconds_on(plate, printer) for printer in situation.printers)
+def _may_save(job: PlannedJob, names: Sequence[str], before_s: float, situation: Situation) -> bool:
+    """Return whether a plan for these printers saves enough if its plates start now, on the fastest one."""
+    if not _may_help(job, names, before_s):
+        return False
+    plate = estimate_plates(job, names)[0]
+    earliest_s = situation.now_s + min(compute_seconds_on(plate, printer) for printer in situation.printers)
+    return saves_enough(before_s, earliest_s + _find_additional_s(job, names), situation.now_s)
+
+
+def _find_additional_s(job: PlannedJob, names: Sequence[str]) -> float:
+    """Return the seconds that another plan takes, and that its additional parts take to be joined."""
+    return JOIN_S * max(0, len(names) - len(job.plates)) + job.planning_s
 
 
 def _differs(job: PlannedJob, names: Sequence[str]) -> bool:

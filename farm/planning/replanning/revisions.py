@@ -16,6 +16,7 @@ from farm.planning.replanning.revision_policy import (
     PlannedJob,
     choose_revision,
     find_end_s,
+    may_revise,
 )
 from farm.scheduling import (
     SPARE_USE,
@@ -139,18 +140,20 @@ class PlanRevisions:
             key = (number, job.plan, frozenset(idle if starts else ()), frozenset(coming_printers))
             if key in self._examined_keys:
                 continue
-            if forecast_size > MAX_FORECAST:
-                self.has_more = True
-                if starts:
-                    self.postponed |= {plate.id for plate in plates}
-                continue
-            forecast_size += len(situation.printers) + len(situation.waiting.up_to(plates[0].queue_rank))
+            end_s = _find_end_s(plates, plate_by_printer, situation)
+            candidate = _describe(job, plates, situation, ratio, end_s)
+            names = None
+            if may_revise(candidate, situation, (idle, coming_printers)):
+                if forecast_size > MAX_FORECAST:
+                    self.has_more = True
+                    if starts:
+                        self.postponed |= {plate.id for plate in plates}
+                    continue
+                forecast_size += len(situation.printers) + len(situation.waiting.up_to(plates[0].queue_rank))
+                names = choose_revision(candidate, situation, (idle, coming_printers))
             self._examined_keys = {
                 attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable
             } | {key}
-            end_s = _find_end_s(plates, plate_by_printer, situation)
-            candidate = _describe(job, plates, situation, ratio, end_s)
-            names = choose_revision(candidate, situation, (idle, coming_printers))
             if names is not None:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)

@@ -1,14 +1,23 @@
 """Policy of plan revisions: each saves time, and their number is finite."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from farm.model import Bed
+from farm.planning.replanning import revision_policy
 from farm.planning.replanning.policy import MARGIN, MIN_GAIN_S
-from farm.planning.replanning.revision_policy import PlannedJob, choose_revision, estimate_plates, find_end_s
+from farm.planning.replanning.revision_policy import (
+    PlannedJob,
+    _may_help,
+    choose_revision,
+    estimate_plates,
+    find_end_s,
+)
+from farm.scheduling import assign_plates
 from farm.scheduling.matching import Requirements
 from scheduling_examples import make_plate, make_printer, make_rules, make_situation
 
@@ -113,6 +122,26 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     assert gain_s >= max(MIN_GAIN_S, MARGIN * (before_s - moment.now_s))
     revised_job = replace(job, plates=plates, planned_for=revision)
     assert choose_revision(revised_job, next_situation, (free_printers, names)) is None
+
+
+@given(fleets, works, st.integers(1, 8), st.integers(0, 4 * 3600), st.booleans())
+def test_forecasts_that_are_not_made_would_not_change_the_choice(states, hours, used, planning_s, starts):
+    fleet = [make_printer("abcdefgh"[index], **facts) for index, facts in enumerate(states)]
+    free_printers = tuple(p.name for p in fleet if p.obstacle() is None)
+    job = make_planned_job(hours, "abcdefgh"[:used], planning_s=float(planning_s))
+    situation = make_situation(job.plates, fleet)
+    candidates = (free_printers, tuple(p.name for p in fleet))
+    with (
+        patch.object(revision_policy, "may_revise", lambda *_: True),
+        patch.object(
+            revision_policy, "_may_save", lambda job, names, before_s, _: _may_help(job, names, before_s)
+        ),
+    ):
+        choice = choose_revision(job, situation, candidates)
+    if starts and len(assign_plates(situation)) == len(job.plates):
+        job = replace(job, end_s=find_end_s({p.id for p in job.plates}, situation))
+    assert choose_revision(job, situation, candidates) == choice
+    assert choice is None or revision_policy.may_revise(job, situation, candidates)
 
 
 @pytest.mark.parametrize("priority", [0, 5])
