@@ -34,14 +34,7 @@ from decompose.engines.guillotine.plane_moves import (
     refine_needed_cells,
     solve_plane_shifts,
 )
-from decompose.grid import (
-    CLEAR_MM,
-    Box,
-    Cell,
-    Grid,
-    NeededCells,
-    find_flat_coordinates,
-)
+from decompose.grid import CLEAR_MM, Box, Cell, Grid, NeededCells, find_flat_coordinates
 from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
 from decompose.print_time import Pose, measure_pose
 from decompose.printers import PrinterRoom
