@@ -69,7 +69,7 @@ COMMANDS = {
         CommandEntry(
             "queue",
             "queue.queue",
-            "Show the jobs in the order in which they get printers; move one, or give it another start.",
+            "Show the jobs in the order in which they get printers; move one, or change its start time.",
         ),
         CommandEntry(
             "pause",
@@ -79,7 +79,7 @@ COMMANDS = {
         CommandEntry(
             "resume",
             "operate.resume",
-            "Resume what was paused; without a name, the whole farm after an outage.",
+            "Resume a paused job, part or printer; without a name, the whole farm after an outage.",
         ),
         CommandEntry(
             "cancel",
@@ -155,7 +155,7 @@ COMMANDS = {
         CommandEntry(
             "coupon",
             "local.coupon",
-            "Write a block with holes of several widths, to find the fit of pins on a printer.",
+            "Write a block with holes and grooves of several widths, to find the fit of pins on a printer.",
         ),
         CommandEntry(
             "host",
