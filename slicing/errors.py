@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
 from enum import StrEnum
 
@@ -81,6 +82,54 @@ class SliceRejected(SlicingError):
 
     def __str__(self) -> str:
         return f"the slice was rejected ({self.rule}): {self.detail}"
+
+
+class OutsideBed(SliceRejected):
+    """It prints outside the bed: brim or support reaches further than the part's box and its brim.
+
+    Parameters
+    ----------
+    detail
+        Short description of the fault.
+    low_mm, high_mm
+        Bounds (x, y) of all that is extruded, from the bed's centre.
+    height_mm
+        Least height of a printer for it.
+    """
+
+    def __init__(
+        self, detail: str, low_mm: tuple[float, float], high_mm: tuple[float, float], height_mm: float
+    ) -> None:
+        super().__init__(Rule.OUTSIDE_BED, detail)
+        self.args = (detail, low_mm, high_mm, height_mm)  # it passes between processes
+        self.low_mm = low_mm
+        self.high_mm = high_mm
+        self.height_mm = height_mm
+
+    def find_shift(
+        self, bed: Iterable[tuple[float, float, float, float, float]]
+    ) -> tuple[float, float] | None:
+        """Find the shortest shift (x, y) in mm that brings all that is extruded onto the bed.
+
+        Parameters
+        ----------
+        bed
+            Boxes (min x, min y, max x, max y, height) in mm from the bed's centre; one has to hold the print.
+
+        Returns
+        -------
+        tuple of float or None
+            None if no box is large enough.
+        """
+        shifts = []
+        for min_x, min_y, max_x, max_y, height in bed:
+            slack_x = max_x - min_x - (self.high_mm[0] - self.low_mm[0])
+            slack_y = max_y - min_y - (self.high_mm[1] - self.low_mm[1])
+            if min(slack_x, slack_y, height - self.height_mm) >= 0.0:
+                x = min(max(0.0, min_x - self.low_mm[0]), max_x - self.high_mm[0])
+                y = min(max(0.0, min_y - self.low_mm[1]), max_y - self.high_mm[1])
+                shifts.append((x, y))
+        return min(shifts, key=lambda shift: math.hypot(*shift), default=None)
 
 
 def suggest_names(name: str, names: Iterable[str]) -> str:

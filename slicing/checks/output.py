@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slicing.checks.toolpath import NO_LAYER, Toolpath
-from slicing.errors import Rule, SliceRejected
+from slicing.errors import OutsideBed, Rule, SliceRejected
 
 PARK_TOLERANCE_MM = 0.1
 TOP_MM = 1.0
@@ -220,7 +220,7 @@ def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
 
 
 def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_excess_mm: float) -> None:
-    """Raise SliceRejected unless a bed holds all that is extruded, brim and support included.
+    """Raise OutsideBed unless a bed holds all that is extruded, brim and support included.
 
     Parameters
     ----------
@@ -229,19 +229,22 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, max_e
     max_excess_mm
         Height by which the last layer, which is printed whole, may exceed the bed's height.
     """
-    low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]
-    high = [facts.max_mm[i] - centre_mm[i] for i in range(2)]
+    low_mm = (facts.min_mm[0] - centre_mm[0], facts.min_mm[1] - centre_mm[1])
+    high_mm = (facts.max_mm[0] - centre_mm[0], facts.max_mm[1] - centre_mm[1])
+    height_mm = facts.max_mm[2]
     tolerance_mm = BED_TOLERANCE_MM
     for min_x, min_y, max_x, max_y, height in bed:
-        inside = low[0] >= min_x - tolerance_mm and low[1] >= min_y - tolerance_mm
-        inside &= high[0] <= max_x + tolerance_mm and high[1] <= max_y + tolerance_mm
-        if inside and facts.max_mm[2] <= height + max_excess_mm:
+        inside = low_mm[0] >= min_x - tolerance_mm and low_mm[1] >= min_y - tolerance_mm
+        inside &= high_mm[0] <= max_x + tolerance_mm and high_mm[1] <= max_y + tolerance_mm
+        if inside and height_mm <= height + max_excess_mm:
             return
-    raise SliceRejected(
-        Rule.OUTSIDE_BED,
-        f"it prints on X {low[0]:.1f}..{high[0]:.1f}, Y {low[1]:.1f}..{high[1]:.1f}, up to Z "
-        f"{facts.max_mm[2]:.1f} mm from the bed's centre, outside the printer's build volume; scale it "
+    raise OutsideBed(
+        f"it prints on X {low_mm[0]:.1f}..{high_mm[0]:.1f}, Y {low_mm[1]:.1f}..{high_mm[1]:.1f}, up to Z "
+        f"{height_mm:.1f} mm from the bed's centre, outside the printer's build volume; scale it "
         "down, or take a narrower brim",
+        low_mm,
+        high_mm,
+        height_mm - max_excess_mm,
     )
 
 

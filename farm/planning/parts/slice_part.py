@@ -12,12 +12,13 @@ from drivers.printers import Placement, place
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
+from slicing.errors import OutsideBed
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, PartSettings, resolve_settings
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
-    """Place a part on its bed and slice it.
+    """Place a part on its bed and slice it; if it prints past the edge, shift it and slice it again.
 
     Parameters
     ----------
@@ -38,9 +39,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         raise FarmError(
             f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
         )
-    placed_stl = task.out.with_suffix(".placed.stl")
     mesh.apply_transform(_transform(mesh, placement, scale))
-    mesh.export(placed_stl)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
         for box in task.room
@@ -49,13 +48,24 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     with translate_errors():
         settings = resolve_slice_settings(task, extents[2])
         request = PlateRequest(
-            stl=placed_stl,
+            stl=task.out.with_suffix(".placed.stl"),
             settings=settings,
             output_path=task.out,
             engine=task.engine,
             bed=bed,
             cache=task.cache,
         )
+        mesh.export(request.stl)
+        try:
+            return slice_plate(request, progress)
+        except OutsideBed as error:
+            # Support under an overhang, and the brim around it, may reach further than the part's box and
+            # its brim: the printed bounds are only known now.
+            shift_mm = error.find_shift(bed)
+            if shift_mm is None:
+                raise
+        mesh.apply_translation((*shift_mm, 0.0))
+        mesh.export(request.stl)
         return slice_plate(request, progress)
 
 

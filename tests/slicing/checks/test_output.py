@@ -14,7 +14,7 @@ from slicing.checks.output import (
     gather_facts,
     replace_header,
 )
-from slicing.errors import Rule, SliceRejected
+from slicing.errors import OutsideBed, Rule, SliceRejected
 
 VALID_GCODE = b""";FLAVOR:Marlin
 ;Generated with Cura_SteamEngine 4.13.0
@@ -166,3 +166,21 @@ def test_number_of_removed_layers_is_read_from_the_log():
 def test_refusal_can_be_sent_between_processes():
     rejection = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
     assert (rejection.rule, str(rejection)) == (Rule.COLD, "the slice was rejected (cold): why")
+
+
+@pytest.mark.parametrize(
+    ("low_mm", "high_mm", "height_mm", "shift_mm"),
+    [
+        ((-21.0, -10.0), (15.0, 10.0), 50.0, (1.0, 0.0)),
+        ((-15.0, -10.0), (20.5, 26.0), 50.0, (-0.5, -1.0)),
+        ((-21.0, -10.0), (20.0, 10.0), 50.0, None),
+        ((-21.0, -10.0), (15.0, 10.0), 206.0, None),
+        ((-30.0, -10.0), (0.0, 10.0), 9.0, (5.0, 0.0)),  # the wider, lower box is nearer
+    ],
+)
+def test_shift_onto_the_bed(low_mm, high_mm, height_mm, shift_mm):
+    error = OutsideBed("it prints outside", low_mm, high_mm, height_mm)
+    bed = (*BED, (-25.0, -20.0, 10.0, 20.0, 10.0))
+    assert error.find_shift(bed) == shift_mm
+    copy = pickle.loads(pickle.dumps(error))
+    assert (str(copy), copy.rule, copy.find_shift(bed)) == (str(error), Rule.OUTSIDE_BED, shift_mm)

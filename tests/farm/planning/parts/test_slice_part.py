@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 from drivers.printers import PROFILES, compute_part_room
@@ -88,6 +89,19 @@ def test_enlarged_part_is_not_moved(task):
     plate = slice_part(task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))
     assert plate.min_mm[:2] == pytest.approx((-15.0, -10.0), abs=0.45)
     assert plate.max_mm[:2] == pytest.approx((15.0, 10.0), abs=0.45)
+
+
+def test_part_whose_brim_passes_the_edge_is_shifted(task):
+    """Print a part that fills its room, its first layer expanded; its right side leans out over the brim."""
+    outline = [(-103.2, 0), (90, 0), (103.2, 20), (-103.2, 20)]
+    mesh = trimesh.creation.extrude_polygon(shapely.Polygon(outline), 20.0)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+    work = task(mesh, layer_0_expansion_mm=1.0)
+    plate = slice_part(work)
+    bed_mm = work.room[0].rect.expand(work.settings.brim_width_mm)
+    assert plate.min_mm[0] == pytest.approx(bed_mm.min_x_mm, abs=0.01)
+    low_mm, high_mm = trimesh.load_mesh(work.out.with_suffix(".placed.stl")).bounds[:, 0]
+    assert 0.5 < (low_mm + high_mm) / 2 < 1.5
 
 
 def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
