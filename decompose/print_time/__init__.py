@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, price
-from decompose.print_time.footing import REFERENCE_SHRINKAGE
 from decompose.print_time.hidden_faces import SEEN_MM2
-from decompose.print_time.orientation import find_best_pose
-from decompose.print_time.pose import TOUCHED_MM2, PartMesh, Pose, measure_pose
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
+from decompose.print_time.poses import (
+    REFERENCE_SHRINKAGE,
+    TOUCHED_MM2,
+    PartMesh,
+    Pose,
+    find_best_pose,
+    find_steady_pose,
+    measure_pose,
+    steady_limit_s,
+)
 from decompose.print_time.recipe import ADDITIVE, FACTORS, FEATURES, SUPPORT, Recipe, time_terms
-from decompose.print_time.steady_pose import find_steady_pose, steady_limit_s
 
 __all__ = [
     "ADDITIVE",

@@ -12,9 +12,9 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.contours import measure_contours
 from decompose.print_time.cost import CostModel
-from decompose.print_time.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.hidden_faces import find_hidden_faces
 from decompose.print_time.pose_prices import price_short_layers_s, sum_pose_features
+from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 from decompose.print_time.recipe import ADDITIVE
 from decompose.print_time.surfaces import measure_surfaces
 from decompose.print_time.thin_walls import Sheets, WallWidths, measure_thin_walls

@@ -18,7 +18,7 @@ from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Pose, Recipe, find_best_pose, measure_pose
-from decompose.print_time.orientation import build_hull, list_directions
+from decompose.print_time.poses.orientation import build_hull, list_directions
 from decompose.printers import PrinterRoom
 
 COST = CostModel.from_recipe(Recipe())

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.geometry import Solid
-from decompose.print_time.footing import FIRST_LAYER_MM, Footing
+from decompose.print_time.poses.footing import FIRST_LAYER_MM, Footing
 
 NO_PROPS = np.zeros((0, 2))
 

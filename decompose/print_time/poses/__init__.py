@@ -1,0 +1,19 @@
+"""Poses of a part on the bed: the fastest one, a steadier one if there is time, and its footing."""
+
+from __future__ import annotations
+
+from decompose.print_time.poses.footing import REFERENCE_SHRINKAGE
+from decompose.print_time.poses.orientation import find_best_pose
+from decompose.print_time.poses.pose import TOUCHED_MM2, PartMesh, Pose, measure_pose
+from decompose.print_time.poses.steady_pose import find_steady_pose, steady_limit_s
+
+__all__ = [
+    "REFERENCE_SHRINKAGE",
+    "TOUCHED_MM2",
+    "PartMesh",
+    "Pose",
+    "find_best_pose",
+    "find_steady_pose",
+    "measure_pose",
+    "steady_limit_s",
+]
