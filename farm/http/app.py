@@ -18,9 +18,9 @@ from farm.http.routes.events import event_routes
 from farm.http.routes.files import file_routes
 from farm.http.routes.hosts import host_routes
 from farm.http.routes.jobs import job_routes, part_routes
-from farm.http.routes.keys import key_routes
+from farm.http.routes.keys import key_routes, session_routes
 from farm.http.routes.printers import printer_routes
-from farm.http.routes.status import status_routes
+from farm.http.routes.status import list_routes, status_routes
 from farm.http.routes.uploads import upload_routes
 from farm.http.services import Services
 from farm.text import describe_first_error
@@ -44,6 +44,7 @@ def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
     )
     add_routes(app, services, dry_runs)
     app.include_router(key_routes(services, KeyCommands(services.controller)))
+    app.include_router(session_routes(services))
     app.add_middleware(BodyLimit, is_upload=UPLOAD_PATH.__eq__)
     return app
 
@@ -56,6 +57,7 @@ def add_routes(app: FastAPI, services: Services, dry_runs: DryRuns, prefix: str 
     jobs = JobCommands(services.controller, printers)
     for router in (
         status_routes(services),
+        list_routes(services),
         event_routes(services),
         upload_routes(services, jobs),
         job_routes(services, jobs, dry_runs),

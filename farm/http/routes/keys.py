@@ -16,7 +16,7 @@ from farm.views import list_keys
 
 
 def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
-    """Return the routes of keys and sessions."""
+    """Return the routes of keys, and of requests for one by apps."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")
@@ -47,6 +47,13 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
     @router.post("/keys/requests/{code}/deny")
     async def deny_key(code: str, _: OperatorName) -> None:
         services.app_key_requests.deny(code, time.monotonic())
+
+    return router
+
+
+def session_routes(services: Services) -> APIRouter:
+    """Return the routes of sessions in the browser."""
+    router, controller = APIRouter(), services.controller
 
     @router.post("/sessions/link")
     async def make_link(caller: Annotated[Caller, Depends(identify_caller)]) -> api.LoginLink:

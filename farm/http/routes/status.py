@@ -49,6 +49,23 @@ def status_routes(services: Services) -> APIRouter:
             ],
         )
 
+    @router.post("/prune")
+    async def prune(request: api.PruneRequest, by: OperatorName) -> api.PruneResponse:
+        return await services.prune(by, request.dry_run)
+
+    @router.post("/down")
+    async def shut_down(request: api.DownRequest, _: OperatorName) -> None:
+        if not (request.now or request.wait):
+            _refuse_while_busy(services)
+        await services.shut_down(request.now)
+
+    return router
+
+
+def list_routes(services: Services) -> APIRouter:
+    """Return the routes that list jobs and prints, ended ones included."""
+    router, controller = APIRouter(), services.controller
+
     @router.get("/history")
     async def history(
         job: int | None = None,
@@ -83,16 +100,6 @@ def status_routes(services: Services) -> APIRouter:
     ) -> api.Jobs:
         context = controller.build_view_context(services.state)
         return api.Jobs(now=context.format_time(context.now_s) or "", jobs=list_jobs(context, state, last))
-
-    @router.post("/prune")
-    async def prune(request: api.PruneRequest, by: OperatorName) -> api.PruneResponse:
-        return await services.prune(by, request.dry_run)
-
-    @router.post("/down")
-    async def shut_down(request: api.DownRequest, _: OperatorName) -> None:
-        if not (request.now or request.wait):
-            _refuse_while_busy(services)
-        await services.shut_down(request.now)
 
     return router
 
