@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.peak_memory import read_peak_mb
 from bench.print_time_parts import make_recipe
 from decompose.bound import bound_makespan
 from decompose.engines.guillotine import Partitioner, compute_makespan_curve
@@ -72,7 +72,7 @@ def main() -> None:
             "bound", lambda: bound_makespan(boxes, grid.needed, options.printers, makespan_s)
         )
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
-    report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    report["peak_mb"] = read_peak_mb()
     report["curve"] = [[point.printers, point.makespan_s] for point in points]
     if options.json:
         print(json.dumps(report))

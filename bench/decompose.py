@@ -18,7 +18,6 @@ import json
 import math
 import os
 import pickle
-import resource
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -32,6 +31,7 @@ import numpy as np
 import trimesh
 
 from bench.cluster_calls import add_cluster_options, count_calls, open_calls
+from bench.peak_memory import read_peak_mb
 from bench.print_time_parts import ENDLESS_BED, make_recipe
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -47,7 +47,7 @@ from farm.compute import Deferred, TaskFiles
 from farm.errors import FarmError
 from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
-from farm.planning.printer_settings import build_slicing_printer
+from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
 from farm.planning.tasks import slice_part
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
@@ -82,12 +82,17 @@ class Run:
         variant = f"{self.printers}-{self.engine}-{self.quality}-{self.granularity}"
         return f"{self.path.stem}-{self.side_mm:g}-{variant}"
 
+    @property
+    def settings_request(self) -> SettingsRequest:
+        return SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=self.quality)
+
 
 def cut(run: Run, folder: Path) -> dict[str, Any]:
     """Decompose a model in its own process; return the report, with wall time and peak memory."""
     recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
-    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], recipe.brim_mm))
+    settings = resolve_settings(run.settings_request, find_resources())
+    room = list_model_sizes(compute_part_room(PROFILES[PRINTER], settings.brim_width_mm), settings)
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
     faithful = run.engine.endswith(FAITHFUL_SUFFIX)
     engine = Engine(run.engine.removesuffix(FAITHFUL_SUFFIX))
@@ -145,7 +150,7 @@ def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str
     report = write_decomposition(result, folder).as_dict()
     (folder / CUT_FILE).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
-    report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    report["peak_mb"] = read_peak_mb()
     return report
 
 
@@ -162,7 +167,7 @@ def slice_parts(
     report: dict[str, Any], run: Run, folder: Path, args: argparse.Namespace
 ) -> list[float | None]:
     """Slice every part; return CuraEngine's times in seconds, None if a slice is refused."""
-    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality)
+    request = run.settings_request
     settings = resolve_settings(request, find_resources())
     room = compute_part_room(PROFILES[PRINTER], settings.brim_width_mm)
 
@@ -202,9 +207,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     mesh = trimesh.Trimesh(vertices - [*(lo + hi)[:2] / 2.0, lo[2]], faces, process=False)
     stl = results / f"{run.path.stem}-whole.stl"
     mesh.export(stl)
-    settings = resolve_settings(
-        SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality=run.quality), find_resources()
-    )
+    settings = resolve_settings(run.settings_request, find_resources())
     gcode = stl.with_suffix(".gcode")
     request = PlateRequest(stl, settings, gcode, find_engine(), ENDLESS_BED, WHOLE_TIMEOUT_S, cache)
     try:

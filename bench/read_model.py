@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import resource
 import tempfile
 import time
 from multiprocessing.connection import Connection
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import trimesh
 
+from bench.peak_memory import read_peak_mb
 from decompose.geometry.model import load_model
 
 
@@ -37,7 +37,7 @@ def read_torus(path: Path, pipe: Connection) -> None:
         "file_mb": path.stat().st_size / 1e6,
         "cpu_s": time.process_time() - begin_cpu_s,
         "elapsed_s": time.perf_counter() - begin_s,
-        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        "peak_mb": read_peak_mb(),
         "triangles": len(model.solid.arrays()[1]),
     }
     pipe.send(result)

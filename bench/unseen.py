@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import resource
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
@@ -24,6 +23,7 @@ import numpy as np
 from trimesh import creation
 
 from bench.cluster_calls import add_cluster_options, count_calls, open_calls
+from bench.peak_memory import read_peak_mb
 from bench.shapes import ellipsoid, rod, solid
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -180,7 +180,7 @@ def measure(kind: str, seed: int, printers: int, side_mm: float, budget_s: float
         except DecomposeError as error:
             reason = str(error)
     wall_s = perf_counter() - began_s
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    peak_mb = read_peak_mb()
     if result is None:
         no_figures = (None,) * 6
         return Figures(kind, seed, model.solid.faces, *no_figures, wall_s, peak_mb, reason)
