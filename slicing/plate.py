@@ -14,7 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-from slicing.checks import UnprintedWall, add_times, check_outline, output, read_toolpath, read_wall_layout
+from slicing.checks import (
+    FeatureTimes,
+    MotionLimits,
+    UnprintedWall,
+    add_times,
+    check_outline,
+    measure_feature_times,
+    output,
+    read_toolpath,
+    read_wall_layout,
+)
 from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
@@ -71,6 +81,7 @@ class PlateResult:
     min_mm: tuple[float, float, float]  # of all extrusion, from the bed's centre
     max_mm: tuple[float, float, float]
     cached: bool
+    features: FeatureTimes  # of `sliced_s`
     unprinted: tuple[UnprintedWall, ...] = ()  # walls too thin to print, the largest first
 
 
@@ -192,7 +203,10 @@ def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | Non
             filament_mm2=settings.filament_mm2,
         )
     return CheckedSlice(
-        output.replace_header(add_times(engine_output.gcode, toolpath), engine_output.log), facts, unprinted
+        output.replace_header(add_times(engine_output.gcode, toolpath), engine_output.log),
+        facts,
+        unprinted,
+        measure_feature_times(toolpath, MotionLimits.from_settings(settings.global_)),
     )
 
 
@@ -224,5 +238,6 @@ def _build_result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> 
         min_mm=(low[0], low[1], low[2]),
         max_mm=(high[0], high[1], high[2]),
         cached=cached,
+        features=sliced.features,
         unprinted=sliced.unprinted,
     )

@@ -12,21 +12,22 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from slicing.checks import GcodeFacts, UnprintedWall
+from slicing.checks import FeatureTimes, GcodeFacts, UnprintedWall
 from slicing.engine import read_engine_version
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-5"
+_FORMAT = "farm-slice-6"
 """Version in the cache's key: increase it with each change of the stored record or the checks."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckedSlice:
-    """G-code that passed the checks, and its facts."""
+    """G-code that passed the checks, its facts and the seconds of its features."""
 
     gcode: bytes
     facts: GcodeFacts
     unprinted: tuple[UnprintedWall, ...]
+    features: FeatureTimes
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class StoredSlice:
             facts = dict(entry["facts"])
             facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
             unprinted = tuple(UnprintedWall(**wall) for wall in entry["unprinted"])
-            sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted)
+            sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted, FeatureTimes(**entry["features"]))
         except (OSError, ValueError, KeyError, TypeError):
             return None
         with contextlib.suppress(OSError):  # `slicing.cache` takes the file's time as that of its last use
@@ -75,6 +76,7 @@ class StoredSlice:
             "sha256": hashlib.sha256(sliced.gcode).hexdigest(),
             "facts": asdict(sliced.facts),
             "unprinted": [asdict(wall) for wall in sliced.unprinted],
+            "features": asdict(sliced.features),
         }
         write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)
         # The record is written last: it makes the entry valid.

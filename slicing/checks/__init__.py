@@ -1,5 +1,6 @@
 """Checks of CuraEngine's output: its log, its G-code, and each layer's outline against the model."""
 
+from slicing.checks.feature_times import FeatureTimes, MotionLimits, measure_feature_times
 from slicing.checks.outline import UnprintedWall, check_outline
 from slicing.checks.output import GcodeFacts
 from slicing.checks.timeline import add_times
@@ -7,12 +8,15 @@ from slicing.checks.toolpath import Toolpath, read_toolpath
 from slicing.checks.walls import WallLayout, read_wall_layout
 
 __all__ = [
+    "FeatureTimes",
     "GcodeFacts",
+    "MotionLimits",
     "Toolpath",
     "UnprintedWall",
     "WallLayout",
     "add_times",
     "check_outline",
+    "measure_feature_times",
     "read_toolpath",
     "read_wall_layout",
 ]

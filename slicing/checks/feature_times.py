@@ -1,0 +1,132 @@
+"""Seconds of the layers of a slice by what they print: walls, infill, skins, supports, travel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from slicing.checks.section import Floats
+from slicing.checks.toolpath import Toolpath
+
+_TIME = "TIME_ELAPSED:"
+_STANDSTILL_MM_S = 0.05
+_PASSES = 8
+"""Moves before and after a junction that may bound its speed."""
+_GROUPS = {
+    "WALL-OUTER": "walls_s",
+    "WALL-INNER": "walls_s",
+    "FILL": "infill_s",
+    "SKIN": "skins_s",
+    "SUPPORT": "supports_s",
+    "SUPPORT-INTERFACE": "supports_s",
+    "SKIRT": "supports_s",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureTimes:
+    """Seconds of the layers of a slice by what they print; their sum is the time of the layers.
+
+    Supports include the brim or skirt. Travel is all that extrudes nothing, retractions included.
+    """
+
+    walls_s: float
+    infill_s: float
+    skins_s: float
+    supports_s: float
+    travel_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """Limits with which CuraEngine plans moves; arrays are (4,), of X, Y, Z and E."""
+
+    acceleration_mm_s2: float
+    max_acceleration_mm_s2: Floats
+    max_feed_mm_s: Floats
+    jerk_mm_s: Floats
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, str]) -> MotionLimits:
+        """Read the limits from Cura's settings of a machine, by their keys."""
+
+        def read_axes(key: str, axes: str) -> Floats:
+            return np.array([float(settings[f"machine_max_{key}_{axis}"]) for axis in axes.split()])
+
+        jerk_xy, jerk_z, jerk_e = read_axes("jerk", "xy z e")
+        return cls(
+            acceleration_mm_s2=float(settings["machine_acceleration"]),
+            max_acceleration_mm_s2=read_axes("acceleration", "x y z e"),
+            max_feed_mm_s=read_axes("feedrate", "x y z e"),
+            jerk_mm_s=np.array([jerk_xy, jerk_xy, jerk_z, jerk_e]),
+        )
+
+
+def measure_feature_times(path: Toolpath, limits: MotionLimits) -> FeatureTimes:
+    """Divide CuraEngine's time of each layer among the features, by the times of their moves.
+
+    Parameters
+    ----------
+    path
+        Moves and comments of CuraEngine's output.
+    limits
+        Limits with which it was sliced.
+    """
+    names = [item.name for item in fields(FeatureTimes)]
+    ends = [
+        (comment.move, float(comment.text[len(_TIME) :]))
+        for comment in path.comments
+        if comment.text.startswith(_TIME)
+    ]
+    first = next((comment.move for comment in path.comments if comment.text.startswith("LAYER:")), None)
+    if first is None or not ends:
+        return FeatureTimes(*(0.0 for _ in names))
+    bounds = np.array([first, *(move for move, _ in ends)])
+    seconds = estimate_move_seconds(path, limits)
+    sums = np.concatenate(([0.0], np.cumsum(seconds)))
+    layer_s = np.diff(np.array([0.0, *(elapsed_s for _, elapsed_s in ends)]))
+    planned_s = np.diff(sums[bounds])
+    scales = np.divide(layer_s, planned_s, out=np.zeros_like(layer_s), where=planned_s > 0.0)
+    is_layer = slice(int(bounds[0]), int(bounds[-1]))
+    scaled_s = seconds[is_layer] * np.repeat(scales, np.diff(bounds))
+    groups = [names.index(_GROUPS.get(feature, "travel_s")) for feature in path.features]
+    extrudes = (path.extruded_mm > 0.0) & path.is_move
+    group = np.where(extrudes, np.array(groups)[path.feature], names.index("travel_s"))
+    return FeatureTimes(*np.bincount(group[is_layer], weights=scaled_s, minlength=len(names)).tolist())
+
+
+def estimate_move_seconds(path: Toolpath, limits: MotionLimits) -> Floats:
+    """Estimate the seconds (n,) of each move with acceleration and jerk.
+
+    The speed at a junction is bounded by the jerk, and by the few moves on both sides of it.
+    """
+    delta_mm = path.end - path.start
+    length_mm = np.linalg.norm(delta_mm[:, :3], axis=1)
+    length_mm = np.maximum(np.where(length_mm > 0.0, length_mm, np.abs(delta_mm[:, 3])), 1e-9)
+    direction = delta_mm / length_mm[:, None]
+    share = np.maximum(np.abs(direction), 1e-9)
+    feed_mm_s = np.maximum(path.feed_mm_min, 1.0) / 60.0
+    top = np.minimum(feed_mm_s, (limits.max_feed_mm_s / share).min(axis=1))
+    acceleration = np.minimum(limits.acceleration_mm_s2, (limits.max_acceleration_mm_s2 / share).min(axis=1))
+    gain = 2.0 * acceleration * length_mm  # largest change of the squared speed over a move
+    junction = _limit_junctions(direction * top[:, None], top, limits.jerk_mm_s) ** 2
+    for _ in range(_PASSES):
+        junction[1:] = np.minimum(junction[1:], junction[:-1] + gain)
+        junction[:-1] = np.minimum(junction[:-1], junction[1:] + gain)
+    entry, leave = junction[:-1], junction[1:]
+    peak = np.minimum(top, np.sqrt(np.maximum((gain + entry + leave) / 2.0, np.maximum(entry, leave))))
+    ramps_mm = np.maximum(2.0 * peak**2 - entry - leave, 0.0) / (2.0 * acceleration)
+    ramps_s = (2.0 * peak - np.sqrt(entry) - np.sqrt(leave)) / acceleration
+    seconds: Floats = ramps_s + np.maximum(length_mm - ramps_mm, 0.0) / peak
+    return np.where(np.any(delta_mm != 0.0, axis=1), seconds, 0.0)
+
+
+def _limit_junctions(velocity: Floats, top: Floats, jerk_mm_s: Floats) -> Floats:
+    """Compute the highest speeds (n + 1,) before, between and after moves: X and Y by their joint jerk."""
+    change = np.abs(np.diff(velocity, axis=0))
+    change[:, 0] = change[:, 1] = np.hypot(change[:, 0], change[:, 1])
+    share = np.minimum(1.0, (jerk_mm_s / np.maximum(change, 1e-9)).min(axis=1))
+    between = np.minimum(top[:-1], top[1:]) * share
+    return np.concatenate(([_STANDSTILL_MM_S], between, [_STANDSTILL_MM_S]))

@@ -1,0 +1,115 @@
+"""Seconds of each feature of a slice, compared with the firmware's planner."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.emulator.firmware.planner import Limits, Planner
+from drivers.printers import PROFILES
+from slicing.checks import MotionLimits, measure_feature_times, read_toolpath
+from slicing.checks.feature_times import estimate_move_seconds
+from slicing.plate import slice_plate
+
+PROFILE = PROFILES["ultimaker2_plus"]
+LIMITS = MotionLimits(
+    acceleration_mm_s2=PROFILE.acceleration_mm_s2,
+    max_acceleration_mm_s2=np.array(PROFILE.max_acceleration_mm_s2),
+    max_feed_mm_s=np.array(PROFILE.max_feedrate_mm_s),
+    jerk_mm_s=np.array([PROFILE.jerk_mm_s[0], *PROFILE.jerk_mm_s]),
+)
+TWO_LAYERS = b"""G28
+G1 F6000 X50
+;LAYER:0
+;TYPE:SKIRT
+G1 F600 X60 E1
+;TYPE:WALL-OUTER
+G1 X90 E2
+;TIME_ELAPSED:8.0
+;LAYER:1
+G0 F6000 X50
+;TYPE:FILL
+G1 F600 X40 E3
+G1 F1500 E1
+;TIME_ELAPSED:10.8
+G28
+"""
+
+
+def measure_with_planner(path):
+    """Measure the seconds (n,) of each move of a file by the firmware's planner, always kept full."""
+    ends_s = []
+    planner = Planner(Limits.from_profile(PROFILE), (0.0,) * 4, lambda e_mm, z_mm: None)
+    place, queued, now_s = np.zeros(4), [], 0.0
+    seconds = np.zeros(len(path.end))
+    for index, (move, feed) in enumerate(
+        zip(path.end - path.start, np.maximum(path.feed_mm_min / 60, 1.0), strict=True)
+    ):
+        place = place + move
+        now_s = max(now_s, planner.compute_free_s())
+        planner.advance(now_s)
+        before = planner.moves
+        planner.add(tuple(place), feed, now_s)
+        queued += [index] * (planner.moves - before)
+        ends_s.append((len(queued) - len(planner), planner.busy_s))
+    finished = np.array(ends_s)
+    busy_s = np.interp(
+        np.arange(len(queued) + 1), *finished[np.unique(finished[:, 0], return_index=True)[1]].T
+    )
+    seconds[queued] = np.diff(busy_s)
+    return seconds
+
+
+def test_time_of_a_layer_is_divided_among_its_features():
+    times = measure_feature_times(read_toolpath(TWO_LAYERS), LIMITS)
+    assert sum(astuple(times)) == pytest.approx(10.8)
+    assert times.walls_s + times.supports_s == pytest.approx(8.0)
+    assert times.walls_s == pytest.approx(6.0, abs=0.05)
+    assert times.infill_s + times.travel_s == pytest.approx(2.8)
+    assert times.travel_s > 0.4
+    assert times.skins_s == 0.0
+
+
+def test_file_without_times_has_no_features():
+    path = read_toolpath(TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING"))
+    assert astuple(measure_feature_times(path, LIMITS)) == (0.0,) * 5
+
+
+def test_features_are_those_of_the_firmwares_planner(request_for):
+    model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
+    result = slice_plate(request_for(model))
+    path = read_toolpath(result.gcode.read_bytes())
+    assert sum(astuple(result.features)) == pytest.approx(result.sliced_s, rel=1e-6)
+    assert min(astuple(result.features)) > 0.0
+    planned_s = measure_with_planner(path)
+    estimated_s = estimate_move_seconds(path, LIMITS)
+    extrudes = (path.extruded_mm > 0.0) & path.is_move & (path.layer >= 0)
+    for name in ("WALL-OUTER", "WALL-INNER", "SKIN", "FILL", "SKIRT"):
+        mask = path.is_feature(name) & extrudes
+        assert estimated_s[mask].sum() == pytest.approx(planned_s[mask].sum(), rel=0.03), name
+
+
+def test_cached_slice_has_the_same_features(request_for, tmp_path):
+    request = request_for(trimesh.creation.box((12, 10, 4)), cache=tmp_path / "cache")
+    first, second = slice_plate(request), slice_plate(request)
+    assert second.cached
+    assert first.features == second.features
+
+
+@given(
+    st.lists(st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(0, 2)), min_size=1, max_size=30),
+    st.floats(60, 12000),
+)
+def test_move_takes_at_least_its_length_over_its_feed(moves, feed_mm_min):
+    lines, x_mm, y_mm, e_mm = [b"G1 F%.3f" % feed_mm_min], 0.0, 0.0, 0.0
+    for dx_mm, dy_mm, de_mm in moves:
+        x_mm, y_mm, e_mm = x_mm + dx_mm, y_mm + dy_mm, e_mm + de_mm
+        lines.append(b"G1 X%.4f Y%.4f E%.4f" % (x_mm, y_mm, e_mm))
+    path = read_toolpath(b"\n".join(lines) + b"\n")
+    seconds = estimate_move_seconds(path, LIMITS)
+    delta_mm = np.linalg.norm((path.end - path.start)[:, :3], axis=1)
+    assert np.all(np.isfinite(seconds))
+    assert np.all(seconds >= delta_mm / np.maximum(path.feed_mm_min / 60.0, 1.0 / 60.0) - 1e-9)
