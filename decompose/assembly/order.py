@@ -10,21 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
-from decompose.arrays import Bools, Floats, Ints
+from decompose.arrays import Bools, Floats
 from decompose.assembly.blocking import find_axes, find_blocking
 from decompose.assembly.resting import Weight, find_rest
 from decompose.assembly.schedule import Work, compute_critical_path_s, order_steps
-from decompose.assembly.shadow import TOUCH_MM
+from decompose.assembly.splits import Glue, Split, SplitSearch
 from decompose.options import MIN_GLUE_MM2
 from decompose.pieces import CutSolid, Joint
-
-MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
-ALONG_COS = 0.999  # minimum cosine between a normal and a direction along it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,15 +101,6 @@ class Assembly:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Split:
-    """Two sets (n,) of which the first moves along `direction`."""
-
-    moved: Bools
-    fixed: Bools
-    direction: Floats
-
-
 def plan_assembly(
     pieces: Sequence[CutSolid], joints: Sequence[Joint], min_glue_mm2: float = MIN_GLUE_MM2
 ) -> Assembly:
@@ -147,7 +133,7 @@ def plan_assembly(
 
 
 class _Plan:
-    """Search for splits, and the steps found so far."""
+    """Parts taken apart, and the steps found so far."""
 
     def __init__(self, pieces: Sequence[CutSolid], joints: Sequence[Joint], min_glue_mm2: float) -> None:
         count = len(pieces)
@@ -156,22 +142,18 @@ class _Plan:
         self.locked: list[tuple[int, ...]] = []
         self._joints = joints
         self._weights = [Weight.from_solid(piece.solid) for piece in pieces]
-        self._directions = np.concatenate([axes, -axes])
-        self._blocking = find_blocking([piece.solid for piece in pieces], axes)
-        heights = [weight.points @ self._directions.T for weight in self._weights]
-        self._low_mm = np.array([height.min(axis=0) for height in heights]).T  # (directions, parts)
-        self._high_mm = np.array([height.max(axis=0) for height in heights]).T
         self._volumes_mm3 = np.array([weight.volume_mm3 for weight in self._weights])
-        self._glue_mm2 = np.zeros((count, count))
-        self._has_glue = np.zeros((count, count), dtype=np.bool_)
-        self._closing_mm2 = np.zeros((len(self._directions), count, count))
-        for joint in joints:
-            self._glue_mm2[joint.a, joint.b] = self._glue_mm2[joint.b, joint.a] = joint.area_mm2
-            self._has_glue[joint.a, joint.b] = self._has_glue[joint.b, joint.a] = joint.holds(min_glue_mm2)
-            for face in joint.faces:
-                along = np.abs(self._directions @ face.normal) > ALONG_COS
-                self._closing_mm2[along, joint.a, joint.b] += face.area_mm2
-                self._closing_mm2[along, joint.b, joint.a] += face.area_mm2
+        heights = [weight.points @ axes.T for weight in self._weights]
+        low_mm, high_mm = (
+            np.array([bound(height, axis=0) for height in heights]).T for bound in (np.min, np.max)
+        )
+        self._search = SplitSearch(
+            Glue.from_joints(count, joints, axes, min_glue_mm2),
+            np.concatenate([axes, -axes]),
+            find_blocking([piece.solid for piece in pieces], axes),
+            np.concatenate([low_mm, -high_mm]),
+            np.concatenate([high_mm, -low_mm]),
+        )
 
     def split(self, parts: Bools, *, outermost: bool) -> int:
         """Split a set of parts (n,) into single parts, and append the steps; return the level of the last
@@ -181,21 +163,21 @@ class _Plan:
         """
         if parts.sum() < 2:
             return 0
-        split = self._find_split(parts)
+        split = self._search.find_split(parts)
         if split is None:
             self.locked.append(_list_numbers(parts))
             return 0
-        is_across = np.outer(split.moved, split.fixed)
-        loose = not (self._glue_mm2 * is_across).any()
+        loose = not self._search.glue.measure_mm2(split)
         sides = sorted((split.moved, split.fixed), key=lambda side: int(side.sum()))
         level = 1 + max(self.split(side, outermost=outermost and loose) for side in sides)
         if not (loose and outermost):
             self.steps.append(self._build_step(split, level))
         return level
 
-    def _build_step(self, split: _Split, level: int) -> AssemblyStep:
+    def _build_step(self, split: Split, level: int) -> AssemblyStep:
         """Choose the body that is moved: the lighter one, unless only it stands with its joint upwards."""
-        moved, fixed, direction = split.moved, split.fixed, split.direction
+        moved, fixed = split.moved, split.fixed
+        direction = self._search.directions[split.direction]
         resting_parts = find_rest(self._weights, _list_numbers(fixed), direction)
         other_resting_parts = find_rest(self._weights, _list_numbers(moved), -direction)
         lighter = float(self._volumes_mm3[moved].sum()) > float(self._volumes_mm3[fixed].sum())
@@ -203,9 +185,7 @@ class _Plan:
             lighter and bool(other_resting_parts) == bool(resting_parts)
         ):
             moved, fixed, direction, resting_parts = fixed, moved, -direction, other_resting_parts
-        number = int(np.argmax(self._directions @ split.direction))
         across = np.outer(moved, fixed)
-        glue_mm2 = float((self._glue_mm2 * across).sum())
         return AssemblyStep(
             moved_parts=_list_numbers(moved),
             fixed_parts=_list_numbers(fixed),
@@ -215,93 +195,11 @@ class _Plan:
                 for k, joint in enumerate(self._joints)
                 if across[joint.a, joint.b] or across[joint.b, joint.a]
             ),
-            glue_mm2=glue_mm2,
-            slides=float((self._closing_mm2[number] * across).sum()) < MIN_CLOSING_SHARE * glue_mm2,
+            glue_mm2=self._search.glue.measure_mm2(split),
+            slides=not self._search.glue.closes(split),
             rests_on=resting_parts,
             level=level,
         )
-
-    def _find_split(self, parts: Bools) -> _Split | None:
-        """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as can be."""
-        numbers = np.flatnonzero(parts)
-        candidates = list(
-            chain.from_iterable(self._find_candidates(d, numbers) for d in range(len(self._directions)))
-        )
-        if not candidates:
-            return None
-        glue_mm2 = self._glue_mm2[np.ix_(numbers, numbers)]
-        has_glue = self._has_glue[np.ix_(numbers, numbers)]
-        bodies = _count_bodies(has_glue, np.ones(len(numbers), dtype=np.bool_))
-
-        def compute_merit(candidate: tuple[int, Bools]) -> tuple[bool, int, float]:
-            direction, mask = candidate
-            closing = self._closing_mm2[direction][np.ix_(numbers, numbers)]
-            across_mm2 = float(glue_mm2[mask][:, ~mask].sum())
-            closes = float(closing[mask][:, ~mask].sum()) >= MIN_CLOSING_SHARE * across_mm2
-            return closes, min(int(mask.sum()), int((~mask).sum())), across_mm2
-
-        best: tuple[int, tuple[int, Bools]] | None = None
-        for direction, moved in sorted(candidates, key=compute_merit, reverse=True):
-            added_bodies = _count_bodies(has_glue, moved) + _count_bodies(has_glue, ~moved) - bodies
-            if best is None or added_bodies < best[0]:
-                best = added_bodies, (direction, moved)
-            # The split of one body adds a body; loose bodies are separated without one.
-            if added_bodies <= (0 if bodies > 1 else 1):
-                break
-        assert best is not None
-        direction, moved = best[1]
-        selected = np.zeros(len(parts), dtype=np.bool_)
-        selected[numbers[moved]] = True
-        return _Split(selected, parts & ~selected, self._directions[direction])
-
-    def _find_candidates(self, direction: int, numbers: Ints) -> list[tuple[int, Bools]]:
-        """Find sets of parts that can be moved along a direction, as masks over `numbers`.
-
-        The candidates are each part with all parts that block it, and the bodies beyond a plane that cuts no
-        part, if no other body blocks them.
-        """
-        blocked_by = self._blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
-            len(numbers), dtype=np.bool_
-        )
-        reach = _close_transitively(blocked_by)
-        sets = [*reach, *self._list_beyond_planes(direction, numbers)]
-        has_glue = self._has_glue[np.ix_(numbers, numbers)]
-        for candidate in list(sets):
-            count, label = connected_components(has_glue[candidate][:, candidate], directed=False)
-            inside = np.flatnonzero(candidate)
-            for body in range(count if count > 1 else 0):
-                mask = np.zeros(len(numbers), dtype=np.bool_)
-                mask[inside[label == body]] = True
-                if (reach[mask].any(axis=0) <= mask).all():
-                    sets.append(mask)
-        distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
-        return [(direction, mask) for mask in distinct.values()]
-
-    def _list_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
-        low, high = self._low_mm[direction, numbers], self._high_mm[direction, numbers]
-        planes = np.unique(np.round(low, 3))
-        sides = [low >= at_mm - TOUCH_MM for at_mm in planes]
-        return [
-            side
-            for at_mm, side in zip(planes, sides, strict=True)
-            if not side.all() and (high[~side] <= at_mm + TOUCH_MM).all()
-        ]
-
-
-def _close_transitively(relation: Bools) -> Bools:
-    """Compute the transitive closure of a reflexive relation (n, n)."""
-    reach = relation
-    while True:
-        longer: Bools = (reach.astype(np.float32) @ reach.astype(np.float32)) > 0.0
-        if (longer == reach).all():
-            return longer
-        reach = longer
-
-
-def _count_bodies(has_glue: Bools, parts: Bools) -> int:
-    """Count the bodies that joints (n, n) hold together among some of the parts (n,)."""
-    count, _ = connected_components(has_glue[parts][:, parts], directed=False)
-    return int(count)
 
 
 def _list_numbers(parts: Bools) -> tuple[int, ...]:

@@ -68,6 +68,20 @@ def test_pinwheel_is_closed_by_slides():
     assert any(step.slides for step in assembly.steps)
 
 
+def test_pinwheel_slides_along_one_face():
+    """Expect that one brick is taken off first: each other split of the whole slides along more faces."""
+    pieces = make_pinwheel()
+    [sliding_step] = [step for step in plan(pieces).steps if step.slides]
+    joints = find_joints(pieces)
+    sliding_faces = [
+        face
+        for number in sliding_step.joints
+        for face in joints[number].faces
+        if abs(float(face.normal @ sliding_step.direction)) < 0.5
+    ]
+    assert [face.area_mm2 for face in sliding_faces] == pytest.approx([400.0])
+
+
 def test_ball_in_a_hollow_is_laid_in_before_the_shell_is_closed():
     shell = Solid.box((0, 0, 0), (60, 60, 60)).subtract(Solid.box((10, 10, 10), (50, 50, 50)))
     halves = [
@@ -184,6 +198,7 @@ def test_every_partition_into_boxes_of_one_frame_can_be_assembled(pieces: list[P
     assert not assembly.locked
     assert find_order_faults([piece.solid for piece in rotated_boxes], joints, assembly) == []
     assert len(assembly.steps) == len(pieces) - 1
+    assert not any(step.slides for step in assembly.steps)  # the partition was made by planes
     levels: dict[frozenset[int], int] = {}
     for step in assembly.steps:
         assert step.level == 1 + max(

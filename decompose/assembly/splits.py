@@ -1,0 +1,212 @@
+"""Search for the split of a set of parts into two that can be moved apart.
+
+Faces that close along their normal take pins and keys, and the glue stays on them. A split all of whose faces
+close is never worse than another: any way to take the set apart also takes apart the two sets that it leaves,
+along the same faces or fewer. So a choice arises only where each split slides. There the splits with least
+sliding glue are compared, each by what slides until single parts are left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, islice
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.assembly.shadow import TOUCH_MM
+from decompose.pieces import Joint
+
+MIN_CLOSING_SHARE = 0.999  # a step slides if a smaller share of its glue closes along its normal
+ALONG_COS = 0.999  # minimum cosine between a normal and a direction along it
+MAX_COMPARED = 8  # splits that slide, of which the best is found by taking the set apart
+MAX_EXAMINED = 400  # sets taken apart for that; then the split with the least sliding glue is taken
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """Two sets (n,) of which the first moves along the direction with a number."""
+
+    moved: Bools
+    fixed: Bools
+    direction: int
+
+    @property
+    def smaller(self) -> int:
+        """Number of parts of the smaller set."""
+        return int(min(self.moved.sum(), self.fixed.sum()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Glue:
+    """Glue between n parts.
+
+    Attributes
+    ----------
+    area_mm2, holds
+        (n, n) areas of the joints, and whether they hold.
+    closing_mm2
+        (d, n, n) area of the faces that close along each of d directions.
+    """
+
+    area_mm2: Floats
+    holds: Bools
+    closing_mm2: Floats
+
+    @classmethod
+    def from_joints(cls, count: int, joints: Sequence[Joint], axes: Floats, min_glue_mm2: float) -> Glue:
+        """Build the areas between `count` parts; the directions are the axes (k, 3), then their opposites."""
+        area_mm2 = np.zeros((count, count))
+        holds = np.zeros((count, count), dtype=np.bool_)
+        closing_mm2 = np.zeros((len(axes), count, count))
+        for joint in joints:
+            ends = [joint.a, joint.b], [joint.b, joint.a]
+            area_mm2[ends] = joint.area_mm2
+            holds[ends] = joint.holds(min_glue_mm2)
+            for face in joint.faces:
+                along = np.flatnonzero(np.abs(axes @ face.normal) > ALONG_COS)
+                for one, other in zip(*ends, strict=True):
+                    closing_mm2[along, one, other] += face.area_mm2
+        return cls(area_mm2, holds, np.concatenate([closing_mm2, closing_mm2]))
+
+    def measure_mm2(self, split: Split) -> float:
+        """Measure the area that a split glues."""
+        return float(self.area_mm2[split.moved][:, split.fixed].sum())
+
+    def measure_sliding_mm2(self, split: Split) -> float:
+        """Measure the area that a split glues, less what closes along its direction."""
+        closing_mm2 = float(self.closing_mm2[split.direction][split.moved][:, split.fixed].sum())
+        return max(0.0, self.measure_mm2(split) - closing_mm2)
+
+    def closes(self, split: Split) -> bool:
+        """Check whether all faces of a split close along their normal."""
+        return self.measure_sliding_mm2(split) <= (1.0 - MIN_CLOSING_SHARE) * self.measure_mm2(split)
+
+    def count_bodies(self, parts: Bools) -> int:
+        """Count the bodies that glue holds together among some of the parts (n,)."""
+        return int(connected_components(self.holds[parts][:, parts], directed=False)[0])
+
+    def count_added_bodies(self, split: Split) -> int:
+        """Count the bodies that are held apart by a split, beyond those of its set."""
+        sides = self.count_bodies(split.moved) + self.count_bodies(split.fixed)
+        return sides - self.count_bodies(split.moved | split.fixed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SplitSearch:
+    """Search for splits of sets of parts.
+
+    Attributes
+    ----------
+    glue
+        Between the n parts.
+    directions
+        (d, 3) unit vectors along which bodies may move.
+    blocking
+        (d, n, n) of `blocking.find_blocking`.
+    low_mm, high_mm
+        (d, n) bounds of the parts along the directions.
+    """
+
+    glue: Glue
+    directions: Floats
+    blocking: Bools
+    low_mm: Floats
+    high_mm: Floats
+    _sliding_mm2: dict[bytes, float] = field(default_factory=dict)
+
+    def find_split(self, parts: Bools) -> Split | None:
+        """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as can be.
+
+        Among splits that close, halves of equal size are preferred, as their glue dries side by side.
+        """
+        return self._choose(parts, MAX_COMPARED if len(self._sliding_mm2) < MAX_EXAMINED else 1)
+
+    def _choose(self, parts: Bools, max_compared: int) -> Split | None:
+        splits = self._list_splits(parts)
+        if not splits:
+            return None
+        splits.sort(key=lambda split: (-split.smaller, -self.glue.measure_mm2(split)))
+        # The split of one body adds a body; loose bodies are separated without one.
+        most_added = int(self.glue.count_bodies(parts) == 1)
+        for split in filter(self.glue.closes, splits):
+            if self.glue.count_added_bodies(split) <= most_added:
+                return split
+        sliding = sorted(splits, key=self.glue.measure_sliding_mm2)
+        apart = (split for split in sliding if self.glue.count_added_bodies(split) <= most_added)
+        compared = list(islice(apart, max_compared))
+        if not compared:
+            return min(splits, key=self.glue.count_added_bodies)
+        return compared[0] if len(compared) == 1 else min(compared, key=self._measure_all_sliding_mm2)
+
+    def _measure_all_sliding_mm2(self, split: Split) -> float:
+        """Measure what slides in a split and in those that follow, if each has the least sliding glue."""
+        sliding_mm2 = self.glue.measure_sliding_mm2(split)
+        for parts in (split.moved, split.fixed):
+            key = parts.tobytes()
+            if key not in self._sliding_mm2:
+                following = self._choose(parts, 1) if parts.sum() > 1 else None
+                self._sliding_mm2[key] = (
+                    0.0 if following is None else self._measure_all_sliding_mm2(following)
+                )
+            sliding_mm2 += self._sliding_mm2[key]
+        return sliding_mm2
+
+    def _list_splits(self, parts: Bools) -> list[Split]:
+        numbers = np.flatnonzero(parts)
+        splits = []
+        for direction in range(len(self.directions)):
+            for mask in self._find_movable(direction, numbers):
+                moved = np.zeros(len(parts), dtype=np.bool_)
+                moved[numbers[mask]] = True
+                splits.append(Split(moved, parts & ~moved, direction))
+        return splits
+
+    def _find_movable(self, direction: int, numbers: Ints) -> Iterator[Bools]:
+        """Find sets of parts that can be moved along a direction, as masks over `numbers`.
+
+        They are each part with all parts that block it, and the bodies beyond a plane that cuts no part, if
+        no other body blocks them.
+        """
+        blocked_by = self.blocking[direction][np.ix_(numbers, numbers)].T | np.eye(
+            len(numbers), dtype=np.bool_
+        )
+        reach = _close_transitively(blocked_by)
+        sets = [*reach, *self._list_beyond_planes(direction, numbers)]
+        sets += chain.from_iterable([self._list_bodies(mask, numbers, reach) for mask in sets])
+        distinct = {mask.tobytes(): mask for mask in sets if 0 < mask.sum() < len(numbers)}
+        yield from distinct.values()
+
+    def _list_bodies(self, mask: Bools, numbers: Ints, reach: Bools) -> list[Bools]:
+        """List the bodies of a set of several, if nothing outside of a body blocks it."""
+        own = numbers[mask]
+        count, label = connected_components(self.glue.holds[np.ix_(own, own)], directed=False)
+        bodies = []
+        for body in range(count if count > 1 else 0):
+            inside = np.zeros(len(numbers), dtype=np.bool_)
+            inside[np.flatnonzero(mask)[label == body]] = True
+            if (reach[inside].any(axis=0) <= inside).all():
+                bodies.append(inside)
+        return bodies
+
+    def _list_beyond_planes(self, direction: int, numbers: Ints) -> list[Bools]:
+        low, high = self.low_mm[direction, numbers], self.high_mm[direction, numbers]
+        planes = np.unique(np.round(low, 3))
+        sides = [low >= at_mm - TOUCH_MM for at_mm in planes]
+        return [
+            side
+            for at_mm, side in zip(planes, sides, strict=True)
+            if not side.all() and (high[~side] <= at_mm + TOUCH_MM).all()
+        ]
+
+
+def _close_transitively(relation: Bools) -> Bools:
+    """Compute the transitive closure of a reflexive relation (n, n)."""
+    reach = relation
+    while True:
+        longer: Bools = (reach.astype(np.float32) @ reach.astype(np.float32)) > 0.0
+        if (longer == reach).all():
+            return longer
+        reach = longer
