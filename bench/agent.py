@@ -104,7 +104,8 @@ class Peers(threading.Thread):
         self.is_stopped = False
 
     def run(self) -> None:
-        poll, deadlines = select.epoll(), []
+        poll = select.epoll()
+        deadlines: list[tuple[float, int, Peer]] = []
         for peer in self._peers:
             poll.register(peer.port.watch_fd, select.EPOLLIN)
         by_watch = {peer.port.watch_fd: peer for peer in self._peers}

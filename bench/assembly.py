@@ -125,9 +125,9 @@ def assemble(folder: Path) -> Outcome:
         lettered = [(part, text) for part, text in step.codes if "-" in text]
         read = {(names[part], text) for part in true_poses for face in faces[part] for text in face.codes}
         outcome.misread += sum(code not in read for code in lettered)
-        pair = [collect(body, step, faces, placed, names) for body in (step.fixed, step.moved)]
+        fixed, moved = (collect(body, step, faces, placed, names) for body in (step.fixed, step.moved))
         located = step.is_located
-        placements = list(find_placements(*pair, step.pins_mm, step.keys_mm)) if located else []
+        placements = list(find_placements(fixed, moved, step.pins_mm, step.keys_mm)) if located else []
         true_placement = find_true_placement(step, true_poses, placed)
         if not located:
             outcome.without_pins += 1
@@ -140,8 +140,8 @@ def assemble(folder: Path) -> Outcome:
         else:
             outcome.right += 1
         if located:
-            sockets.append((pair[0], pair[1]))
-            outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(pair[0], pair[1], step.pins_mm))
+            sockets.append((fixed, moved))
+            outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(fixed, moved, step.pins_mm))
         placement = placements[0] if len(placements) == 1 else true_placement
         for part in step.moved:
             placed[part] = placement @ placed[part]

@@ -106,7 +106,8 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
     """Plan each job by each number of workers, and record the times of its tasks."""
     from bench.cluster_jobs import list_stages, measure_job
 
-    rows, records = [], {}
+    rows: list[dict[str, Any]] = []
+    records: dict[str, list[dict[str, list[float]]]] = {}
     for parts in map(int, args.parts.split(",")):
         for workers in map(int, (args.workers or "1,2").split(",")):
             row = measure_job(parts, workers, folder)

@@ -49,7 +49,7 @@ class TimedTask:
     cpu_s: float
 
 
-def run_timed(work: Deferred, *args: object) -> tuple[Any, float]:
+def run_timed(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
     """Call a function. Returns its result and CPU seconds, including those of its processes."""
     begin_s = _read_cpu_s()
     return work(*args), _read_cpu_s() - begin_s
@@ -199,6 +199,7 @@ def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
     state.make()
     model = draw_model(KIND, SEED, SIDE_MM)
     corners = round_triangles(*model.solid.arrays())
+    assert corners is not None
     path = state.root / f"{KIND}.stl"
     write_stl(path, corners)
     options = JobOptions(printers=parts)

@@ -13,7 +13,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,7 +48,7 @@ class HostGroups:
         True: each group has a network namespace; False: all are on this computer's network.
     """
 
-    def __init__(self, folder: Path, groups: dict[str, Sequence[str]], has_network: bool) -> None:
+    def __init__(self, folder: Path, groups: Mapping[str, Sequence[str]], has_network: bool) -> None:
         self._network = _open_network(groups) if has_network else None
         self._processes: dict[str, subprocess.Popen[str]] = {}
         addresses: dict[str, tuple[str, int]] = {}

@@ -67,7 +67,7 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
     by_kinds: dict[str, list[Sample]] = defaultdict(list)
     for sample in samples:
         by_kinds[next(iter(sample.amounts)).split()[0]].append(sample)
-    prices = {}
+    prices: dict[str, float] = {}
     for own in by_kinds.values():
         names = sorted({name for sample in own for name in sample.amounts})
         rows = np.array([[sample.amounts.get(name, 0.0) for name in names] for sample in own])

@@ -89,7 +89,7 @@ class PrintedPart:
             if "".join(self._read_letters(mark, code, strokes, depth_mm)) != code:
                 return False
         signs = np.concatenate(
-            [np.linspace(*line, 5) for line in [*mark.lines_mm[number:]]] or [np.zeros((0, 3))]
+            [np.linspace(start, end, 5) for start, end in mark.lines_mm[number:]] or [np.zeros((0, 3))]
         )
         return not len(signs) or (~self.is_printed(signs + BELOW_MM * direction)).mean() >= READ_SHARE
 

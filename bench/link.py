@@ -145,7 +145,7 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
                 )
                 agent_rates.append(lines / (ended_s - began_s))
                 control(printer / "emulator", "clear_bed")
-                run = [str(python), PEER, printer / "emulator" / "tty", path, head]
+                run = [str(python), str(PEER), str(printer / "emulator" / "tty"), str(path), str(head)]
                 printcore_rates.append(
                     lines / float(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout)
                 )

@@ -197,11 +197,7 @@ def _read_codes(
                 is_near = (np.abs(local) < half).all(axis=1)
                 if (_measure_distances_mm(local[is_near], strokes) > SAME_MM).any():
                     continue  # part of a longer code
-                arrow_pose = min(
-                    arrows,
-                    key=lambda arrow, middle=middle: float(np.linalg.norm(arrow[1] - middle)),
-                    default=None,
-                )
+                arrow_pose = _find_nearest(arrows, middle)
                 is_own = (
                     arrow_pose is not None and np.linalg.norm(arrow_pose[1] - middle) < half[0] + height_mm
                 )
@@ -236,6 +232,12 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
 
 def _draw_text(text: str, height_mm: float) -> Floats:
     return draw_strokes(text) * (height_mm / GRID_HIGH)
+
+
+def _find_nearest(arrows: list[tuple[Floats, Floats]], middle: Floats) -> tuple[Floats, Floats] | None:
+    """Find the arrow, a frame (2, 2) with its middle (2,), nearest to a middle; None without arrows."""
+    distances_mm = [float(np.linalg.norm(arrow_middle - middle)) for _, arrow_middle in arrows]
+    return arrows[int(np.argmin(distances_mm))] if arrows else None
 
 
 def _measure_distances_mm(points: Floats, strokes: Floats) -> Floats:

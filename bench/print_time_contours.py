@@ -109,7 +109,9 @@ def measure(shape: str, settings: str) -> Row:
     pose = measure_pose(placed_mm, faces, np.zeros(len(faces), np.bool_), np.eye(3), cost, False)
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "shape.stl"
-        write_stl(stl, round_triangles(placed_mm, faces))
+        corners = round_triangles(placed_mm, faces)
+        assert corners is not None
+        write_stl(stl, corners)
         path = stl.with_suffix(".gcode")
         request = PlateRequest(stl, resolve_named_settings(settings), path, find_engine(), ENDLESS_BED)
         return Row(shape, settings, pose.price_s, slice_plate(request).sliced_s)

@@ -83,7 +83,7 @@ class Table:
             matrix = np.array([self.terms[name][rows] * weight for name in names]).T
             for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
-        support = sum(factors[name] * self.terms[name] for name in SUPPORT)
+        support = np.sum([factors[name] * self.terms[name] for name in SUPPORT], axis=0)
         columns = (self.terms[TABLES][rows] * weight)[:, None]
         factors[TABLES] = float(_fit(columns, support[rows] * weight)[0])
         return factors

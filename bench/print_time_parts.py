@@ -234,8 +234,14 @@ def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) ->
     no_marks = np.zeros(len(posed.corners), dtype=np.bool_)
     support = measure_columns(posed.corners.astype(np.float64), no_marks, cost.overhang_cos)
     figures = [*map(float, features), *map(float, extents)]
-    figures += [support.support_mm3, support.support_side_mm2, support.towers_mm, support.islands_mm]
-    return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)
+    figures += [
+        support.support_mm3,
+        support.support_side_mm2,
+        support.towers_mm,
+        support.islands_mm,
+        sliced_s,
+    ]
+    return Row(posed.model, posed.part, posed.printed, setting, *figures, **kinds)
 
 
 def measure_kinds_s(gcode: str) -> dict[str, float]:

@@ -22,6 +22,7 @@ import trimesh
 
 from drivers.printers import BEDS
 from farm.planning.printer_settings import build_slicing_printer
+from slicing.checks.outline import UnprintedWall
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
@@ -75,10 +76,12 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
     mesh.export(stl)
     request = PlateRequest(stl, settings, folder / "model.gcode", find_engine(), ENDLESS_BED)
     start = CpuClock.now()
-    refusal, unprinted_parts, lines = None, (), 0
+    refusal: str | None = None
+    unprinted_walls: tuple[UnprintedWall, ...] = ()
+    lines = 0
     try:
         result = slice_plate(request)
-        unprinted_parts = result.unprinted
+        unprinted_walls = result.unprinted
         lines = result.gcode.read_bytes().count(b"\n")
     except SliceRejected as error:
         refusal = str(error)
@@ -92,7 +95,7 @@ def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, fold
         "check_cpu_s": round(check_s, 3),
         "share": round(check_s / engine_s, 3),
         "refused": refusal,
-        "unprinted": [str(wall) for wall in unprinted_parts],
+        "unprinted": [str(wall) for wall in unprinted_walls],
     }
 
 

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.measured_daemon import PLATES_OF_A_JOB, fill_books
+from drivers.clock import Clock
 from farm.api import KeyRequest
 from farm.compute import Workers
 from farm.config import Fleet, WebSection
@@ -40,16 +41,6 @@ from farm.web import NetworkServer, make_web_app
 GOALS = {"core_share": 0.3}
 _MODEL = "ultimaker2_plus"
 _WARM_UP_S = 3.0
-
-
-class RealClock:
-    """Clock of the host."""
-
-    scale = 1.0
-
-    def now(self) -> float:
-        """Return seconds since the epoch."""
-        return time.time()
 
 
 class NoEffects:
@@ -84,7 +75,7 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
         port = probe.getsockname()[1]
     web = {"listen": f"127.0.0.1:{port}"}
     rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in names]
-    clock = RealClock()
+    clock = Clock()
     store, restored_s = open_books(state, clock.now())
     controller = Controller(
         Fleet.model_validate({"web": web, "printers": rows}), store, clock, list_bed_boxes

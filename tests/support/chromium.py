@@ -173,7 +173,7 @@ class Chromium(Tab):
     """
 
     def __init__(self, profile, hosts):
-        self._command = [CHROMIUM, "--headless=new", "--no-first-run", *OPTIONS]
+        self._command = [str(CHROMIUM), "--headless=new", "--no-first-run", *OPTIONS]
         self._command += ["--remote-debugging-pipe", f"--user-data-dir={profile}"]
         self._command += [f"--host-resolver-rules={hosts}", "--window-size=1000,700"]
 

@@ -52,7 +52,7 @@ async def cluster(folder, workers, pools=None, installations=None):
         local_pool = Recorder()
         link = partial(Connection, scheduler.address, None, INSTALLATION)
         pool = ClusterPool(local_pool, scheduler.address, INSTALLATION, link)
-        pool.own = local_pool
+        pool.own = local_pool  # type: ignore[attr-defined]  # so that a test can ask for its calls
         pool.start()
         while len(pool.state.workers) < len(workers):
             await asyncio.sleep(0.02)

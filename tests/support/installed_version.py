@@ -51,8 +51,9 @@ def install_wheel(wheel: Path, folder: Path) -> Path:
     venv.create(folder)
     packages = Path(sysconfig.get_path("purelib", vars={"base": str(folder)}))
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    command = [*_PIP, "--python", folder / "bin" / "python", "install", "--quiet", "--no-deps", "--no-index"]
-    subprocess.run([*command, "--no-compile", wheel], check=True)
+    python = folder / "bin" / "python"
+    command = [*_PIP, "--python", str(python), "install", "--quiet", "--no-deps", "--no-index"]
+    subprocess.run([*command, "--no-compile", str(wheel)], check=True)
     return packages
 
 

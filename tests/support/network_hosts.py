@@ -121,7 +121,12 @@ def listen(address: str) -> None:
                 command = b""
                 while not command.endswith(b"\n") and (data := connection.recv(1)):
                     command += data
-                subprocess.Popen(["sh", "-c", command], stdin=connection, stdout=connection, env=environment)
+                subprocess.Popen(
+                    ["sh", "-c", os.fsdecode(command)],
+                    stdin=connection.fileno(),
+                    stdout=connection.fileno(),
+                    env=environment,
+                )
 
 
 def call(addresses: Path, host: str, command: str) -> None:

@@ -176,7 +176,7 @@ def _switch_frames(ports: list[int], rng: random.Random) -> None:
             with contextlib.suppress(OSError):  # the frame is lost: the queue is full
                 os.write(ports[number], frame)
         if 0 in ready:
-            line = sys.stdin.buffer.raw.readline()  # type: ignore[attr-defined]
+            line = sys.stdin.buffer.raw.readline()  # type: ignore[union-attr]
             if not line:
                 return
             order = json.loads(line)
