@@ -67,14 +67,14 @@ class AgentListener(HostListener, Protocol):
         """Handle a refusal to start a print; `late` if the request arrived after its deadline."""
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which the agent must first list its prints; None if it need not."""
+        """Return the time from which the agent must list its prints first; None if it need not."""
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """Handle the list of prints in an agent's journal."""
 
 
 class AgentConnection:
-    """One agent: its process, its snapshots, and the requests to it.
+    """Connection to one agent: its process, its snapshots, and the requests to it.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class AgentConnection:
         self._spawn_task(self._listen())
 
     def keep_alive(self) -> None:
-        """Start the agent if none runs; end one that hangs."""
+        """Start the agent if it does not run; kill it if it hangs."""
         if self._process is not None and self._process.poll() is not None:
             if self._process.returncode or not agents_are_units():  # else systemd has started it
                 self._log.warning("its agent ended with %s", self._process.returncode)
@@ -166,7 +166,7 @@ class AgentConnection:
             self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
 
     def _kill_if_hung(self) -> None:
-        """Kill an agent that hangs; the next check starts another, which resets the board."""
+        """Kill the agent if it hangs; the next check starts another, which resets the board."""
         pid = find_agent_pid(self._folder)
         if pid is not None and self._heartbeat.is_hung(time.monotonic(), lambda: sample_process(pid)):
             self._log.error("its agent (pid %d) hangs: replacing it", pid)
@@ -174,7 +174,7 @@ class AgentConnection:
 
     async def _kill(self) -> None:
         if not await asyncio.to_thread(kill_agent, self._folder):
-            self._log.error("its agent cannot be killed; switch the printer off")
+            self._log.error("its agent hangs and cannot be killed; switch the printer off")
 
     async def _listen(self) -> None:
         wait_s = 0.0
@@ -211,7 +211,7 @@ class AgentConnection:
             )
 
     async def _import_journal(self, report: m.Snapshot) -> m.Snapshot:
-        """Import the agent's journal if the books are a backup. Returns its latest snapshot."""
+        """Import the agent's journal if the books are a backup; return its latest snapshot."""
         since_s = self._listener.unreported_since_s(self._name)
         if since_s is None:
             return report
@@ -233,17 +233,17 @@ class AgentConnection:
         except FarmError as error:
             # The books could not be written: nothing has changed, and the next snapshot is handled in full.
             self._log.error("%s", error)
-        except Exception:  # a bug here must not end the listening to this printer
+        except Exception:  # a bug in the handling of one snapshot must not stop all later ones
             self._log.exception("the snapshot of its agent could not be handled")
 
     def _convert_snapshot(self, report: m.Snapshot) -> AgentSnapshot:
-        """Return a snapshot without fields that the agent cannot measure."""
+        """Convert a snapshot to the farm's record, without fields that the agent cannot measure."""
         is_simulated = self._section is not None and self._section.simulated
         is_cleared = _CLEARED in self._pending
         return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
     def _has_configured_port(self, report: m.Snapshot) -> bool:
-        """Return whether the agent uses the port of `fleet.yaml`; an idle one that does not is replaced."""
+        """Return whether the agent uses the port of `fleet.yaml`; otherwise replace it once it is idle."""
         section = self._section
         if section is None or (report.model, report.port) == (section.model, section.port):
             return True
@@ -310,9 +310,9 @@ class AgentConnection:
         Raises
         ------
         AgentError
-            The agent cannot be reached.
+            If the agent cannot be reached.
         AgentTooOld
-            The agent is too old to record lines.
+            If the agent is too old to record lines.
         """
         reply = await self._client.request(m.ListLines(id=0))
         return to_farm_lines(reply.lines, self._ahead_s)
@@ -340,7 +340,7 @@ class AgentConnection:
         try:
             async with asyncio.timeout(_END_S):
                 while self._is_agent_alive(process, pid):
-                    if not has_answered and self._client.is_connected:  # it had just been started
+                    if not has_answered and self._client.is_connected:  # it was just started
                         has_answered = await self._request_end()
                     await asyncio.sleep(0.05)
         except TimeoutError:
@@ -352,7 +352,7 @@ class AgentConnection:
                 self._log.warning("%s", error)
 
     async def _request_end(self) -> bool:
-        """Request the agent to end; return whether it has answered."""
+        """Request that the agent end; return whether it has answered."""
         try:
             reply = await self._client.request(m.Shutdown(id=0, now=True))
         except DriverError as error:
@@ -370,7 +370,7 @@ class AgentConnection:
         process
             The agent as a child of this process, if it is one.
         pid
-            Its process id, if it has reported one: another agent does not count then.
+            Its process id, if known: an agent with another id does not count.
         """
         if process is not None and process.poll() is None:
             return True

@@ -1,4 +1,4 @@
-"""Record of a host with printers: its connection, its last state. In memory: a new daemon connects again."""
+"""Record of a host with printers: its connection and last state, in memory only."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class HostChange(StrEnum):
 
 @dataclass(slots=True)
 class HostRecord:
-    """A host, and the state of its connection. Times are on the farm's clock.
+    """State of a host and of its connection. Times are on the farm's clock.
 
     Attributes
     ----------
@@ -31,17 +31,17 @@ class HostRecord:
     printers
         Its printers.
     disconnected_s
-        Time at which the connection was lost; None while there is one.
+        Time at which the connection was lost; None while connected.
     connected_s
-        Time at which it was made; None while there is none.
+        Time at which the connection was made; None while disconnected.
     reason
         Reason for the loss of the connection.
     state
         Its last state; None before the first.
     reported
-        Whether its loss has been reported.
+        True if its loss has been reported.
     update_unconfirmed
-        Whether its update was begun, and no state has confirmed that.
+        True if its update was requested, and no state has confirmed it yet.
     """
 
     host: str
@@ -75,7 +75,7 @@ class HostRecord:
         return None if self.state is None or self.disconnected_s is not None else self.state.update
 
     def on_update_begun(self) -> None:
-        """Store that the update of its agents has begun, before its next state says so."""
+        """Store that the update of its agents has begun, before its next state confirms it."""
         self.update_unconfirmed = True
         if self.state is not None:
             self.state = self.state.model_copy(update={"update": Update(phase=UpdatePhase.RUNNING)})

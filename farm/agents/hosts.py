@@ -54,16 +54,16 @@ class HostListener(Protocol):
 
 
 def compute_report_s(printers: int) -> float:
-    """Compute the seconds between two reports of a printing printer, for a fleet of this many.
+    """Compute the seconds between two reports of a printing printer, for a number of printers.
 
-    Up to 200 printers report every second; beyond that they are carried more rarely, so that the daemon
-    reads as many reports a second, down to one in five seconds.
+    Up to 200 printers report every second. In larger fleets each reports less often, but at least every
+    five seconds, to limit the number of reports that the daemon reads per second.
     """
     return min(_MAX_REPORT_S, max(1.0, printers / _REPORTS_PER_S))
 
 
 class HostConnection:
-    """Connection to the service of one host, kept up until it is closed.
+    """Connection to the service of one host, made again when it is lost, until it is closed.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class HostConnection:
         return f"no connection to its host {self.record.host}: {self.record.reason}"
 
     def start(self) -> None:
-        """Begin to connect."""
+        """Start connecting, in the background."""
         if self._task is None:
             self._task = asyncio.get_running_loop().create_task(self._keep_connected())
 
@@ -122,7 +122,7 @@ class HostConnection:
         self._mux.send_message(message.encode())
 
     def release_agents(self) -> None:
-        """Let the host end its agents when they are idle, and start none, until the next connection."""
+        """Allow the host to end its agents when they are idle; it starts none until the next connection."""
         with suppress(AgentError):
             self.send(HostMessage(do="agents"))
 
@@ -191,7 +191,7 @@ class HostConnection:
             now_s = time.monotonic()
             limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOST_S
             if now_s - max(self._heard_s, started_s) > limit_s:
-                raise AgentError(f"it has been silent for {limit_s:g} s")
+                raise AgentError(f"no message for {limit_s:g} s")
             if self._connected.is_set():
                 self.send(HostMessage(do="ping"))
 
@@ -209,7 +209,7 @@ class HostConnection:
 
 
 class Hosts:
-    """Connections to all hosts whose command is `farm host`.
+    """Connections to all hosts that run the service `farm host`.
 
     Parameters
     ----------
@@ -246,17 +246,17 @@ class Hosts:
         return [self._connections[host].record for host in sorted(self._connections)]
 
     def start(self, lost_hosts: Collection[str] = ()) -> None:
-        """Begin to connect to all hosts; an earlier daemon has reported the loss of those in `lost_hosts`."""
+        """Start connecting to all hosts; the loss of those in `lost_hosts` has already been reported."""
         for connection in self._connections.values():
             connection.record.reported = connection.record.host in lost_hosts
             connection.start()
 
     def find(self, printer: str) -> HostConnection | None:
-        """Return the connection to the host of a printer; None if it is on no such host."""
+        """Return the connection to the host of a printer; None if its host has no such service."""
         return self._of_printer.get(printer)
 
     def watch(self) -> None:
-        """Record hosts that are lost or back, trying again if that fails; continue an update."""
+        """Record hosts that were lost or connected again, with retries; continue an update."""
         now_s = self._clock.now()
         for record in self.records:
             change = record.find_change(now_s, self._clock.scale)
@@ -277,7 +277,7 @@ class Hosts:
             self._roll_out(self._rollout)
 
     def begin_update(self, by: str) -> tuple[str, ...]:
-        """Begin to update the agents of all hosts to the versions of their services.
+        """Start updating the agents of all hosts to the versions of their services.
 
         Returns
         -------
@@ -301,7 +301,7 @@ class Hosts:
             connection = self._connections[host]
             try:
                 connection.send(HostMessage(do="update"))
-            except AgentError as error:  # it is tried again
+            except AgentError as error:  # the next call sends it again
                 log.info("%s", error)
                 continue
             connection.record.on_update_begun()
@@ -315,7 +315,7 @@ class Hosts:
         self._rollout = None if step.ended else updating_hosts
 
     def release_agents(self) -> None:
-        """Let all hosts end their agents, and start none until the next connection."""
+        """Allow all hosts to end their idle agents; they start none until the next connection."""
         for connection in self._connections.values():
             connection.release_agents()
 

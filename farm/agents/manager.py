@@ -25,7 +25,7 @@ log = logging.getLogger(__name__)
 
 
 class AgentManager:
-    """Connections to all agents of the fleet."""
+    """Manager of the connections to all agents of the fleet."""
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: AgentListener) -> None:
         self._state, self._clock, self._listener = state, clock, listener
@@ -41,7 +41,7 @@ class AgentManager:
         """Adopt the agents that run, start the others, and listen to all.
 
         `printing_printers` names the printers with an open print in the books: their agents are monitored
-        even if the printer was removed from `fleet.yaml`. The books have the loss of `lost_hosts`.
+        even if the printer was removed from `fleet.yaml`. The books record the loss of `lost_hosts`.
         """
         for name in printing_printers:
             if name not in self._connections:
@@ -95,7 +95,7 @@ class AgentManager:
         self.hosts.watch()
 
     def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
-        """Send an instruction to its agent; a lost one is repeated after the agent's next snapshot."""
+        """Send an instruction to its agent; after a failure, the agent's next snapshot causes another try."""
         request = make_agent_request(instruction, books, files)
         connection = self._connections.get(getattr(instruction, "printer", ""))
         if request is not None and connection is not None:

@@ -30,9 +30,9 @@ _PHASES = {
 
 
 def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
-    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if delay may explain it.
+    """Return the seconds by which the farm's clock is ahead of the agent's; 0 if a delay may explain them.
 
-    An agent's clock is never set: all steps since the daemon started are in the farm's.
+    An agent's clock is never adjusted: all steps since the start of the daemon are in the farm's clock.
     """
     if not report.now_s:
         return 0.0
@@ -42,14 +42,14 @@ def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
 
 
 def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:
-    """Return the request that carries an instruction to an agent; None if it is not for an agent.
+    """Return the request for an instruction to an agent; None if the instruction is not for an agent.
 
     Parameters
     ----------
     instruction
         Instruction that names the print or the printer.
     books
-        As committed.
+        The committed books.
     files
         The folder of the G-code files.
     """
@@ -137,7 +137,7 @@ def to_trusted_snapshot(
     printer
         The printer of this connection; the name in the snapshot is ignored.
     is_simulated
-        True if the printer is an emulator: only these can see their bed.
+        True if the printer is an emulator: only emulators know the state of their bed.
     bed_cleared
         True if a person has cleared the bed and the agent has not confirmed it yet: its alarm and
         its report of an unknown bed are out of date.
@@ -163,7 +163,7 @@ def to_trusted_snapshot(
 def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
     """Convert an agent's report on a print; `ahead_s` is the farm's clock minus the agent's.
 
-    Times are limited to those that datetime can represent, and durations to positive ones: both are shown.
+    Times are limited to those that datetime can represent, and durations to at least 0, for display.
     """
 
     def convert(at_s: float | None) -> float | None:
@@ -191,7 +191,7 @@ def to_farm_print(report: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
 def to_farm_lines(lines: Sequence[m.WireLine], ahead_s: float) -> list[m.WireLine]:
     """Convert an agent's lines on the wire; `ahead_s` is the farm's clock minus the agent's.
 
-    Times are limited to those that datetime can represent: they are shown.
+    Times are limited to those that datetime can represent, for display.
     """
     return [line.model_copy(update={"at_s": _convert_moment(line.at_s, ahead_s)}) for line in lines]
 

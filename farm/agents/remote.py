@@ -1,4 +1,4 @@
-"""Routes to agents on other hosts, stored because an agent may outlive its printer's entry in the fleet."""
+"""Routes to agents on other hosts, stored as an agent may run longer than its printer is in the fleet."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
 
 
 def without_start(route: Route | None) -> Route | None:
-    """Return the same route without the instruction to start an agent."""
+    """Return a route without the instruction to start an agent."""
     if route is None:
         return None
     try:

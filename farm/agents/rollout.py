@@ -43,8 +43,8 @@ def plan_rollout(updates: Mapping[str, Update | None], started_hosts: tuple[str,
     Returns
     -------
     RolloutStep
-        Hosts that are not connected are updated when they are back. One whose service was restarted has
-        forgotten its update, and begins again.
+        The next step. Hosts that are not connected are updated after they connect again. The service of a
+        host does not remember an update after a restart, so the update begins again.
     """
     phases = {host: None if update is None else update.phase for host, update in updates.items()}
     for host in started_hosts:

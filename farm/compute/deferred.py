@@ -1,4 +1,4 @@
-"""Functions that are named before their modules are loaded, with the files that each needs."""
+"""Functions referred to by name, whose modules are loaded at the call, with the files that each needs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """Files through which a task works, by which it can run on a computer without a shared disk.
+    """Files that a task reads and writes, which let it run on a computer without a shared disk.
 
     Attributes
     ----------
@@ -36,9 +36,7 @@ class TaskFiles:
 
 @dataclass(frozen=True, slots=True)
 class Deferred:
-    """A function whose module is imported only when it is called.
-
-    Only the process that calls it loads the module, not one that refers to it.
+    """Function whose module is imported only in the process that calls it.
 
     Attributes
     ----------

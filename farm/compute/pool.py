@@ -26,13 +26,13 @@ class Pool(Protocol):
 
     @property
     def has_idle(self) -> bool:
-        """Check that a task would start at once, other than an urgent one."""
+        """True if a task that is not urgent would start at once."""
         ...
 
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
-        """Run a function in a worker; a cancelled call ends it there, with the engine that it runs.
+        """Run a function in a worker. Cancelling the call ends the function, and the engine that it runs.
 
         Parameters
         ----------
@@ -47,7 +47,7 @@ class Pool(Protocol):
         Raises
         ------
         FarmError
-            The error of the work; `limit` if its time or memory did not suffice; or if its workers died.
+            If the function raises it; `limit` if it exceeds its time or memory; or if its workers died.
         """
         ...
 
@@ -57,7 +57,7 @@ class Pool(Protocol):
 
 
 class PoolShare:
-    """A pool as one group of tasks uses it; see `Pool.run`.
+    """Pool for the tasks of one group; see `Pool.run`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class PoolShare:
 
     @property
     def has_idle(self) -> bool:
-        """Check that a task would start at once; see `Pool.has_idle`."""
+        """True if a task would start at once; see `Pool.has_idle`."""
         return self._pool.has_idle
 
     async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:

@@ -50,7 +50,7 @@ def compute_memory_per_worker(count: int, memory_gb: float | None) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WaitingTask:
-    """A task that waits for a worker."""
+    """Task that waits for a worker."""
 
     group: Hashable
     urgent: bool
@@ -113,13 +113,13 @@ class Workers:
 
     @property
     def has_idle(self) -> bool:
-        """Check that a task would start at once; see `Pool.has_idle`."""
+        """True if a task would start at once; see `Pool.has_idle`."""
         return any(worker is not self._urgent_worker for worker in self._idle)
 
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
-        """Run a function in a worker, a second time if that dies; see `Pool.run`."""
+        """Run a function in a worker, and once more if the worker dies; see `Pool.run`."""
         ended = ""
         group = object() if group is None else group
         for _ in range(_TRIES):
@@ -141,7 +141,7 @@ class Workers:
                 if self._is_closed:
                     raise FarmError(_CLOSED) from None
                 ended = worker.wait()
-                log.warning("worker %d ended by itself (%s)", worker.pid, ended)
+                log.warning("worker %d ended unexpectedly (%s)", worker.pid, ended)
                 continue
             finally:
                 self._running -= Counter([group])
@@ -188,7 +188,7 @@ class Workers:
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
     async def _acquire_worker(self, group: Hashable, urgent: bool) -> Worker:
-        """Wait for a free worker, at best one whose start has ended. Raises FarmError in a closed pool."""
+        """Wait for a free worker, preferably one that is ready. Raises FarmError if the pool is closed."""
         if self._is_closed:
             raise FarmError(_CLOSED)
         free = [worker for worker in self._idle if urgent or worker is not self._urgent_worker]
@@ -210,7 +210,7 @@ class Workers:
             raise
 
     def _start_urgent_worker(self) -> None:
-        """Start the worker for urgent tasks, unless it runs; if that fails, they wait for another one."""
+        """Start the worker for urgent tasks, unless it runs; if that fails, they wait for another worker."""
         if self._urgent_worker is not None or self._is_closed:
             return
         try:

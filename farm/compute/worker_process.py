@@ -21,12 +21,12 @@ from typing import Any
 from farm.errors import FarmError
 
 Warm = Callable[[Callable[[str], object]], None]
-"""Prepares a process for its tasks; called with a function that reports its step in words."""
+"""Function that prepares a process for its tasks; its argument reports the step, as text."""
 
 _PR_SET_PDEATHSIG = 1
 _ENDING_S = 2.0  # maximum time from the closing of its pipe to its exit
 _START_NICE, _WORK_NICE = 5, 19
-"""Priorities. Somebody may wait for the start, which takes minutes at the lowest priority on a busy host."""
+"""Priorities. The start has a higher one: at the lowest it takes minutes on a busy host."""
 _STEP = "step"
 
 
@@ -65,7 +65,7 @@ class Worker:
 
     @property
     def starting(self) -> str | None:
-        """Step of the start, in words; None once it takes work at once."""
+        """Step of the start, as text; None once the process is ready."""
         try:
             return (self.folder / _STEP).read_text() or "starting"
         except OSError:
@@ -82,7 +82,7 @@ class Worker:
         Raises
         ------
         EOFError
-            The process ended.
+            If the process ended.
         """
         try:
             self._pipe.send_bytes(pickle.dumps((work, args)))
@@ -91,7 +91,7 @@ class Worker:
             raise EOFError from error
 
     def wait(self) -> str:
-        """Wait for the end of the process, which has closed its pipe, and describe it."""
+        """Wait for the end of the process, which has closed its pipe, and describe its exit code."""
         self._process.join(_ENDING_S)
         code = self._process.exitcode
         return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"

@@ -45,7 +45,7 @@ log = logging.getLogger(__name__)
 
 
 class Controller:
-    """State of the farm and all decisions about it; its only I/O is the store.
+    """Controller of the farm's state, and of all decisions about it; its only I/O is the store.
 
     Parameters
     ----------
@@ -77,9 +77,9 @@ class Controller:
         self._job_cache = JobCache()
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
-        """Add printers that are new in the fleet, and abandon the plans of an earlier daemon.
+        """Add printers that are new in the fleet, and abandon the unfinished plans of an earlier daemon.
 
-        Nothing is scheduled, as no agent has reported yet.
+        Nothing is scheduled yet, as no agent has reported.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class Controller:
 
     @property
     def next_change_s(self) -> float | None:
-        """Farm time at which `tick` schedules next; None if only an event changes anything."""
+        """Farm time at which `tick` schedules next; None if decisions change only by events."""
         change_s = self.scheduler.next_change_s
         return change_s if math.isfinite(change_s) else None
 
@@ -151,7 +151,7 @@ class Controller:
                 yield instruction
 
     def _commit_together(self, events: Iterable[ev.AnyEvent]) -> list[Effect]:
-        """Commit events in one transaction, which waits for the disk once; if it fails, nothing changes."""
+        """Commit events in one transaction, with one sync to the disk; if it fails, nothing changes."""
         books = self.books
         try:
             with self._store.transaction():
@@ -201,9 +201,9 @@ class Controller:
             raise
 
     def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
-        """Count an agent's refusal to start a print, which has failed after several.
+        """Count an agent's refusal to start a print; after several refusals, the print has failed.
 
-        A request that arrived too `late` is not counted: its plate is scheduled again.
+        A request that arrived too `late` is not counted as a refusal: its plate is scheduled again.
         """
         attempt, is_final = self.books.prints[print_id], self.telemetry.count_refusal(print_id)
         if attempt.state is not PrintState.ASSIGNED or not (late or is_final):
@@ -212,7 +212,7 @@ class Controller:
         self.handle(make_refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
     def unreported_since_s(self, printer: str) -> float | None:
-        """Return the time since which an agent must first list its prints; None if it need not."""
+        """Return the time from which an agent must list its prints first; None if it need not."""
         return self.books.printer(printer).unreported_since_s
 
     def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
@@ -246,11 +246,11 @@ class Controller:
             log.error("%s", error)
 
     def warn(self, topic: str, text: str | None) -> None:
-        """Store a problem of the farm as a whole (backup, disk) for people; None once it is solved."""
+        """Store a problem of the farm as a whole (backup, disk) for display; None once it is solved."""
         self.telemetry.warnings[topic] = text
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
-        """Return the data that views are built from."""
+        """Return the data from which views are built."""
         ends = self.forecast.find_ends()
         return ViewContext(
             self.fleet,
@@ -273,7 +273,7 @@ class Controller:
 def _list_startup_events(
     books: Books, fleet: Fleet, restored_s: float | None, now_s: float
 ) -> Iterator[ev.AnyEvent]:
-    """Yield the events of a start.
+    """Yield the events at the start of a daemon.
 
     Parameters
     ----------

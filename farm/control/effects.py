@@ -23,14 +23,14 @@ Effect = ev.AnyInstruction | StartPlanning | StartReplan
 
 
 class Effects(Protocol):
-    """Performs effects without waiting for their completion."""
+    """Performer of effects, which does not wait for their completion."""
 
     def perform(self, effect: Effect, books: Books) -> None:
-        """Start an effect; `books` are as committed."""
+        """Start an effect; `books` are the committed books."""
 
 
 class FarmEffects:
-    """Performs effects with the farm's agents, planner and workers."""
+    """Performer of effects with the farm's agents, planner and workers."""
 
     def __init__(
         self,

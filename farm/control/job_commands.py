@@ -1,4 +1,4 @@
-"""Commands on jobs: submit, approve, pause, cancel; and dry runs, which nobody has to cancel."""
+"""Commands on jobs: submit, approve, pause, cancel; and dry runs, which are cancelled automatically."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from farm.views.jobs import list_queue
 PATIENCE_S = 60.0
 """Wall seconds without a request after which a dry run is abandoned; long enough for a restart."""
 PAGE_PATIENCE_S = 3600.0
-"""Wall seconds for which a page with the plan of a dry run may be read."""
+"""Wall seconds for which a dry run is kept after its plan was shown on a page."""
 _CANCELLER = "the farm: nobody waits for its plan any more"
 
 
 class JobCommands:
-    """Checks a person's commands on jobs and handles their events. Methods raise NoSuchThing or Refused."""
+    """Commands of people on jobs: checked, then handled as events. Methods raise NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
@@ -69,7 +69,7 @@ class JobCommands:
         options: JobOptions,
         by: str | None = None,
     ) -> tuple[int, bool]:
-        """Record a job. Returns its number, and True if an earlier request has submitted it."""
+        """Record a job; return its number, and True if an earlier request has already submitted it."""
         existing_job = self.find_submission(request_id)
         if existing_job is not None:
             return existing_job, True
@@ -98,7 +98,7 @@ class JobCommands:
         return number, False
 
     def cancel(self, number: int, by: str) -> None:
-        """Cancel a job, so that nothing more of it is printed."""
+        """Cancel a job: none of its parts is printed any more."""
         job = self._controller.books.job(number)
         if job.state.ended:
             printable = job.parts and job.pruned_s is None
@@ -107,7 +107,7 @@ class JobCommands:
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
     def pause(self, number: int, is_paused: bool, by: str) -> None:
-        """Pause a job (its prints are parked, none starts), or resume it."""
+        """Pause a job (its prints pause, and no others start), or resume it."""
         books = self._controller.books
         job = books.job(number)
         if job.state.ended:
@@ -132,18 +132,18 @@ class JobCommands:
         self._controller.handle(ev.JobAssembled(at_s=at_s, job=number, minutes=minutes, by=by))
 
     def move(self, number: int, move: api.QueueMove, by: str) -> None:
-        """Move a job in the queue: up, down, to its front or end, or before another job."""
+        """Move a job in the queue: up, down, to the front, to the end, or before another job."""
         successor = find_successor(self._list_order(number), number, move)
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobMoved(at_s=at_s, job=number, before=successor, by=by))
 
     def reschedule(self, number: int, at: str, by: str) -> None:
-        """Set the time before which nothing more of a job starts; "now" lets it start when it can.
+        """Set the time before which no more plates of a job start; "now" removes it.
 
         Raises
         ------
         Refused
-            If the job has ended, or nothing of it waits.
+            If the job has ended, or none of its plates waits.
         FarmError
             If the time cannot be read, or is not in the future.
         """
@@ -157,7 +157,7 @@ class JobCommands:
         self._controller.handle(ev.JobRescheduled(at_s=now_s, job=number, not_before_s=not_before_s, by=by))
 
     def _list_order(self, number: int) -> list[int]:
-        """Return the jobs of the queue in their order. Raises Refused if the job is not one of them."""
+        """Return the numbers of the jobs in the queue, in order. Raises Refused if the job is not in it."""
         books = self._controller.books
         if books.job(number).state.ended:
             raise Refused(f"job {number} has already ended: it is {books.job(number).state}")
@@ -167,7 +167,7 @@ class JobCommands:
         return order
 
     async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
-        """Release a held job to print, with exactly the plan and files that the user has reviewed.
+        """Release a held job to print, with exactly the plan and files that a person has reviewed.
 
         Parameters
         ----------
@@ -193,7 +193,7 @@ class JobCommands:
         self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
 
     def keep_dry_run(self, number: int, by: str) -> None:
-        """Keep a dry run as a job that is held until its plan is approved."""
+        """Convert a dry run to a job that is held until its plan is approved."""
         job = self._controller.books.job(number)
         if not job.options.dry_run or job.state.ended:
             raise Refused(f"job {number} is no dry run to keep: it is {job.state}")
@@ -201,7 +201,7 @@ class JobCommands:
         self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=by, hold=True))
 
     def plan_again(self, number: int, request_id: str, options: JobOptions, by: str) -> int:
-        """Submit the model of a job once more, with other options. Returns the number of the new job."""
+        """Submit the model of a job again with other options; return the number of the new job."""
         job = self._controller.books.job(number)
         if job.pruned_s is not None:
             raise Refused(f"the files of job {number} were pruned: submit {job.name} again")
@@ -210,7 +210,7 @@ class JobCommands:
         return self.submit(request_id, job.name, model, options, by)[0]
 
     async def release(self, number: int, state: StateFolder, by: str, is_operator: bool) -> None:
-        """Let a held job print, whether it is planned or not; nothing changes if it prints already.
+        """Release a job from its hold, planned or not; a job that already prints does not change.
 
         Parameters
         ----------
@@ -221,7 +221,8 @@ class JobCommands:
         by
             The person who releases it.
         is_operator
-            Others may release what they have submitted themselves, unless each job needs an approval.
+            True if the person is an operator. Others may release only their own jobs, and only on a farm
+            where jobs need no approval.
         """
         job = self._controller.books.job(number)
         if job.state.ended:
@@ -251,12 +252,12 @@ def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> in
     order
         The numbers of the jobs in the queue.
     number
-        The job that is moved, one of them.
+        The job that is moved, which is in `order`.
 
     Raises
     ------
     Refused
-        If it is there already, or the other job is not in the queue.
+        If the job is already at that place, or the other job is not in the queue.
     """
     place = order.index(number)
     other_jobs = [entry for entry in order if entry != number]
@@ -293,12 +294,12 @@ def abort_prints(controller: Controller) -> None:
 def parse_start_and_deadline_s(
     options: JobOptions, rules: StartRules, now_s: float
 ) -> tuple[float | None, float | None]:
-    """Parse the start time and the deadline of a job; None for an option that was not given.
+    """Parse the start time and the deadline of a job; None for each missing option.
 
     Raises
     ------
     FarmError
-        If one of them is not in the future, or two deadlines were given.
+        If one of the times is not in the future, or there are two deadlines.
     """
     if options.done_by is not None and options.assembled_by is not None:
         raise FarmError("give --done-by or --assembled-by, not both", ErrorCode.SETTINGS)
@@ -314,7 +315,7 @@ def parse_start_and_deadline_s(
 
 
 class DryRuns:
-    """Cancels dry runs whose `farm submit` has exited. Times are wall seconds of a monotonic clock."""
+    """Dry runs, cancelled once their clients are gone. Times are wall seconds of a monotonic clock."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -325,7 +326,7 @@ class DryRuns:
         self._kept_until_s[job] = max(now_s + patience_s, self._kept_until_s.get(job, 0.0))
 
     def cancel_abandoned(self, now_s: float) -> None:
-        """Cancel the dry runs that no request has kept until now."""
+        """Cancel the dry runs without a recent request."""
         jobs = self._controller.books.jobs.values()
         dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
         self._kept_until_s = {n: self._kept_until_s.get(n, now_s + PATIENCE_S) for n in dry_runs}

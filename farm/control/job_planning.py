@@ -27,9 +27,9 @@ class JobPlanning:
     Attributes
     ----------
     progress
-        Progress of the plans that are being made, by job.
+        Progress of the unfinished plans, by job.
     holds
-        Reason why the planning of a job has not started, by job.
+        Reason for which the planning of a job has not started, by job.
     revisions
         Jobs that are planned again.
     """
@@ -39,10 +39,10 @@ class JobPlanning:
         self.holds: dict[int, Hold] = {}
         self.revisions = PlanRevisions()
         self._admission = JobAdmission()
-        self._orders: dict[int, tuple[StartPlanning, float]] = {}  # the last one of each job, with its time
+        self._orders: dict[int, tuple[StartPlanning, float]] = {}  # last order for each job, with its time
 
     def on_progress(self, number: int, progress: PlanProgress) -> None:
-        """Store the progress of a plan; a job with a plan does not wait for space on the disk."""
+        """Store the progress of a plan; a job that already has a plan does not wait for free disk space."""
         self.progress[number] = progress
         if progress.step is PlanStep.NO_ROOM:
             self.revisions.end(number)
@@ -55,7 +55,7 @@ class JobPlanning:
         Parameters
         ----------
         situation
-            The plates that still wait, and the fleet after the present assignment.
+            The plates that still wait, and the fleet after the current assignment.
         reserved_printers
             Printers for which plates are being replanned, with the plate.
         """
@@ -66,7 +66,7 @@ class JobPlanning:
     def admit(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str], is_starting: bool
     ) -> Iterator[tuple[ev.AnyEvent, StartPlanning | None]]:
-        """Yield the events on the queue, each with the work that follows once it is committed.
+        """Yield the events on queued jobs, each with the order to perform once it is committed.
 
         See `find_reservations` and `farm.scheduling.JobAdmission.decide` for the parameters.
         """
@@ -102,7 +102,7 @@ class JobPlanning:
     def finish(
         self, job: Job, result: Plan | FarmError, books: Books, situation: Situation
     ) -> ev.AnyEvent | None:
-        """Return the event of a plan, or of the error that prevents it; None if nothing changes.
+        """Return the event for a finished plan, or for the error that prevents it; None if nothing changes.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class JobPlanning:
         return event.model_copy(update=changes)
 
     def list_running(self, books: Books) -> list[int]:
-        """List the jobs that are being planned, without those that wait for space on the disk."""
+        """List the jobs that are being planned, without those that wait for free disk space."""
         planning_jobs = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
         return sorted(number for number in planning_jobs if not self._waits_for_room(number))
 

@@ -1,4 +1,4 @@
-"""Line of an event in the log, and its subjects for the fields of that line."""
+"""Log line of an event, and its subjects for the fields of that line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.state import events as ev
 
 
 def log_event(log: Logger, event: ev.AnyEvent, books: Books) -> None:
-    """Write an event to the log; `books` have it."""
+    """Write an event to the log; it is applied to `books` already."""
     fields = event.model_dump_json(exclude={"at_s"}, exclude_none=True)
     log.info("%s %s", type(event).__name__, fields, extra=find_subjects(event, books))
 
@@ -23,12 +23,12 @@ def find_subjects(event: object, books: Books) -> dict[str, object]:
     event
         Event of `farm.state.events`.
     books
-        Has the prints that events name by their ids.
+        The books with the prints that events name by their ids.
 
     Returns
     -------
     dict of str to object
-        Those that are known, by the names in `log_format.SUBJECTS`.
+        The known subjects, by their names in `log_format.SUBJECTS`.
     """
     job, plate, printer, user = (getattr(event, name, None) for name in ("job", "plate", "printer", "by"))
     if (attempt := books.prints.get(getattr(event, "print_id", ""))) is not None:

@@ -22,14 +22,14 @@ _MAX_EVENT_AGE_S = 30 * 24 * 3600.0  # farm seconds after which an event is too 
 
 
 class Notifier:
-    """Sends new events, and records them in a file so that no restart sends one again.
+    """Sender of notices on new events; a file records sent notices, so a restart does not repeat them.
 
     Parameters
     ----------
     urls
-        Addresses in the form of apprise. They may hold passwords, and appear in no message.
+        Addresses in the form of apprise. They may contain passwords, so no message shows them.
     farm
-        The farm's name: the title of every message.
+        The farm's name, which is the title of every message.
     file
         The record of sent notices. If it is missing, earlier events are not sent.
 
@@ -46,12 +46,12 @@ class Notifier:
         self._title, self._file = farm, file
         self._since_s, self._sent = _load_record(file, now_s)
         self._queue: SimpleQueue[str] = SimpleQueue()
-        # A daemon thread, so that an address that does not answer does not delay the exit.
+        # A daemon thread, as an address that does not answer must not delay the exit.
         Thread(target=self._send, name="notify", daemon=True).start()
         self._save_record()
 
     def notify(self, books: Books, now_s: float) -> None:
-        """Send the notices that are due according to the committed books. Returns at once."""
+        """Queue the notices that are due according to the committed books; a thread sends them."""
         notices = list_due_notices(books, now_s, self._since_s, self._sent)
         if not notices:
             return
@@ -62,7 +62,7 @@ class Notifier:
         self._queue.put("\n".join(notice.text for notice in notices))
 
     def clock_set(self, by_s: float) -> None:
-        """Shift the start of the record with a clock that went back: later events are still sent."""
+        """Shift the start of the record after a step back of the clock, so later events are still sent."""
         self._since_s = min(self._since_s, self._since_s + by_s)
 
     def _save_record(self) -> None:
@@ -79,7 +79,7 @@ class Notifier:
             for number, channel in enumerate(self._addresses, 1):
                 try:
                     is_sent = channel.notify(title=self._title, body=body)
-                except Exception as error:  # of a plugin: its text may hold the address
+                except Exception as error:  # of a plugin: its text may contain the address
                     is_sent = False
                     log.warning("notify: address %d: %s", number, type(error).__name__)
                 if not is_sent:
@@ -87,7 +87,7 @@ class Notifier:
 
 
 def delete_record(file: Path) -> None:
-    """Delete the record, so that events before it is created again are never sent."""
+    """Delete the record of sent notices. Events before the next start of a notifier are never sent."""
     file.unlink(missing_ok=True)
 
 

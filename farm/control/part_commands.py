@@ -24,13 +24,13 @@ _PENDING = {
 
 
 class PartCommands:
-    """Checks a person's commands on parts and handles their events. Methods raise NoSuchThing or Refused."""
+    """Commands of people on parts: checked, then handled as events. Methods raise NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
         self._controller, self._printers = controller, printers
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
-        """Print a part again, whatever its state. Returns its name."""
+        """Print a part again, unless it already waits or is being printed; return its name."""
         plate = self._find_plate(job, part)
         entry = self._controller.books.job(job)
         if entry.pruned_s is not None:
@@ -49,11 +49,11 @@ class PartCommands:
         return plate.parts[0]
 
     def cancel(self, job: int, part: str, by: str) -> str:
-        """Cancel a part, so that it is not printed. Returns its name."""
+        """Cancel a part, which is then not printed; return its name."""
         return self._cancel(self._find_plate(job, part), by)
 
     def cancel_on(self, printer: str, by: str) -> str:
-        """Cancel the part that a printer prints. Returns its name."""
+        """Cancel the part that a printer is printing; return its name."""
         attempt = self._printers.open_print(printer)
         return self._cancel(self._controller.books.plates[attempt.plate], by)
 
@@ -65,7 +65,7 @@ class PartCommands:
         return plate.parts[0]
 
     def pause(self, job: int, part: str, is_paused: bool, by: str) -> str:
-        """Pause or resume a part, on its printer or in the queue. Returns the printer, if any."""
+        """Pause or resume a part, on its printer or in the queue; return the printer, or an empty text."""
         plate = self._find_plate(job, part)
         printer = self._find_printer(plate)
         if printer is not None:

@@ -17,7 +17,7 @@ from farm.text import parse_part_number
 
 
 class PrinterCommands:
-    """Checks a person's commands on printers and handles their events. Raises NoSuchThing or Refused."""
+    """Commands of people on printers: checked, then handled as events. Raises NoSuchThing or Refused."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -60,8 +60,8 @@ class PrinterCommands:
     def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.ClearedResponse:
         """Record that a person cleared a bed, with the verdict on its part.
 
-        `request.good` is the part of a failed print that is usable. `request.seen` is the last
-        print on the sender's page: if another one followed, the command is refused.
+        `request.good` is the part of a failed print that is usable. `request.seen` is the last print on
+        the sender's page: the command is refused if a later print exists.
         """
         books = self._controller.books
         books.printer(printer)
@@ -167,7 +167,7 @@ class PrinterCommands:
         )
 
     def confirm_outage(self, by: str) -> str:
-        """Record that a person has resolved an outage. Returns its printers."""
+        """Record that a person has resolved an outage; return its printers."""
         outage = self._controller.books.outage
         if outage is None:
             raise Refused("there is no outage: give a printer, a job or a part to resume")

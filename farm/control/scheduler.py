@@ -1,4 +1,4 @@
-"""Runs of the scheduler: plates start, are replanned, and jobs are planned, each as far as possible now."""
+"""Runs of the scheduler: start plates, replan plates, and plan jobs, as far as each is possible now."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ CommitTogether = Callable[[Iterable[ev.AnyEvent]], Collection[Effect]]
 
 
 class Scheduler:
-    """Decides in each situation which plates start, are replanned, and which jobs are planned.
+    """Scheduler of the farm: decides which plates start or are replanned, and which jobs are planned.
 
-    A run assigns plates to all printers that are free. Many of them start in portions: the farm listens
-    between two. Later portions are those of the same run, as far as each start is still possible; all else
-    waits for the next run.
+    A run assigns plates to all free printers. Many plates start in several portions, and the farm handles
+    messages between them. The later portions belong to the same run; starts that have become impossible are
+    left out. All other decisions wait for the next run.
 
     Parameters
     ----------
     situations
-        The present situations.
+        Source of the current situation.
     planning, replanning
-        Jobs that are planned, and plates that are replanned.
+        Jobs that are being planned, and plates that are being replanned.
     commit_together
         Commits the events of decisions.
 
     Attributes
     ----------
     next_change_s
-        Farm time of the next run; minus infinity: at the next tick; infinity: only an event changes anything.
+        Farm time of the next run. Minus infinity: at the next tick. Infinity: after the next event.
     """
 
     def __init__(
@@ -63,11 +63,11 @@ class Scheduler:
 
     @property
     def has_later_starts(self) -> bool:
-        """Return whether the last run has left starts for later."""
+        """Return whether starts of the last run remain."""
         return bool(self._later_starts)
 
     def run(self) -> Iterator[Effect]:
-        """Start a portion of the plates of the last run that remain; else begin the next run.
+        """Start the next portion of the last run's plates; if none remains, begin the next run.
 
         Yields the effects of each decision once it is committed.
         """
@@ -86,7 +86,7 @@ class Scheduler:
         find_reservations = partial(self._find_reservations, situation)
         revisions = self._planning.revisions
         yield from revisions.revise(situations.books, situation, find_reservations)
-        # A job that is planned again keeps its place: no other takes its printers meanwhile.
+        # A job that is being planned again keeps its printers: no other job takes them meanwhile.
         revision_holds = revisions.holds(situations.books, situation.now_s)
         postponed_plates = revisions.postponed.union(revision_holds)
         assignments = [a for a in self._assign(situation) if a.plate not in postponed_plates]
@@ -112,7 +112,7 @@ class Scheduler:
         return find_next_change_s(situation, self._situations.books, held_back, other_times_s)
 
     def _take_later_starts(self) -> list[Assignment]:
-        """Take the next portion of the starts that the last run has left, without those impossible now."""
+        """Take the next portion of the last run's starts, without those that have become impossible."""
         while self._later_starts:
             portion = self._later_starts[:MAX_STARTS]
             self._later_starts = self._later_starts[MAX_STARTS:]
@@ -126,7 +126,7 @@ class Scheduler:
         return []
 
     def _start(self, starts: Sequence[Assignment]) -> Iterator[Effect]:
-        """Start plates; the next tick goes on."""
+        """Start plates, and let the next tick schedule again."""
         now_s = self._situations.now_s
         if starts:
             self.next_change_s = now_s
@@ -136,7 +136,7 @@ class Scheduler:
         )
 
     def _assign(self, situation: Situation) -> list[Assignment]:
-        """Assign plates to printers; jobs that have not started get none reserved for a replan."""
+        """Assign plates to printers; jobs that have not started get no printer reserved for a replan."""
         return self._replanning.without_reserved(self._situations.books, assign_plates(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
@@ -153,7 +153,7 @@ class Scheduler:
         return self._planning.find_reservations(self._situations.books, situation, reserved_printers)
 
     def find_plate_holds(self) -> dict[str, Hold]:
-        """Find the present hold of each waiting plate."""
+        """Find the current hold of each waiting plate."""
         situations = self._situations
         revision_holds = self._planning.revisions.holds(situations.books, situations.now_s)
         held_back = situations.find_held_back() | self._replanning.holds()

@@ -1,4 +1,4 @@
-"""Situations of the farm at the present time, from its fleet, its books and the agents' latest snapshots."""
+"""Current situations of the farm, from its fleet, its books and the agents' latest snapshots."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ PATIENCE_S = 30.0
 
 
 class FarmState(Protocol):
-    """State of the farm, as the controller has it."""
+    """State of the farm in the controller."""
 
     @property
     def clock(self) -> Clock: ...
@@ -51,12 +51,12 @@ class FarmState(Protocol):
 
 
 class Situations:
-    """Makes situations of the present state of a farm.
+    """Source of situations of the current state of a farm.
 
     Parameters
     ----------
     farm
-        The state, which changes.
+        The state, which changes over time.
     build_volumes
         Function that returns the boxes in which a printer can print.
     """
@@ -78,7 +78,7 @@ class Situations:
         return self._farm.started_s + PATIENCE_S * self._farm.clock.scale
 
     def is_starting(self) -> bool:
-        """Return whether the farm has just started: printers that do not answer yet are still expected."""
+        """Return whether the farm has just started, and printers may still be connecting."""
         return self.now_s < self.startup_end_s
 
     def find_held_back(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
@@ -90,7 +90,7 @@ class Situations:
         )
 
     def build(self, held_back: Mapping[str, Hold]) -> Situation:
-        """Return the present situation, with all waiting plates except those held back."""
+        """Return the current situation, with all waiting plates except those held back."""
         farm = self._farm
         return Situation(
             waiting=self._builder.waiting(farm.books),
@@ -102,10 +102,10 @@ class Situations:
         ).without(held_back)
 
     def build_for(self, assignments: Collection[Assignment]) -> Situation:
-        """Return the present situation of the jobs and printers of assignments, which costs little.
+        """Return the current situation of the jobs and printers of some assignments, at little cost.
 
-        All printers are in it if their number that heats up is limited. It keeps no spares: an assignment
-        that was possible does not become impossible because of them.
+        It contains all printers if the number of printers that heat up is limited. It keeps no spares, as
+        they must not prevent an assignment that was possible before.
         """
         farm, books = self._farm, self._farm.books
         numbers = dict.fromkeys(books.plates[assignment.plate].job for assignment in assignments)
@@ -116,7 +116,7 @@ class Situations:
         return Situation(waiting, printers, farm.rules, self.now_s, farm.clock.scale)
 
     def build_shown(self, held_back: Mapping[str, Hold]) -> Situation:
-        """Return the present situation with the ends of running prints that people see."""
+        """Return the current situation, with the ends of running prints that are displayed."""
         return update_ends(self.build(held_back), self.books, self._farm.telemetry.snapshots)
 
     def build_expected(self) -> Situation:
@@ -125,9 +125,9 @@ class Situations:
         return self.build_shown({name: hold for name, hold in held_back.items() if hold.code in codes})
 
     def prepare(self) -> None:
-        """Describe all printers and plates, so that the first run costs little more than later ones."""
+        """Fill the cache with all printers and plates, so the first run costs little more than later ones."""
         waiting = self.build(self.find_held_back()).waiting
-        _ = waiting.planned, waiting.demands  # each job keeps its own
+        _ = waiting.planned, waiting.demands  # each job caches its values
 
     def printers(self) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers to the scheduler."""

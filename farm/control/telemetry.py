@@ -1,7 +1,7 @@
 """Telemetry of the printers: the agents' latest snapshots in memory, and the resulting events.
 
-A report of temperatures or progress only replaces the snapshot: events are created for changes to the books,
-and the scheduler runs for changes to the fields that it reads.
+A report of temperatures or progress only replaces the snapshot. Only changes to the books create events, and
+only changes to the fields that the scheduler reads make it run.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from farm.state.transitions import apply
 TEMPERATURES_KEPT_S = 12 * 3600.0
 """Farm seconds for which temperatures are kept; they are lost when the daemon ends."""
 REFUSALS = 5
-"""Refusals of an agent after which a print has failed; a port that is still opening refuses too."""
+"""Refusals of an agent after which a print has failed; an agent also refuses while its port is opening."""
 _INTERVAL_S = 60.0
-_MIN_C, _MAX_C = -99.0, 999.0  # beyond any real reading: noise on the wire must not stretch a chart
+_MIN_C, _MAX_C = -99.0, 999.0  # limits beyond any real reading: noise on the wire must not stretch a chart
 
 
 class Telemetry:
-    """Latest snapshot of each agent, the temperatures of the last hours, and what is wrong.
+    """Latest snapshot of each agent, the temperatures of the last hours, and current problems.
 
     Attributes
     ----------
     snapshots
         Latest snapshot of each agent, by printer.
     warnings
-        Problems of the farm as a whole (backup, disk), by topic; None once one is solved.
+        Problems of the farm as a whole (backup, disk), by topic; None for a solved one.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Telemetry:
         return tuple(reading for reading in readings if now_s - reading.at_s <= TEMPERATURES_KEPT_S)
 
     def store(self, snapshot: AgentSnapshot, now_s: float) -> bool:
-        """Store a snapshot. Returns True if a field that the scheduler reads has changed."""
+        """Store a snapshot; return whether a field that the scheduler reads has changed."""
         self._temperatures.setdefault(snapshot.printer, TemperatureRecord()).add(snapshot, now_s)
         previous = self.snapshots.get(snapshot.printer)
         self.snapshots[snapshot.printer] = snapshot
@@ -79,7 +79,7 @@ class Telemetry:
         )
 
     def reject(self, snapshot: AgentSnapshot, previous: AgentSnapshot | None, reason: str) -> None:
-        """Undo the change of a snapshot that could not be handled, so that it is handled when repeated."""
+        """Undo the change by a snapshot that could not be handled, so its repetition is handled."""
         self._failures[snapshot.printer] = reason
         if previous is None:
             self.snapshots.pop(snapshot.printer, None)
@@ -87,7 +87,7 @@ class Telemetry:
             self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": previous.link})
 
     def count_refusal(self, print_id: str) -> bool:
-        """Count an agent's refusal to start a print. Returns whether it is one too many."""
+        """Count an agent's refusal to start a print; return whether the limit is reached."""
         self._refusals[print_id] += 1
         return self._refusals[print_id] >= REFUSALS
 
@@ -95,8 +95,8 @@ class Telemetry:
 class TemperatureRecord:
     """Readings of one printer: one for each minute, of at most twelve hours.
 
-    The hottest reading of a minute is kept, so that no peak is lost. A printer that does not answer leaves a
-    reading without values: a gap.
+    The hottest reading of a minute is kept, so no peak is lost. A printer that does not answer adds a
+    reading without values, which is a gap in the chart.
     """
 
     def __init__(self) -> None:
@@ -115,7 +115,7 @@ class TemperatureRecord:
         snapshot
             Report of the printer's agent.
         now_s
-            Farm time, seconds since the epoch; readings after it are from before the clock was set.
+            Farm time, seconds since the epoch. Later readings are removed: the clock was set back since.
         """
         readings = self._readings
         while readings and readings[-1].at_s > now_s:
@@ -154,7 +154,7 @@ class Reading:
     instructions
         Requests to its agent.
     invalid_transition
-        Error of an event that does not fit the books; later ones are left out.
+        Error of an event that does not fit the books; the events after it are left out.
     """
 
     events: tuple[ev.AnyEvent, ...]
@@ -194,10 +194,10 @@ def list_unconfirmed_instructions(
     rules: StartRules,
     now_s: float,
 ) -> Iterator[ev.AnyInstruction]:
-    """Yield the instructions that, by their latest snapshots, the agents of open prints have not carried out.
+    """Yield the instructions that the agents of open prints, by their snapshots, have not carried out.
 
-    A start is sent again only if the print may still start: not in an outage that nobody has confirmed,
-    nor outside the allowed hours. For a printer removed from the fleet, the agent's time limit stays.
+    A start is sent again only if the print may still start: neither in an unconfirmed outage nor outside the
+    allowed hours. For a printer removed from the fleet, the agent keeps its time limit.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def list_unconfirmed_instructions(
     snapshots
         Latest snapshot of each agent, by printer.
     names
-        The printers whose open prints are looked at; None: all.
+        The printers whose open prints are checked; None: all.
     find_printer
         Describes a printer; None if it is no longer enabled.
     rules, now_s
@@ -232,7 +232,7 @@ def list_unconfirmed_instructions(
 
 
 class _Comparison:
-    """Applies the events of a snapshot, one after another, to a copy of the books."""
+    """Comparison of a snapshot with a copy of the books, to which its events are applied one by one."""
 
     def __init__(self, books: Books, snapshot: AgentSnapshot, now_s: float) -> None:
         self._books, self._snapshot, self._now_s = books, snapshot, now_s

@@ -1,6 +1,6 @@
-"""Timers on APScheduler, kept in memory: set again whenever the daemon starts.
+"""Timers on APScheduler, kept in memory; the daemon sets them again at each start.
 
-APScheduler uses the host's clock, which may be set: `clock_set` then recalculates every timer.
+APScheduler uses the host's clock; after a step of that clock, `clock_set` recalculates every timer.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from drivers.clock import Clock
 
 
 class Timers:
-    """Runs functions on the daemon's event loop: at intervals of wall seconds, or once at a farm time."""
+    """Timers that call functions on the daemon's event loop: at wall intervals, or once at a farm time."""
 
     def __init__(self, clock: Clock) -> None:
         # A stalled loop delays a timer but never drops it; several missed calls are merged into one.
@@ -33,7 +33,7 @@ class Timers:
         self._scheduler.add_job(_wrap_coroutine(work), trigger, id=name, replace_existing=True)
 
     def call_at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
-        """Call a function once at a farm time; a missed call is made late.
+        """Call a function once at a farm time, or later if that time is missed.
 
         A timer of the same name is replaced.
         """
@@ -41,7 +41,7 @@ class Timers:
         self._scheduler.add_job(_wrap_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
 
     def clock_set(self) -> None:
-        """Recalculate all timers after a step of the host's clock; one backwards would delay them."""
+        """Recalculate all timers after a step of the host's clock; a step back would delay them."""
         for job in self._scheduler.get_jobs():
             trigger = job.trigger
             if isinstance(trigger, DateTrigger):
@@ -51,7 +51,7 @@ class Timers:
             job.reschedule(trigger)
 
     def _trigger(self, at_s: float) -> DateTrigger:
-        """Return a trigger for a farm time, converted to the host's present time."""
+        """Return a trigger for a farm time, converted to the host's clock."""
         remaining_s = timedelta(seconds=self._clock.to_wall_duration_s(at_s - self._clock.now()))
         return DateTrigger(datetime.now(UTC) + remaining_s)
 

@@ -37,7 +37,7 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
     """Check that `fleet.yaml` can be read and has printers."""
     if facts.fleet is None:
         error = facts.fleet_error or f"{facts.fleet_path} cannot be read"
-        text, _, action = error.partition("; ")  # some errors say what to do
+        text, _, action = error.partition("; ")  # some errors end with the action
         yield make_problem("fleet", text, action or "correct the fleet file")
     elif not facts.fleet.printers:
         yield make_problem(
@@ -151,7 +151,7 @@ def check_agents(facts: Facts) -> Iterator[Finding]:
 
 
 def check_ports(facts: Facts) -> Iterator[Finding]:
-    """Check that the serial ports exist and may be used."""
+    """Check that the serial ports exist, and that this user has access to them."""
     for port in facts.ports:
         port_name = f"{port.printer}: {port.path}"
         if not port.exists:
@@ -187,7 +187,7 @@ def check_cura(facts: Facts) -> Iterator[Finding]:
 
 
 def _describe_missing(error: str) -> Finding:
-    """Return the problem of an error that ends with what to do."""
+    """Return the problem of an error whose text ends with the action."""
     text, _, action = error.rpartition(": ")
     return make_problem("cura", text, action)
 

@@ -11,7 +11,7 @@ from farm.state.retention import DiskUse
 
 @dataclass(frozen=True, slots=True)
 class BooksFacts:
-    """The books on the disk.
+    """Books on the disk.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class BooksFacts:
 
 @dataclass(frozen=True, slots=True)
 class FileFacts:
-    """The files of jobs that have not ended.
+    """Files of jobs that have not ended.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class FileFacts:
 
 @dataclass(frozen=True, slots=True)
 class AgentFacts:
-    """The agent of a printer of this host.
+    """Agent of a printer of this host.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class AgentFacts:
 
 @dataclass(frozen=True, slots=True)
 class PortFacts:
-    """The serial port of a printer of this host.
+    """Serial port of a printer of this host.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class CodeFacts:
     folder
         Folder that this user's processes use; None if none can be written.
     compiled
-        True if all of it is there.
+        True if all functions are compiled.
     """
 
     installed: str
@@ -127,7 +127,7 @@ class CodeFacts:
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """The clocks.
+    """Clocks of the host and of the farm.
 
     Attributes
     ----------

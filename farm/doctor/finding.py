@@ -27,7 +27,7 @@ class Finding:
     text
         The finding, with the file, printer or port concerned.
     action
-        Instruction to the person; empty if there is nothing to do.
+        Instruction for the user; empty if there is nothing to do.
     """
 
     check: str

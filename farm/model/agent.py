@@ -1,4 +1,4 @@
-"""Reports of agents on their printers. Telemetry, which is never stored in the books."""
+"""Reports of agents on their printers: telemetry, which is never stored in the books."""
 
 from __future__ import annotations
 
@@ -55,12 +55,12 @@ class AgentSnapshot(PrinterReadings, Entity):
     bed_clear: bool | None = None  # reported by emulators only
     alarm: str | None = None  # a heater that cannot be switched off: immediate action needed
     bed_unknown_reason: str | None = None  # why bed and filament are unknown, until a person clears the bed
-    host_lost: bool = False  # there is no connection to its host: nothing of it is known
+    host_lost: bool = False  # no connection to its host: the state of the printer is unknown
     outdated: bool = False  # its agent has an older version and gets no more prints
     reset_verified: bool = True  # a reset stops its board; otherwise it prints only while attended
     acknowledged_cancel: str | None = None  # id of a print whose cancel request its agent has received
     print: AgentPrint | None = None
 
     def find_print(self, print_id: str) -> AgentPrint | None:
-        """Return the report on a print; None if it is about another print, or none."""
+        """Return the report on a print; None if the agent reports another print, or none."""
         return self.print if self.print is not None and self.print.print_id == print_id else None

@@ -12,7 +12,7 @@ class HoldCode(StrEnum):
 
     NOT_FIRST = "not_front"
     NO_SUCH_PRINTER = "no_such_printer"
-    TOO_FEW_PRINTERS = "too_few_printers"  # of earlier versions: such a job is planned for busy printers now
+    TOO_FEW_PRINTERS = "too_few_printers"  # used by earlier versions only: busy printers count now
     PRINTER_BUSY = "printer_busy"
     JOB_PRINTER_LIMIT = "all_its_printers_busy"
     BED_NOT_CLEAR = "bed_not_clear"

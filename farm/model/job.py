@@ -27,7 +27,7 @@ class JobState(StrEnum):
 
     @property
     def ended(self) -> bool:
-        """Return whether the job has ended: nothing more is printed unless a person asks for it."""
+        """Return whether the job has ended: nothing more is printed unless a person requests it."""
         return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
@@ -58,7 +58,7 @@ class JobOptions(Entity):
     at: str | None = Field(default=None, max_length=40)  # earliest start, as the user wrote it
     overnight: bool = False  # starts when attended hours end
     done_by: str | None = Field(default=None, max_length=40)  # use the fewest parts that finish by this time
-    assembled_by: str | None = Field(default=None, max_length=40)  # the same, with the time to glue them
+    assembled_by: str | None = Field(default=None, max_length=40)  # as `done_by`, with the time for gluing
     spares: int = Field(default=0, ge=0)  # free printers kept in reserve for failed plates
     hold: bool = False  # nothing prints before `farm approve`
     dry_run: bool = False  # planned only: cancelled once its plan has been shown
@@ -79,9 +79,9 @@ class OwnGcode(Entity):
 
 
 class Reopening(Entity):
-    """Return of a job that had ended to printing: a person asked for a part again, or found one bad."""
+    """Reopening of a job that had ended: a person requested a part again, or judged one bad."""
 
-    ended_s: float  # when it had ended
+    ended_s: float  # when it ended before
     reopened_s: float
 
 
@@ -124,23 +124,23 @@ class Job(Entity):
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: no plate of it starts
-    moved_priority: int | None = None  # instead of its options' priority, once a person moved it in the queue
-    moved_rank: float | None = None  # instead of its number, among jobs of equal priority
+    moved_priority: int | None = None  # replaces the priority of its options after a move in the queue
+    moved_rank: float | None = None  # replaces its number in the order of jobs with equal priority
     restored: bool = False  # from a backup: more may have been printed than is recorded
     planned_s: float | None = None
     planned_for: tuple[str, ...] = ()  # printers that its plan could use; empty: unknown
     planning_s: float | None = None  # how long its plan took, on the farm's clock
-    assembly_s: float | None = None  # a person's time to glue its parts, by the model of steps
+    assembly_s: float | None = None  # expected time for a person to glue its parts
     gluing: Gluing | None = None
     revisions: int = 0  # number of plans that replaced the first one
     ended_s: float | None = None
-    pruned_s: float | None = None  # when its files were given up; `picture` and `part_pictures` stay
+    pruned_s: float | None = None  # when its files were deleted, except `picture` and `part_pictures`
     part_pictures: Mapping[str, str] = Field(default_factory=dict)  # of a pruned job: by part, in the store
     reopenings: tuple[Reopening, ...] = ()
 
     @property
     def priority(self) -> int:
-        """Return the priority by which it is served."""
+        """Return the priority of the job in the queue."""
         return self.options.priority if self.moved_priority is None else self.moved_priority
 
     def compute_print_deadline_s(self, ratio: float) -> float | None:
@@ -186,12 +186,12 @@ class PlanProgress(Entity):
     done: int = 0  # plates sliced
     of: int = 0  # total number of plates; 0 while unknown
     cached: int = 0  # plates of `done` that came from the cache
-    share: float | None = None  # of the budget of the search for parts, 0 to 1; it may end sooner
-    remaining_s: float | None = None  # of that search, at most; wall seconds
+    share: float | None = None  # used share of the search's budget, 0 to 1; the search may end sooner
+    remaining_s: float | None = None  # longest remaining time of that search, in wall seconds
 
 
-_PRIOR_S = 3600.0  # time of assembly taken as expected, which counts besides the reported times
-_SLOWEST, _FASTEST = 4.0, 0.25  # bounds of a report: one wrong one does not mislead for long
+_PRIOR_S = 3600.0  # weight of the ratio 1, as a time of assembly that took as long as expected
+_SLOWEST, _FASTEST = 4.0, 0.25  # bounds on the ratio of one report, against wrong entries
 
 
 def compute_assembly_ratio(jobs: Iterable[Job]) -> float:

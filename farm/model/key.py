@@ -1,4 +1,4 @@
-"""Keys by which programs and people on other hosts are known to the daemon."""
+"""Keys that identify programs and people on other hosts to the daemon."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ class Role(StrEnum):
     OPERATE = "operate"  # approve, clear beds, load reels, end maintenance
 
     def allows(self, role: Role) -> bool:
-        """Return whether a caller with this role may do what requires another role."""
+        """Return whether a caller with this role may use a function that requires another role."""
         order = list(Role)
         return order.index(self) >= order.index(role)
 
     def limit(self, highest: Role) -> Role:
-        """Return this role, or `highest` if that is less."""
+        """Return this role, or `highest` if that permits less."""
         return highest if self.allows(highest) else self
 
 
 class KeyKind(StrEnum):
-    """Kind of key, by whom it serves."""
+    """Kind of key, by its user."""
 
     KEY = "key"  # a program or a person, who sends it with each request
     SESSION = "session"  # a browser, which keeps it as a cookie
@@ -47,12 +47,12 @@ class Key(Entity):
 
     @property
     def user(self) -> str | None:
-        """Name of the user of the farm's host whose session this is; None for a key and its sessions."""
+        """Name of the user of the farm's host who owns this session; None for a key and its sessions."""
         return self.name if self.kind is KeyKind.SESSION and self.opened_by is None else None
 
     @property
     def caller(self) -> str:
-        """Name of the caller for the event log: a user is named as on the Unix socket."""
+        """Name of the caller for the event log; a user has the same name as on the Unix socket."""
         return self.user or f"key {self.name}"
 
     def is_valid(self, now_s: float) -> bool:

@@ -26,7 +26,7 @@ class SessionOpened(Event):
 
 
 class SessionExtended(Event):
-    """A session is in use: it expires later."""
+    """The end of a session was postponed, as it is in use."""
 
     session: str
     expires_s: float

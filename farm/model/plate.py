@@ -34,7 +34,7 @@ class PartPrintOptions(Entity):
     brim_width_mm, layer_0_expansion_mm
         None: as the quality sets it.
     bed_face_hidden, tops_hidden
-        True if all that lies on the bed is a cut face, hidden once the parts are glued; if all tops are.
+        True if all faces on the bed, or all top faces, are cut faces that gluing hides.
     stands
         True if the part is expected to stay upright while it prints.
     """

@@ -63,7 +63,7 @@ class Print(Entity):
     cancel_reason: str | None = None
     restored: bool = False  # from a backup: it may have started or ended since, and is never started
     fail_reason: str | None = None  # why a person failed it (`farm fail`)
-    charged: bool = True  # a failure counts as an attempt of its plate
+    charged: bool = True  # its failure counts as an attempt of its plate
     verdict: Verdict | None = None  # on its part, once done
     verdict_why: str | None = None
     pause_requested: bool = False  # by a person

@@ -35,7 +35,7 @@ class HostLoss(Entity):
     """Loss of the connection to a host with printers; their prints may continue."""
 
     host: str
-    at_s: float  # of the first of the hosts that were lost together: people hear of them once
+    at_s: float  # time of the first loss among hosts lost together, which are reported once
     reason: str
 
 
@@ -59,7 +59,7 @@ class Printer(Entity):
 
 
 class Outage(Entity):
-    """Loss of several printers at once. Nothing starts until a person has confirmed it."""
+    """Loss of several printers at once. No print starts until a person has confirmed it."""
 
     id: int
     at_s: float

@@ -1,7 +1,7 @@
 """Admission of jobs to planning: the printers for which each job is planned, and the order of jobs. Pure.
 
-A job is planned as soon as it is submitted, also while no printer is free: it then has a time, an amount of
-filament and a verdict, and its plates wait. Quick jobs never wait for others.
+A job is planned as soon as it is submitted, even while no printer is free: its time and filament are then
+known, and its plates wait. Quick jobs never wait for others.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from farm.scheduling.situation_builder import derive_job_requirements
 from farm.state import Books
 
 MAX_LONG_JOBS = 2
-"""Largest number of jobs that are planned at the same time, without quick ones."""
+"""Largest number of jobs that are planned at the same time, not counting quick jobs."""
 QUICK_FACES = 200_000
 """Largest number of triangles of a model that is planned in seconds, if one printer can hold it."""
 SPARE_USE = "a failed part (--spares)"
-"""Purpose of a printer that is kept as a spare."""
+"""Purpose of a spare printer, for messages."""
 _BRIM_MM = 10.0  # brim on each side of a part, only to estimate whether a model fits
 _TEMPORARY_CODES = (
     HoldCode.PRINTER_BUSY,
@@ -42,7 +42,7 @@ class PlanOrder:
 
 @dataclass(frozen=True, slots=True)
 class JobRequest:
-    """Printers that a job without a plan asks for.
+    """Request of a job without a plan for printers.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class JobRequest:
     printers
         Number of printers that the user requested; None for all.
     min_parts
-        Number of parts needed according to an earlier attempt; 0 if unknown.
+        Number of parts that the job needs according to an earlier attempt; 0 if unknown.
     spares
-        Number of free printers to leave idle, while it has at least one.
+        Number of free printers to leave idle, as long as the job has at least one printer.
     starts_later
-        Nothing is printed before a start time, or before a person approves its plan: busy printers count
-        too, as the queue at that time is not known.
+        True if the job waits for a start time or for approval. Busy printers then count too, as the queue
+        at that time is unknown.
     """
 
     requirements: Requirements
@@ -92,9 +92,9 @@ class Availability:
     reserved
         Printers for which plates are being replanned: chosen only if there is no other.
     starting
-        The farm has just started: printers that are still connecting are waited for.
+        True just after the start of the farm: jobs wait for printers that are still connecting.
     unattended_blocked
-        Printers on which nothing may start while nobody is present: chosen only if there is no other.
+        Printers on which no print may start while nobody is present: chosen only if there is no other.
     """
 
     printers: tuple[FleetPrinter, ...]
@@ -104,7 +104,7 @@ class Availability:
     unattended_blocked: frozenset[str] = frozenset()
 
     def with_promises(self, promises: Iterable[Promise]) -> Availability:
-        """Return the availability with the printers of these promises reserved too."""
+        """Return the availability in which the printers of some promises are reserved too."""
         return replace(self, reservations={**list_promised_printers(promises), **self.reservations})
 
 
@@ -126,9 +126,9 @@ def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) 
 def choose_printers(request: JobRequest, availability: Availability) -> PlanOrder | Hold:
     """Choose the printers that a job is planned for.
 
-    It takes all matching printers that are idle and clear. Where there is none, or they cannot print it in
-    one round, it takes those that are busy or wait for a person too; printers that are absent or broken only
-    if there is no other. Where all of them cannot print it in one round either, it takes several rounds.
+    All matching printers that are idle and clear are chosen. If there is none, or they cannot print the job
+    in one round, printers that are busy or wait for a person are added; absent or broken printers only if
+    there is no other. If even these cannot print the job in one round, it gets several rounds.
     """
     matching_printers = sorted(
         (p for p in availability.printers if request.requirements.matches(p.capabilities)),
@@ -155,7 +155,7 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
 
 
 def list_coming(matching_printers: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
-    """List the matching printers that are free or will be without a repair; all if there is none."""
+    """List the matching printers that are free, or will be without a repair; all if there is no such one."""
     coming_printers = [
         p for p in matching_printers if (hold := p.obstacle()) is None or hold.code in _TEMPORARY_CODES
     ]
@@ -172,8 +172,8 @@ def choose_printers_beside(
 ) -> PlanOrder | Hold:
     """Choose the printers of a job while others are being planned.
 
-    The printers of these jobs are reserved against jobs of the same and of lower priority, and against other
-    jobs as long as more printers are free.
+    The printers of these jobs are not available to jobs of the same or a lower priority; to other jobs only
+    if no other matching printer is free.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def choose_printers_beside(
 
 
 def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
-    """Return whether a job is planned in seconds: own G-code, or a plain model that one printer can hold."""
+    """Return whether planning takes seconds: for own G-code, or a small model that fits into one printer."""
     if job.own_gcode is not None:
         return True
     options, size = job.options, job.size
@@ -230,9 +230,9 @@ class HoldJob:
 
 
 class JobAdmission:
-    """Decides which jobs are planned, and records for which printers.
+    """Admission of jobs to planning, with the printers of each job that is being planned.
 
-    State is kept in memory only: after a restart, jobs are planned again.
+    The state is in memory only: after a restart, jobs are planned again.
     """
 
     def __init__(self) -> None:
@@ -240,7 +240,7 @@ class JobAdmission:
         self._planned_printers: dict[int, frozenset[str]] = {}  # printers for which a job is being planned
 
     def require_parts(self, number: int, parts: int) -> None:
-        """Store the number of parts that a job needs according to an attempt to plan it."""
+        """Store the number of parts that a job needs, as an attempt to plan it has shown."""
         self._min_parts[number] = parts
 
     def begin(self, order: StartPlanning) -> None:
@@ -258,7 +258,7 @@ class JobAdmission:
     def decide(
         self, books: Books, situation: Situation, fleet: Availability
     ) -> Iterator[StartPlanning | HoldJob]:
-        """Yield a decision on each queued job: its planning starts, or it has a reason to wait.
+        """Yield a decision on each queued job: to start its planning, or to hold it for a reason.
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ class JobAdmission:
         situation
             The fleet after this assignment, the rules and the spares.
         fleet
-            The fleet and its free printers that are kept, as available to any job.
+            Availability of the fleet to all jobs, with the reserved printers.
         """
         promises = self.list_promises(books)
         long_jobs: list[int] = []
@@ -304,14 +304,14 @@ class JobAdmission:
 
 
 def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict[str, str]:
-    """Return the printers that are reserved and so not available to a new job, each with its purpose.
+    """Return the printers that are reserved, and so not available to a new job, each with its purpose.
 
-    No printer is reserved for a plate that may not start, as it may wait for long.
+    No printer is reserved for a plate that may not start now, as that plate may wait for a long time.
 
     Parameters
     ----------
     situation
-        The plates that still wait, and the fleet after the present assignment.
+        The plates that still wait, and the fleet after the current assignment.
     reserved
         Printers for which plates are being replanned, with the plate.
     """
@@ -326,7 +326,7 @@ def list_reservations(situation: Situation, reserved: Mapping[str, str]) -> dict
 
 
 def limit_availability(fleet: Availability, situation: Situation, job: Job) -> Availability:
-    """Return the availability of the fleet to a job when it may start: nobody may be present then."""
+    """Return the availability of the fleet at the start of a job, when perhaps nobody is present."""
     starts_s = max(situation.now_s, job.not_before_s or 0.0)
     is_attended = job.options.hold or situation.rules.is_attended(starts_s)
     blocked_names = frozenset(p.name for p in situation.printers if not (p.unattended or is_attended))

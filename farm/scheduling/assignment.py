@@ -14,9 +14,9 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import find_filament_shortage
 
 LARGE_FLEET = 200
-"""Printers beyond which one run of the scheduler, which takes longer then, serves all reports of a second."""
+"""Number of printers above which the scheduler runs once a second for all reports, as a run takes longer."""
 MAX_STARTS = 15
-"""Starts that are committed together; the rest follows at once, but between two ticks the daemon listens."""
+"""Largest number of starts in one commit. The daemon handles messages between two such commits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +28,12 @@ class Assignment:
 def assign_plates(situation: Situation) -> list[Assignment]:
     """Assign waiting plates to printers.
 
-    Plates are taken by priority, then by order of submission, then the longest first (LPT). A plate
-    gets the printer of its plan if that is available now; otherwise a matching printer that is idle and
-    clear, preferably one that no other waiting plate was planned for, and the lowest. Where all of them are
-    taken, an earlier plate is moved to another matching printer (an augmenting path), so that the
-    order leaves no printer idle. A plate returns to a printer on which it failed only if no other is
-    free. A job never prints on more printers at once than it requested.
+    Plates are assigned by priority, then in order of submission, then the longest first (LPT). A plate
+    gets the printer of its plan if that is free. Otherwise it gets a matching free printer, preferably one
+    for which no waiting plate was planned, then the one with the lowest build height. If all of these are
+    taken, an earlier plate moves to another matching printer (an augmenting path), so the order leaves no
+    printer idle. A plate returns to a printer on which it failed only if no other is free. A job never
+    prints on more printers at once than it requested.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     Returns
     -------
     list of Assignment
-        Each printer and each plate at most once, in the order in which plates are taken.
+        Each printer and each plate at most once, in the order of assignment.
     """
     pairs = sorted(_match(situation).items(), key=lambda pair: pair[1].priority_key)
     return [Assignment(plate.id, name) for name, plate in pairs]
 
 
 def select_possible(assignments: Iterable[Assignment], situation: Situation) -> list[Assignment]:
-    """Select the assignments of an earlier situation that are all possible in this one."""
+    """Select the assignments of an earlier situation that are still possible together in this one."""
     free, fleet = {p.name for p in situation.free}, situation.fleet
     waiting = {plate.id: plate for plate in situation.waiting}
     limit, started_by_job = _count_allowed_starts(situation), Counter[int]()
@@ -78,7 +78,7 @@ def _can_take(situation: Situation, printer: FleetPrinter, plate: WaitingPlate) 
 
 
 def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
-    """Find the reason why each waiting plate got no printer.
+    """Find the reason for which each waiting plate got no printer.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Forecast of when and where every waiting plate prints, with a lower bound of its end. Pure."""
+"""Forecast of the printer and the time of each waiting plate, with a lower bound of the end. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import StartRules, find_filament_shortage
 
 CLEARING_S = 900.0
-"""Time to clear a bed, once somebody is present."""
+"""Time to clear a bed, once a person is present."""
 _TEMPORARY_CODES = (
     None,
     HoldCode.PRINTER_BUSY,
@@ -25,7 +25,7 @@ _TEMPORARY_CODES = (
     HoldCode.REEL_UNCERTAIN,
 )
 _CHANGES_OF_A_STEP = 400  # about 5 ms
-_HORIZON_S = 15 * 86400.0  # if no plate starts within this time, none ever does
+_HORIZON_S = 15 * 86400.0  # if no plate starts within this time, no plate ever will
 _END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous changes are in this order
 
 
@@ -41,7 +41,7 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Slots in order of their start, and the plates that no printer can ever take."""
+    """Slots in order of their start, and the plates that can never be printed."""
 
     slots: tuple[Slot, ...]
     unprintable_plates: tuple[str, ...]
@@ -56,19 +56,19 @@ class Forecast:
 def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by simulating the farm's decisions.
 
-    Whenever a printer becomes free or has heated up, a job may use another printer, or hours change, plates
-    are matched with printers by the code of `farm.scheduling.assignment`. Between two plates on a printer its
-    bed is cleared, which needs a person to be present. Printers that are absent or broken are used only if
-    there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the least
-    (Graham 1969, LPT) and the few seconds by which plates in the order of gluing may differ
-    (`TIME_TOLERANCE_S`); it is the longest plate's end if there are no more plates than printers.
+    Plates are matched with printers by the code of `farm.scheduling.assignment` whenever a printer becomes
+    free or has heated up, a job may use another printer, or hours change. Between two plates on a printer, a
+    person must be present to clear its bed. Absent or broken printers are used only if there is no other.
+    If all printers are alike and free, a job takes at most 4/3 of the shortest possible time (Graham 1969,
+    LPT), plus the few seconds by which the order of gluing may change the order of plates
+    (`TIME_TOLERANCE_S`); with at least as many printers as plates, it ends with its longest plate.
 
     Parameters
     ----------
     situation
         Waiting plates, fleet and rules. The result does not depend on the order of plates and printers.
     has_bound
-        Whether to compute a lower bound better than the present time.
+        True to compute a lower bound; else the bound is the current time.
     """
     steps = forecast_in_steps(situation, has_bound)
     while True:
@@ -108,15 +108,15 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
 class _Simulation:
     """Simulation of the farm from now on, from one change to the next, without failures.
 
-    Printers that get no plate though they are free are `stuck`: no plate that waits can start on them until
-    hours or a job's places change.
+    Free printers that get no plate are blocked: no waiting plate can start on them before hours or the
+    places of a job change.
     """
 
     def __init__(self, situation: Situation, coming_printers: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
         self.queue = {job.rank: {p.id: p for p in job.plates} for job in situation.waiting.jobs}
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
-        # Prints by job, with running ones.
+        # Number of plates to print by job, including those being printed.
         self._remaining_plates = Counter(plate.job for plate in situation.waiting)
         self._fleet = {printer.name: make_idle(printer) for printer in coming_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
@@ -127,7 +127,7 @@ class _Simulation:
         self._blocked_printers: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
         for printer in coming_printers:
-            # A printer that fits no plate starts nothing, but may be kept as a spare.
+            # A printer that matches no plate starts none, but may be kept as a spare.
             is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting.demands))
             self._add_printer(printer, bool(is_used))
         for at_s in situation.waiting.starts_s:
@@ -200,7 +200,7 @@ class _Simulation:
             self._blocked_printers.clear()
 
     def _match(self) -> bool:
-        """Start the plates that can start. Returns whether there was one."""
+        """Start the plates that can start; return whether there was any."""
         if self._spares:
             self._blocked_printers.clear()  # the spares depend on the waiting plates
         free = self._idle - self._blocked_printers
@@ -258,7 +258,7 @@ class _Simulation:
 
 
 def make_idle(printer: FleetPrinter) -> FleetPrinter:
-    """Return the printer as it is when idle and clear: for the duration of a plan."""
+    """Return a printer as if it were idle and clear, for the simulation."""
     return replace(
         printer,
         bed=Bed.CLEAR,
@@ -272,7 +272,7 @@ def make_idle(printer: FleetPrinter) -> FleetPrinter:
 
 
 def compute_seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Return the seconds that a plate takes on a printer, by the learned time factors of both printers."""
+    """Return the seconds that a plate takes on a printer, by the time factors of that and the planned one."""
     layers_s = plate.expected_s - plate.heating_s
     return plate.heating_s + layers_s * printer.time_factor / plate.time_factor
 
@@ -287,7 +287,7 @@ def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> flo
 def _find_fitting(
     plates: Iterable[WaitingPlate], printers: Iterable[FleetPrinter]
 ) -> dict[str, list[FleetPrinter]]:
-    """Return the printers that hold each plate and have enough on their reels."""
+    """Return the printers that match each plate and have enough filament for it."""
     kinds: dict[Capabilities, list[FleetPrinter]] = {}
     for printer in printers:
         kinds.setdefault(printer.capabilities, []).append(printer)
@@ -312,8 +312,8 @@ def _compute_lower_bound_s(
 ) -> float:
     """Return a lower bound of the end of any schedule on these printers.
 
-    The larger of two bounds: each plate on the printer where it ends soonest; and, for plates that fit only a
-    set of printers, their total time shared among these printers, each from the time it is ready.
+    The larger of two bounds: the end of each plate on the printer where it ends soonest; and, for each set of
+    printers, the total time of the plates that fit only these, divided among them from when each is ready.
     """
     bound_s = now_s
     work_s: dict[frozenset[str], float] = {}
@@ -336,8 +336,7 @@ def _compute_lower_bound_s(
 
 
 def _compute_filled_s(work_s: float, ready_s: Sequence[float]) -> float:
-    """Return the time at which machines that are ready at these times (ascending) finish this amount of
-    work."""
+    """Return the time at which machines, ready at these ascending times, finish an amount of work."""
     level_s = ready_s[0]
     for count, next_s in enumerate([*ready_s[1:], float("inf")], 1):
         room_s = (next_s - level_s) * count

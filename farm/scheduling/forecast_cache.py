@@ -1,4 +1,4 @@
-"""Cache of the forecast: the expected ends of all waiting plates, and when they were worked out."""
+"""Cache of the forecast: the expected ends of all waiting plates, and the time of their forecast."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from farm.scheduling.situation import Situation
 from farm.state import Books
 
 LARGE_QUEUE = 1000
-"""Waiting plates from which no caller waits for a forecast: 10,000 on 1,000 printers take 0.3 s."""
+"""Number of waiting plates from which callers get the last forecast instead of waiting for a new one.
+
+The forecast of 10,000 plates on 1,000 printers takes 0.3 s.
+"""
 _MAX_AGE_S = 60.0  # farm seconds for which a forecast of unchanged books is kept
 _MIN_INTERVAL_S = 5.0  # wall seconds between two forecasts
 _LARGE_INTERVAL_S = 45.0  # the same for a large queue
@@ -35,10 +38,10 @@ class ExpectedEnds:
 
 
 class ForecastCache:
-    """Forecasts the ends of all waiting plates, at most every few wall seconds.
+    """Cache of the expected ends of all waiting plates, renewed at most every few wall seconds.
 
-    That of a large queue is made in the steps of `find_background_work`, between which the daemon does other
-    work; callers get the last.
+    The forecast of a large queue is computed in the steps of `find_background_work`, and the daemon does
+    other work between them; until it is complete, callers get the last forecast.
 
     Parameters
     ----------
@@ -57,11 +60,11 @@ class ForecastCache:
         self._is_large = False
 
     def clock_set(self) -> None:
-        """Drop the forecast after a step of the host's clock, as hours have shifted."""
+        """Drop the forecast after a step of the host's clock, which shifts the hours."""
         self._ends = ExpectedEnds()
 
     def find_ends(self) -> ExpectedEnds:
-        """Return the expected ends; of a large queue, as they were last worked out, if ever."""
+        """Return the expected ends; for a large queue those of the last forecast, which may be empty."""
         if not self._is_large:
             steps = self._find_due_work()
             if not self._is_large:
@@ -70,7 +73,7 @@ class ForecastCache:
         return self._ends
 
     def find_background_work(self) -> Iterator[None] | None:
-        """Return the steps that make the forecast of a large queue; None if none is due."""
+        """Return the steps that compute the forecast of a large queue; None if no forecast is due."""
         steps = self._find_due_work()
         return steps if self._is_large else None
 

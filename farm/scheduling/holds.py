@@ -1,4 +1,4 @@
-"""Holds of plates: a code and a sentence with the reason and how to end the wait. Pure."""
+"""Holds of plates: a code, and a sentence with the reason and the way to end the wait. Pure."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def find_plate_holds(
     books
         All jobs, plates, prints and printers.
     jobs
-        The jobs whose plates are looked at.
+        The jobs whose plates are checked.
     printers
         The printers of `fleet.yaml`.
     now_s
@@ -55,7 +55,7 @@ def find_plate_holds(
     Returns
     -------
     dict
-        The reason of each such plate, by its id.
+        Hold of each such plate, by its id.
     """
     holds = {}
     printing_jobs = [job for job in jobs if job.state is JobState.PRINTING]
@@ -75,8 +75,7 @@ def find_plate_holds(
 
 
 def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
-    """Return the time at which the first hold for a printer that was just lost ends; infinity if there is
-    none."""
+    """Return the earliest end of the holds for lost printers (JUST_LOST); infinity without such a hold."""
     lost_prints = (
         books.plates[name].prints[-1] for name, hold in holds.items() if hold.code is HoldCode.JUST_LOST
     )
@@ -116,7 +115,10 @@ def _has_not_reported(books: Books, printer: str) -> bool:
 
 
 def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, now_s: float) -> Hold | None:
-    """Find the hold of a plate that may start on no printer; `unreported_printers` may have printed it."""
+    """Find the hold of a plate that may not start on any printer; None if it may.
+
+    `unreported_printers` names the printers that may have printed the plate since the backup.
+    """
     state = books.plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
         text = (
@@ -152,23 +154,23 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported_printers: str, n
     return None
 
 
-_MAX_NAMES = 4  # most printers that a sentence names; further ones are counted
+_MAX_NAMES = 4  # largest number of names in a sentence; more are counted
 
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Printers that match the same plates, with what holds for all of these plates.
+    """Printers that match the same plates, with the facts that all of these plates share.
 
     Attributes
     ----------
     names
         The printers.
     idle
-        Those that are idle and clear, and get no other plate now, by name.
+        The printers that are idle and clear, and get no other plate now, by name.
     busy
         Hold for busy printers; None if none is busy.
     first
-        Why the first printer that takes no plate takes none; None if all can.
+        Reason of the first printer that cannot take a plate; None if all can.
     """
 
     names: frozenset[str]
@@ -178,7 +180,7 @@ class _Group:
 
 
 class HoldReasons:
-    """Finds the reason why a plate waits, in one situation.
+    """Reasons for which plates wait in one situation.
 
     Parameters
     ----------
@@ -218,7 +220,7 @@ class HoldReasons:
         )
 
     def find(self, plate: WaitingPlate) -> Hold:
-        """Return why a plate waits: preferably a reason that ends by itself, and how to end it sooner."""
+        """Return the reason for which a plate waits, preferably one that ends without a person's action."""
         mismatches = tuple(
             capabilities
             for capabilities in self._capabilities
@@ -264,7 +266,7 @@ class HoldReasons:
         return planned_hold or reel_hold or group.first or _make_all_taken_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
-        """Return why a plate does not go to an idle and clear printer; None if another plate got it."""
+        """Return why a plate does not get an idle and clear printer; None if another plate got it."""
         printer = self._situation.fleet[name]
         reel_hold = find_filament_shortage(plate, printer, printer.grams)
         if reel_hold is not None:
@@ -284,7 +286,7 @@ class HoldReasons:
         return None
 
     def _make_busy_hold(self, names: tuple[str, ...]) -> Hold | None:
-        """Make the hold for busy printers, with its end and how to start earlier."""
+        """Make the hold for busy printers, with its expected end and a way to start earlier."""
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
@@ -309,7 +311,7 @@ def _make_all_taken_hold() -> Hold:
 
 
 def join_names(names: Iterable[str]) -> str:
-    """Join names for a sentence: a, b and c; of many, the rest are counted."""
+    """Join names for a sentence, as in "a, b and c"; a long list ends with the number of the others."""
     *rest, last = names
     if len(rest) >= _MAX_NAMES:
         rest, last = rest[: _MAX_NAMES - 1], f"{len(rest) - _MAX_NAMES + 2} more"

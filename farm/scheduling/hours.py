@@ -11,8 +11,8 @@ from functools import lru_cache
 
 from farm.week_windows import DAYS, Window
 
-_HORIZON_DAYS = 15  # two weeks contain every span of weekly windows
-_MAX_SPAN_S = 8 * 86400.0  # longer spans have no gap: they never end
+_HORIZON_DAYS = 15  # two weeks contain a whole span of any weekly windows
+_MAX_SPAN_S = 8 * 86400.0  # a longer span has no gap and never ends
 Span = tuple[float, float]
 
 
@@ -20,15 +20,15 @@ Span = tuple[float, float]
 class Hours:
     """Weekly windows in a time zone. Times are seconds since the epoch.
 
-    A local time that daylight saving skips is moved an hour later. Of a local time that occurs twice, windows
-    start at the first and end at the second, so that no minute is lost.
+    A local time that daylight saving skips is moved an hour later. At a local time that occurs twice, windows
+    start at the first occurrence and end at the second, so no minute is lost.
     """
 
     windows: tuple[Window, ...]
     zone: tzinfo
 
     def span(self, at_s: float) -> Span | None:
-        """Return the half-open span around `at_s`; else None. A span without a gap ends at infinity."""
+        """Return the half-open span around `at_s`, or None. A span that never ends has the end infinity."""
         return next((span for span in self._list_spans_near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
@@ -49,7 +49,7 @@ class Hours:
 
 @lru_cache(maxsize=64)
 def _list_spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
-    """Return the spans from the day before this one on, merged, in order."""
+    """Return the merged spans in order, beginning with those of the day before a day."""
     spans = []
     for ordinal in range(day - 1, day + _HORIZON_DAYS):
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)
@@ -86,7 +86,7 @@ def parse_moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     Raises
     ------
     ValueError
-        If it cannot be read, has passed or is more than a year ahead; the message says what to write.
+        If it cannot be read, has passed or is more than a year ahead; the message shows the valid forms.
     """
     now = datetime.fromtimestamp(now_s, zone)
     match = _TIME.fullmatch(text.strip().lower())

@@ -28,8 +28,7 @@ class Capabilities:
     family
         Printer family, whose members accept the same G-code; None: any.
     named
-        Its name if an open job asks for certain printers, and it is one of them. Only such printers have it,
-        so that all others of one kind are equal.
+        Its name if an open job asks for it by name; else None, so all other printers of a kind are equal.
     """
 
     room: tuple[Box, ...]
@@ -41,7 +40,7 @@ class Capabilities:
     named: str | None = None
 
     def has_material(self, material: str | None) -> bool:
-        """Return whether the material is the one that is asked for, by its file's name or its kind."""
+        """Return whether the printer has a material, requested by the name of its file or its kind."""
         return material in (None, self.material, self.material_kind)
 
     @cached_property
@@ -49,7 +48,7 @@ class Capabilities:
         return max((height for *_, height in self.room), default=0.0)
 
     def meets(self, demand: Demand) -> bool:
-        """Return whether a plate of some size with this demand matches."""
+        """Return whether a plate with this demand matches, apart from its size."""
         material, colour, nozzle_mm, family, only = demand
         return (
             self.has_material(material)
@@ -71,13 +70,13 @@ class Capabilities:
 
 
 TIME_TOLERANCE_S = 10.0
-"""Plates whose times round to the same number of these take as long as each other. The last part may
-end later by little more than this."""
+"""Unit to which the times of plates are rounded when they are compared. The last part may end later by
+little more than this."""
 
 
 @dataclass(frozen=True)
 class FleetPrinter:
-    """A printer with all data that decide whether it can take a plate."""
+    """Printer with all data that decide whether it can take a plate."""
 
     name: str
     capabilities: Capabilities
@@ -195,7 +194,7 @@ class Requirements:
 
 @dataclass(frozen=True)
 class WaitingPlate:
-    """A plate that waits for a printer."""
+    """Plate that waits for a printer."""
 
     id: str
     requirements: Requirements
@@ -218,14 +217,14 @@ class WaitingPlate:
     def priority_key(self) -> tuple[int, float, int, float, int, float, str]:
         """Sort key: priority, order of submission, then the longest first (LPT).
 
-        Of plates that take as long to within `TIME_TOLERANCE_S`, the one that is glued first.
+        Among plates with the same time, rounded to `TIME_TOLERANCE_S`, the one that is glued first.
         """
         longest = -round(self.expected_s / TIME_TOLERANCE_S)
         return *self.queue_rank, longest, self.glue_rank, -self.expected_s, self.id
 
     @cached_property
     def demand(self) -> Demand:
-        """Return its requirements without the size: few differ among thousands of plates."""
+        """Return its requirements without the size; thousands of plates have few distinct demands."""
         return self.requirements.demand
 
     @cached_property
@@ -237,7 +236,7 @@ class WaitingPlate:
 def choose_spares(
     printers: Iterable[FleetPrinter], planned_printers: Collection[str], spares: int
 ) -> frozenset[str]:
-    """Return the `spares` largest free printers for which no waiting plate was `planned_printers`."""
+    """Return the `spares` largest free printers for which no waiting plate was planned."""
     free = [p for p in printers if p.name not in planned_printers and p.obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])

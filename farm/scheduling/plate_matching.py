@@ -47,11 +47,11 @@ class MatchingInputs:
     Attributes
     ----------
     fleet
-        All printers by name, in their present state.
+        All printers by name, in their current state.
     free
         Printers to match: idle and clear.
     order
-        Their order and kinds.
+        Order and kinds of the printers.
     planned
         The printers for which the waiting plates were planned.
     spare_printers
@@ -111,8 +111,8 @@ class _Kind:
 
     capabilities: Capabilities
     names: list[str]
-    untaken: list[str]  # and some taken ones; the best last for a plate that was planned for another
-    grams: float  # on the fullest reel
+    untaken: list[str]  # contains taken ones until they are met; the best for a plate of another plan last
+    grams: float  # largest amount on a reel
     window: StartWindow
 
     @classmethod
@@ -128,7 +128,7 @@ class _Kind:
 
 
 class _Matching:
-    """A bipartite matching of plates and free printers that grows by augmenting paths."""
+    """Bipartite matching of plates and free printers that grows by augmenting paths."""
 
     def __init__(self, inputs: MatchingInputs) -> None:
         self.plate_by_printer: dict[str, WaitingPlate] = {}
@@ -141,18 +141,18 @@ class _Matching:
         self._kinds = {number: _Kind.from_printers(names, inputs) for number, names in kinds.items()}
 
     def may_place(self, plate: WaitingPlate) -> bool:
-        """Return whether a free printer is of a kind that can take a plate now."""
-        for kind in self._kinds.values():  # no generator: thousands of plates may wait for another kind
+        """Return whether any kind of free printers can take a plate now."""
+        for kind in self._kinds.values():  # a loop, faster than `any`: called for thousands of plates
             if plate.requirements.matches(kind.capabilities) and kind.window.allows(plate):
                 return True
         return False
 
     def place(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate; plates already placed may move to another printer."""
+        """Find a printer for a plate, and return whether there is one; placed plates may move to another."""
         return self._augment(plate, set())
 
     def place_on_any(self, plate: WaitingPlate) -> bool:
-        """Find a printer for a plate among all free ones, including those on which it failed."""
+        """Find a printer for a plate, including those on which it failed; return whether there is one."""
         for name in self._list_capable(plate):
             if name not in self.plate_by_printer:
                 self.plate_by_printer[name] = plate
@@ -160,7 +160,7 @@ class _Matching:
         return False
 
     def _augment(self, plate: WaitingPlate, visited_printers: set[str]) -> bool:
-        if not plate.failed_on:  # all choices need not be listed while one is left: most plates find one
+        if not plate.failed_on:  # most plates find an untaken printer, without a list of all choices
             name = self._find_untaken(plate)
             if name is not None:
                 self.plate_by_printer[name] = plate
@@ -179,7 +179,7 @@ class _Matching:
         return False
 
     def _find_untaken(self, plate: WaitingPlate) -> str | None:
-        """Return the first of a plate's choices that is not taken; None if there is none."""
+        """Return the best printer for a plate that is not taken; None if there is none."""
         inputs, taken, grams = self._inputs, self.plate_by_printer, compute_needed_grams(plate)
         best: str | None = None
         for kind in self._list_kinds(plate, grams):
@@ -201,7 +201,7 @@ class _Matching:
         return name != plate.planned, name in self._inputs.planned, self._inputs.order.rank[name]
 
     def _list_choices(self, plate: WaitingPlate) -> list[str]:
-        """Return the printers that can take a plate now, the best first."""
+        """Return the printers that can take a plate now, in order of preference."""
         if plate.id not in self._choices_by_plate:
             names = self._list_capable(plate)
             if plate.failed_on:
@@ -231,7 +231,7 @@ class _Matching:
         return names
 
     def _list_kinds(self, plate: WaitingPlate, grams: float) -> list[_Kind]:
-        """Return the kinds of free printers that can take a plate of so many grams now."""
+        """Return the kinds of free printers that can take a plate that needs this many grams now."""
         return [
             kind
             for kind in self._kinds.values()

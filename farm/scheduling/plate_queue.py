@@ -16,9 +16,9 @@ QueueRank = tuple[int, float, int]
 
 @dataclass(frozen=True)
 class JobPlates:
-    """Waiting plates of one job, in the order in which they are served, with what they have in common.
+    """Waiting plates of one job, in the order in which they are served, with their common properties.
 
-    A large queue is read by its jobs: most of them are the same objects from one situation to the next.
+    These are cached for each job, as most jobs are the same objects from one situation to the next.
     """
 
     plates: tuple[WaitingPlate, ...]
@@ -76,7 +76,7 @@ class PlateQueue(Collection[WaitingPlate]):
 
     @classmethod
     def from_jobs(cls, jobs: Iterable[JobPlates]) -> PlateQueue:
-        """Create a queue from the plates of jobs in any order; a job without any is left out."""
+        """Create a queue from the plates of jobs in any order; jobs without plates are left out."""
         return cls(tuple(sorted((job for job in jobs if job.plates), key=attrgetter("rank"))))
 
     @classmethod
@@ -108,7 +108,7 @@ class PlateQueue(Collection[WaitingPlate]):
         )
 
     def up_to(self, rank: QueueRank) -> PlateQueue:
-        """Return the queue up to the job of a rank."""
+        """Return the queue up to and including the job of a rank."""
         return PlateQueue(tuple(job for job in self.jobs if job.rank <= rank))
 
     def with_demands(self, demands: Collection[Demand]) -> Iterator[tuple[QueueRank, Sequence[WaitingPlate]]]:

@@ -26,7 +26,7 @@ class Situation:
     now_s
         Farm time, seconds since the epoch.
     time_scale
-        Farm seconds per wall second; work in the daemon's processes takes wall seconds.
+        Farm seconds per wall second, to convert the duration of work in processes, which is in wall seconds.
     spares
         Number of free printers that each printing job keeps for parts that fail while nobody is present
         (`--spares`).

@@ -69,7 +69,7 @@ def _describe_printer(
 
 
 def describe_capabilities(section: PrinterSection, rooms: BuildVolumes) -> Capabilities:
-    """Describe what a printer can print, whatever its state."""
+    """Describe the capabilities of a printer, which do not depend on its state."""
     return Capabilities(
         room=rooms(section),
         material=section.material,
@@ -114,7 +114,7 @@ def estimate_remaining_s(
 ) -> float:
     """Estimate the remaining time of an open print, in seconds.
 
-    While it heats, from its expected time; once it prints, from its progress in the timeline.
+    The estimate uses the expected time while the print heats, then its progress in the timeline.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def estimate_remaining_s(
     report
         Report of the printer's agent on this print; None without one.
     time_factor
-        That of the printer.
+        Time factor of the printer.
     now_s
         Farm time, seconds since the epoch.
     """
@@ -135,9 +135,9 @@ def estimate_remaining_s(
 
 
 def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
-    """Return the situation in which running prints end by their progress, as people see them.
+    """Return the situation with the ends of running prints by their progress, for display.
 
-    Decisions keep the ends of the plan: they are made once for each event, not for each report.
+    Decisions use the ends by the plan, as they are made once for each event and not for each report.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, Agen
 
 
 class SituationBuilder:
-    """Describes printers and waiting plates to the scheduler, with a cache of unchanged ones.
+    """Builder of the descriptions of printers and waiting plates, with a cache of unchanged ones.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ class SituationBuilder:
 
 @dataclass(slots=True)
 class _CachedPrinter:
-    """Description of a printer, with what it was made from; the report is the latest that gives the same."""
+    """Description of a printer, with its inputs; `report` is the latest that gives this description."""
 
     section: PrinterSection
     entry: Printer
@@ -286,7 +286,7 @@ class _JobDescription:
 
 
 def _are_alike(first: AgentSnapshot | None, second: AgentSnapshot | None) -> bool:
-    """Return whether two snapshots of a printer are the same to the scheduler."""
+    """Return whether two snapshots of a printer are equal in the fields that the scheduler reads."""
     if first is None or second is None:
         return first is second
     return summarise_availability(first) == summarise_availability(second)
@@ -324,7 +324,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
 
 
 def _find_glue_ranks(plate: Plate, books: Books) -> list[int]:
-    """Find the places of a plate's parts in the order of gluing; parts of a new plan are not in the books."""
+    """Find the places of a plate's parts in the order of gluing, of those parts that are in the books."""
     parts = (books.parts.get(name) for name in plate.parts)
     return [part.glue_rank for part in parts if part is not None and part.glue_rank is not None]
 
@@ -350,9 +350,9 @@ def count_spares(books: Books) -> dict[int, int]:
 def may_start_now(
     attempt: Print, books: Books, printer: FleetPrinter, rules: StartRules, now_s: float
 ) -> bool:
-    """Return whether hours allow a start that its agent has not confirmed yet.
+    """Return whether hours still allow a start that the agent has not confirmed yet.
 
-    The agent may have been unreachable: a start that was allowed in the evening may not be at night.
+    The agent may have been unreachable since the evening, and the start may not be allowed at night.
     """
     (plate,) = describe_plates([books.plates[attempt.plate]], books)
     start = rules.find_start(plate, printer, now_s)
@@ -361,7 +361,7 @@ def may_start_now(
 
 @dataclass(frozen=True, slots=True)
 class PrintLimits:
-    """Time limits of a print from the hours, in seconds since the epoch; None for no limit.
+    """Time limits of a print by attended and quiet hours, in seconds since the epoch; None for no limit.
 
     Attributes
     ----------

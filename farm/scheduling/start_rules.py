@@ -22,7 +22,7 @@ GRAMS_SHARE, MIN_GRAMS = 1.05, 5.0
 FIRST_LAYER_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
 CLEARING_RESERVE_S = 900.0
-"""Seconds of the attended hours reserved to cool and clear a print which has to end in them."""
+"""Seconds of the attended hours reserved to cool and clear a print that must end in them."""
 _HORIZON_S = 15 * 86400.0
 _TOLERANCE_S = 0.001  # a plate may still start exactly at its latest start
 
@@ -45,14 +45,14 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartWindow:
-    """Limits from the hours on prints that start at a given time, on printers with the same permissions.
+    """Limits by the hours on prints that start at a given time, on printers with the same permissions.
 
     Attributes
     ----------
     at_s
         The start time.
     quiet_s
-        Start of the next quiet hours, or of the present ones.
+        Start of the current or next quiet hours.
     attended_until_s
         End of the attended hours; minus infinity outside of them.
     unattended, first_layers_attended
@@ -105,13 +105,13 @@ class StartRules:
         return self.name_time(at_s, now_s).text
 
     def name_time(self, at_s: float, now_s: float) -> TextTime:
-        """Return a time with its words in a sentence, as `format_moment` writes them."""
+        """Return a time with its text in a sentence, as by `format_moment`."""
         return name_time(at_s, now_s, self.zone)
 
     def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
-        """Find the earliest time from `from_s` on at which hours let a plate start on a printer.
+        """Find the earliest time from `from_s` on at which hours allow a plate to start on a printer.
 
-        No print may reach into quiet hours, nor start unattended if it needs a person.
+        A print may not reach into quiet hours, and may not start unattended if it needs a person.
         """
         at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
@@ -165,7 +165,7 @@ class StartRules:
     def _find_attended_start(
         self, plate: WaitingPlate, printer: FleetPrinter, at_s: float, now_s: float
     ) -> Start | None:
-        """Return the next attended hours if the present ones are too short for a print; else None."""
+        """Return the next attended hours if the current ones are too short for a print; else None."""
         needed_s = self._compute_attendance_s(plate, printer)
         if needed_s is None:
             return None
@@ -184,7 +184,7 @@ class StartRules:
         return Start(next_span[0], hold)
 
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """Return the seconds from its start in which a print needs a person; None if it needs none."""
+        """Return the seconds after its start in which a print needs a person; None if it needs nobody."""
         if not printer.unattended:
             return plate.expected_s * LATE + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
@@ -210,9 +210,9 @@ class StartRules:
     def next_change_s(
         self, plates: Collection[WaitingPlate], printers: Iterable[FleetPrinter], now_s: float
     ) -> float:
-        """Return the next time at which hours change what may start; infinity for never.
+        """Return the next time at which hours change the plates that may start; infinity for never.
 
-        Hours start or end, or a plate reaches its latest start.
+        At such a time hours start or end, or a plate reaches its latest start.
         """
         # Hours depend on this field of a printer only.
         kinds = {printer.unattended: printer for printer in printers}
@@ -274,8 +274,7 @@ class StartRules:
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return the time at which the bed of an ended print can be clear, which needs a person to be
-        present."""
+        """Return the time at which a present person can have cleared the bed of an ended print."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
         next_span = self.attended.following(ended_s)
@@ -283,12 +282,12 @@ class StartRules:
 
 
 def compute_needed_grams(plate: WaitingPlate) -> float:
-    """Return the grams that a reel must have for a plate, with the reserve."""
+    """Return the grams that a reel must have for a plate, including the reserve."""
     return max(plate.grams * GRAMS_SHARE, plate.grams + MIN_GRAMS)
 
 
 def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
-    """Return a hold if a reel has too few grams for a plate; None if it has enough, or is unknown."""
+    """Return a hold if a reel has too few grams for a plate; None if they suffice or are unknown."""
     grams_needed = compute_needed_grams(plate)
     if grams is None or grams >= grams_needed:
         return None

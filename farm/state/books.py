@@ -41,9 +41,9 @@ class Books:
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
     keys: Mapping[str, Key] = field(default_factory=dict)
-    outage_window_s: float = WINDOW_S  # by the scale of the farm's clock
-    _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
-    _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer
+    outage_window_s: float = WINDOW_S  # depends on the scale of the farm's clock
+    _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # open prints; updated by `put`
+    _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # open prints by printer
     _last_prints: Mapping[str, Print] = field(
         default_factory=dict, compare=False
     )  # last ended print, by printer
@@ -72,7 +72,7 @@ class Books:
             raise NoSuchThing(f"there is no job {number}; `farm status` lists them") from None
 
     def revision(self, job: int) -> object:
-        """Return an object that is replaced whenever the job, or a part, plate or print of it, changes."""
+        """Return an object that is replaced at each change of the job, its parts, plates or prints."""
         return self._revisions.get(job)
 
     def printer(self, name: str) -> Printer:
@@ -130,7 +130,7 @@ class Books:
         )
 
     def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
-        """Yield the prints of a printer that were done after the backup, whose verdicts are unknown."""
+        """Yield the prints of a printer that ended after the backup and whose verdicts are unknown."""
         prints = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in prints if p.restored and p.verdict is None)
 
@@ -169,7 +169,7 @@ def replace_fields(entity: E, **changes: object) -> E:
 
 
 def remove_keys(books: Books, names: Iterable[str]) -> Books:
-    """Return the books without some keys; all other entities stay forever."""
+    """Return the books without some keys. Keys are the only entities that are ever removed."""
     removed_keys = set(names)
     if not removed_keys:
         return books
@@ -177,7 +177,7 @@ def remove_keys(books: Books, names: Iterable[str]) -> Books:
 
 
 def put(books: Books, *entities: Entity) -> Books:
-    """Return the books with these entities, which replace those of the same id."""
+    """Return the books with these entities, which replace those with the same id."""
     changed_entities: dict[str, dict[object, Entity]] = {}
     revisions: dict[int, object] = {}
 
@@ -209,19 +209,19 @@ def put(books: Books, *entities: Entity) -> Books:
 
 
 def _has_ended_last(attempt: Print, last_print: Entity | None) -> bool:
-    """Return whether an ended print is its printer's last; one that never started does not count."""
+    """Return whether an ended print is its printer's last; prints that never started do not count."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
     return not isinstance(last_print, Print) or _make_order_key(attempt) >= _make_order_key(last_print)
 
 
 def _make_order_key(attempt: Print) -> tuple[int, float]:
-    """Return a key that is larger for the later of two prints; those of earlier versions have no number."""
+    """Return a sort key by time: the number, else the end of a print by a version without numbers."""
     return attempt.number, attempt.ended_s or 0.0
 
 
 def locate_entity(entity: Entity) -> tuple[str, object]:
-    """Return the table of the books that has an entity, and its key there."""
+    """Return the table of the books for an entity, and its key in that table."""
     match entity:
         case Job():
             return "jobs", entity.id
@@ -241,7 +241,7 @@ def locate_entity(entity: Entity) -> tuple[str, object]:
 
 
 def list_changed_entities(before: Books, after: Books) -> Iterable[Entity]:
-    """Yield the entities of `after` that `before` does not have, or has with different fields."""
+    """Yield the entities of `after` that are missing from `before` or differ there."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages", "keys"):
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:
@@ -249,7 +249,7 @@ def list_changed_entities(before: Books, after: Books) -> Iterable[Entity]:
 
 
 def _list_changes(old: Mapping[object, E], new: Mapping[object, E]) -> Iterable[E]:
-    """Yield the entities of one table that differ; quickly where `put` has made it, which keeps the order."""
+    """Yield the entities of one table that differ. Fast for tables by `put`, which keeps their order."""
     if not all(map(is_, old, new)):
         return (entity for key, entity in new.items() if old.get(key) is not entity)
     replaced_entities = compress(new.values(), map(is_not, new.values(), old.values()))
@@ -257,6 +257,6 @@ def _list_changes(old: Mapping[object, E], new: Mapping[object, E]) -> Iterable[
 
 
 def list_removed_keys(before: Books, after: Books) -> Iterable[Key]:
-    """Yield the keys of `before` that `after` does not have."""
+    """Yield the keys of `before` that are missing from `after`."""
     if after.keys is not before.keys:
         yield from (key for name, key in before.keys.items() if name not in after.keys)

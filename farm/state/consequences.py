@@ -15,7 +15,7 @@ Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
 def update_job_state(books: Books, number: int, at_s: float, reopen: bool = False) -> Books:
-    """Derive a job's state from its plates; a cancelled one only with `reopen`."""
+    """Update a job's state from its plates; a cancelled job only changes with `reopen`."""
     job = books.jobs[number]
     if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
@@ -98,7 +98,7 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """Record the loss of a printer; several at once are an outage, whose failures do not count."""
+    """Record the loss of a printer; several losses at once are an outage, and their failures do not count."""
     books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
     lost_names = find_common_losses(name, books.printers.values(), books.outage_window_s)
     if len(lost_names) < 2:
@@ -121,13 +121,13 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
 
 
 def mark_bed_not_clear(books: Books, printer: str) -> Books:
-    """Record that a bed may not be clear; an unknown one stays unknown."""
+    """Record that a bed may not be clear; a bed in an unknown state stays unknown."""
     entry = books.printers[printer]
     return put(books, replace_fields(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
 def shift_print_times(books: Books, by_s: float) -> Books:
-    """Shift the times of open prints with the clock; times entered by a person stay."""
+    """Shift the times of open prints by a step of the clock; times entered by a person stay."""
     return put(
         books,
         *(

@@ -51,7 +51,7 @@ _FIELDS = (
     "coalesce(json_extract(body, '$.reason'), json_extract(body, '$.why'), json_extract(body, '$.fault'))",
 )
 READ_EVENTS = f"SELECT seq, at_s, kind, {', '.join(_FIELDS)} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
-"""Query for events after a number, at most so many. SQLite picks the fields: bodies may have megabytes."""
+"""Query for events after a number, up to a limit. SQLite extracts the fields: bodies may have megabytes."""
 _UPKEEP = (
     "MaintenanceStarted",
     "MaintenanceEnded",

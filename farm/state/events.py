@@ -45,7 +45,7 @@ class JobSubmitted(Event):
 
 
 class JobHeld(Event):
-    """The reason why a queued job waits has changed."""
+    """The reason for which a queued job waits has changed."""
 
     job: int
     hold: Hold | None
@@ -79,11 +79,11 @@ class JobPlanned(Event):
     held: bool = False  # until a person approves this plan
     printers: tuple[str, ...] = ()  # that the plan could use
     planning_s: float | None = None  # how long it took
-    assembly_s: float | None = None  # a person's time to glue its parts, by the model of steps
+    assembly_s: float | None = None  # expected time for a person to glue its parts
 
 
 class PlanRevised(JobPlanned):
-    """A job of which nothing had started was planned for other printers; its plates were replaced."""
+    """A job without a started plate was planned for other printers; its plates were replaced."""
 
 
 class JobApproved(Event):
@@ -94,7 +94,7 @@ class JobApproved(Event):
 
 
 class JobReleased(Event):
-    """A person wants a job to print as soon as it is planned, or a dry run to be kept for approval."""
+    """A person requested that a job print once it is planned, or that a dry run be kept for approval."""
 
     job: int
     by: str
@@ -113,7 +113,7 @@ class JobCancelled(Event):
 
 
 class JobPruned(Event):
-    """The files of an ended job are no longer kept, except for its pictures; they are deleted after this."""
+    """The files of an ended job, except its pictures, were marked for deletion, which follows."""
 
     job: int
     by: str
@@ -123,7 +123,7 @@ class JobPruned(Event):
 
 
 class EventsCompacted(Event):
-    """Events up to number `last` are no longer kept, as a backup is verified; they are deleted next."""
+    """Events up to number `last`, which a verified backup has, were marked for deletion, which follows."""
 
     last: int
     backup: str
@@ -152,7 +152,7 @@ class PlateReplaced(Event):
 
 
 class PrintProgressed(Event):
-    """A print entered another state, or began to extrude."""
+    """A print changed its state, or began to extrude."""
 
     print_id: str
     state: PrintState
@@ -219,7 +219,7 @@ class PlateCancelled(Event):
 
 
 class ReprintRequested(Event):
-    """A person asked for a plate to be printed again."""
+    """A person requested that a plate be printed again."""
 
     plate: str
     why: str
@@ -227,7 +227,7 @@ class ReprintRequested(Event):
 
 
 class JobMoved(Event):
-    """A person moved a job in the queue, before another one; to the end if there is none."""
+    """A person moved a job in the queue: before the job `before`, or to the end."""
 
     job: int
     before: int | None
@@ -235,7 +235,7 @@ class JobMoved(Event):
 
 
 class JobRescheduled(Event):
-    """A person set the time before which nothing of a job starts; without one, it starts when it can."""
+    """A person set or removed the time before which no plate of a job starts."""
 
     job: int
     not_before_s: float | None
@@ -251,7 +251,7 @@ class JobPaused(Event):
 
 
 class JobAssembled(Event):
-    """A person glued the parts of a job, which took this time."""
+    """A person glued the parts of a job, in this many minutes."""
 
     job: int
     minutes: float
@@ -326,7 +326,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator reported its bed, or an agent its filament; they are used if unknown in the books."""
+    """An emulator reported its bed, or an agent its filament; each is recorded if the books lack it."""
 
     printer: str
     bed: Bed
@@ -334,7 +334,7 @@ class BedReported(Event):
 
 
 class PrinterAlarmed(Event):
-    """An agent reported a heater that cannot be switched off, or its action against that."""
+    """An agent reported a heater that cannot be switched off, or the action that it took."""
 
     printer: str
     reason: str

@@ -20,7 +20,7 @@ def compute_outage_window_s(scale: float) -> float:
 
 
 def find_common_losses(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
-    """Find the printers that were lost together with this one, each within the window of another.
+    """Find the printers that were lost together with a printer, each within the window of another.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def find_common_losses(name: str, printers: Iterable[Printer], window_s: float =
     Returns
     -------
     tuple of str
-        Their names in order, with this one.
+        Their names in order, including `name`.
     """
     lost_at_s = {
         printer.name: printer.disconnected_at_s
@@ -51,20 +51,20 @@ def find_common_losses(name: str, printers: Iterable[Printer], window_s: float =
 
 
 def find_common_host_loss_s(at_s: float, losses: Iterable[HostLoss], window_s: float = WINDOW_S) -> float:
-    """Find the time of the first of the losses of hosts that were lost together with one more.
+    """Find the time of the first loss among those of hosts that were lost together.
 
     Parameters
     ----------
     at_s
-        Time of a loss, seconds since the epoch.
+        Time of the latest loss, seconds since the epoch.
     losses
-        Earlier ones.
+        Earlier losses.
     window_s
         Farm seconds.
 
     Returns
     -------
     float
-        Time of the first, seconds since the epoch; `at_s` if there is none.
+        Time of the first loss, seconds since the epoch; `at_s` without an earlier one in the window.
     """
     return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s <= window_s), default=at_s)

@@ -49,7 +49,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
     """Derive the state of a plate from all of its prints."""
     if plate.replaced_by:
         return PlateState.REPLACED
-    if not prints:  # most of a large queue
+    if not prints:  # the usual case in a large queue
         return PlateState.CANCELLED if plate.cancelled else PlateState.WAITING
     success = find_successful_print(prints)
     if success is not None:
@@ -66,7 +66,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
 
 
 def derive_job_state(plates: Collection[PlateState]) -> JobState:
-    """Derive the state of a planned job; a plate without attempts left does not block the others."""
+    """Derive the state of a planned job: it prints as long as any plate waits or prints."""
     if PlateState.WAITING in plates or PlateState.PRINTING in plates:
         return JobState.PRINTING
     if PlateState.OUT_OF_ATTEMPTS in plates:

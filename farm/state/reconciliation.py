@@ -12,7 +12,7 @@ from farm.state.plate_state import PlateState
 from farm.state.transitions import apply
 
 CLOCKS_APART_S = 60.0
-"""Largest difference of equal times on the clocks of two hosts, in seconds."""
+"""Largest difference between two hosts' clocks, in seconds."""
 
 
 def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
@@ -25,7 +25,7 @@ def reconcile_print(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> It
     snapshot
         The agent's latest snapshot. A new agent reads its journal before it reports.
     now_s
-        Farm time, for events that the agent did not time.
+        Farm time, for events without a time from the agent.
     """
     report = snapshot.print
     if report is None or report.print_id != attempt.id:
@@ -86,7 +86,7 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
 def make_refused_print_end(
     attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """Return the end of a print that its agent refused: failed, or cancelled if it arrived `late`."""
+    """Return the end of a print that its agent refused: failed, or cancelled if the request was `late`."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
@@ -147,11 +147,11 @@ def _is_same_moment(first_s: float | None, second_s: float | None) -> bool:
 
 
 def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """Derive bed and filament of an idle printer from its snapshot.
+    """Derive the events about bed and filament of an idle printer from its snapshot.
 
     An agent reports an external event (a reset, a lost port, a heater switched on by hand) until a person
-    has cleared the bed. If it was only started again and nothing has moved since, it knows the filament. An
-    emulator reports its bed if the books do not know it.
+    has cleared the bed. After a mere restart without any movement, the agent still knows the filament. An
+    emulator reports its bed, which is used if its state is unknown in the books.
     """
     if snapshot.bed_unknown_reason is not None:
         if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
@@ -168,7 +168,7 @@ def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float
 
 
 def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """Derive a new alarm of a heater that cannot be switched off, in every state of the printer."""
+    """Derive the event of a new alarm (a heater that cannot be switched off), in any state of the printer."""
     if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
         yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
 
@@ -246,7 +246,7 @@ def import_agent_journal(
 
 
 def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
-    """Find the plate of a print that is not in the books: an unprinted one with the same file.
+    """Find the plate of a print that is not in the books: an unprinted plate with the same file.
 
     Plates with the same file are equivalent: waiting ones are preferred, then those planned for this printer.
     A print that started before a job was planned belongs to another job.

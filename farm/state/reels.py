@@ -9,7 +9,7 @@ from farm.model import Plate, Printer, PrintState, Reel
 
 
 def compute_used_grams(plate: Plate, state: PrintState, has_extruded: bool, share: float | None) -> float:
-    """Compute the grams that an ended print used: those of the whole plate if its progress is unknown.
+    """Compute the grams that an ended print used; the grams of the whole plate if its progress is unknown.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Complete parts of failed prints, whose agent died before recording the end. Pure."""
+"""Complete parts of failed prints, whose agents died before they recorded the end. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.state.consequences import Result, request_cancel, update_job_state
 from farm.state.plate_state import PlateState
 from farm.state.reels import subtract_grams
 
-_MIN_TIME_SHARE = 0.8  # least share of the expected time in which a plate can be printed
+_MIN_TIME_SHARE = 0.8  # least share of the expected time after which a plate may be complete
 _UNPRINTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
@@ -38,8 +38,8 @@ def find_failed_print(books: Books, printer: str) -> Print | None:
 def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     """Return the failed print on a bed that may be complete, if its part is needed.
 
-    It ran long enough. The progress at the death of an agent is unknown, but the time at which the next agent
-    switched the heaters off is known.
+    Its duration decides: the progress at the death of the agent is unknown, but the next agent recorded the
+    time at which it switched the heaters off.
     """
     attempt = find_failed_print(books, printer)
     if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_reason is not None:
@@ -57,16 +57,14 @@ def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
 
 
 def list_reprinting_printers(books: Books, attempt: Print) -> list[str]:
-    """Return the printers that are printing a print's part again."""
+    """Return the printers with a reprint of a print's part."""
     return sorted(
-        attempt_again.printer
-        for attempt_again in _list_reprints(books, attempt)
-        if attempt_again.cancel_reason is None
+        reprint.printer for reprint in _list_reprints(books, attempt) if reprint.cancel_reason is None
     )
 
 
 def list_attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
-    """Yield the plates of which a print is an attempt; several if its part was recut."""
+    """Yield the plates that list a print among their attempts; several if its part was recut."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 

@@ -25,7 +25,7 @@ def validate_books(books: Books) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each contradiction, the entity first; empty if there is none.
+        A sentence for each contradiction, which begins with the entity; empty if there is none.
     """
     problems = list(_find_missing_entries(books))
     if problems:  # the other checks need all entities

@@ -1,4 +1,4 @@
-"""Upkeep of the state folder: what is no longer kept is deleted after each verified backup.
+"""Upkeep of the state folder: expired files and events are deleted after each verified backup.
 
 Nothing is imported here: commands and workers need one module each.
 """

@@ -16,7 +16,7 @@ _PICTURE_PX = 220
 
 
 def draw_part(stl: Path) -> bytes | None:
-    """Draw a part in its printing pose as PNG; None if the file is no STL that can be read."""
+    """Draw a part in its printing pose as PNG; return None if the file is not a readable STL."""
     import numpy as np  # these are slow to load
     import trimesh
 

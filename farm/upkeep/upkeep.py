@@ -47,7 +47,7 @@ from slicing.cache import trim_cache
 log = logging.getLogger(__name__)
 
 MAX_EVENTS = 500_000
-"""Events that are kept at most, about 300 MB; a print has about ten."""
+"""Largest number of events that are kept, about 300 MB; a print has about ten."""
 FARM_CALLER = "the farm"
 _DRAWING = Limit("drawing the parts of an old job", 1800.0)  # a worker may first have to compile its code
 _store_part_pictures = Deferred("farm.upkeep.part_pictures:store_part_pictures")
@@ -88,7 +88,7 @@ class Upkeep:
         self._spawn(self._run(backup, FARM_CALLER))
 
     async def measure(self) -> None:
-        """Warn people if the disk is full within two nights, or no longer."""
+        """Warn people if the disk will be full within two nights; withdraw the warning once it will not."""
         controller, reserve_gb = self._controller, self._controller.fleet.fleet.uploads.free_gb
         now_s, scale = controller.clock.now(), controller.clock.scale
         try:
@@ -123,7 +123,7 @@ class Upkeep:
     # -- command ----------------------------------------------------------------------------------------
 
     async def prune(self, by: str, dry_run: bool) -> api.PruneResponse:
-        """Back up, then delete what is no longer kept; or with `dry_run` only list it.
+        """Back up, then delete expired files and events; with `dry_run`, only list them.
 
         Raises
         ------
@@ -136,7 +136,7 @@ class Upkeep:
                 return await self._preview(now_s)
             try:
                 backup = await asyncio.to_thread(back_up, self._state, now_s)
-            except StoreError as error:  # the disk may be full: jobs that ended before the last backup can go
+            except StoreError as error:  # a full disk: files of jobs in the last backup can be deleted
                 backups = list_backups(self._state)
                 if not backups:
                     raise
@@ -189,7 +189,7 @@ class Upkeep:
         )
 
     async def _compact_events(self, backup: Path) -> int:
-        """Delete old events, a few at a time; returns their number. The events of the kept days stay."""
+        """Delete the events older than the kept days, in batches; return their number."""
         now_s = self._controller.clock.now()
         last = self._store.find_last_old_event(now_s - self._rules.days * _DAY_S, MAX_EVENTS)
         if not last:
@@ -203,7 +203,7 @@ class Upkeep:
         return deleted_count
 
     async def _prune_jobs(self, backup_s: float, by: str) -> list[api.PrunedJob]:
-        """Commit the jobs whose files are deleted, one after the other, with pictures of their parts."""
+        """Commit the jobs whose files will be deleted, one by one, with pictures of their parts."""
         controller = self._controller
         files = await asyncio.to_thread(list_files, self._state.files)
         pruned_jobs = []
@@ -233,10 +233,10 @@ class Upkeep:
             return {}
 
     async def _finish(self) -> int:
-        """Delete the files of pruned jobs, and old ones that no job has; returns the bytes.
+        """Delete the files of pruned jobs, and old files that no job names; return their bytes.
 
-        The first remain if a daemon was killed while it pruned, the others if it was killed while it stored
-        files. A restored backup may name files that are gone: those jobs count as pruned.
+        The first remain after a daemon was killed while it pruned, the others after one was killed while it
+        stored files. A restored backup may name files that are gone: those jobs count as pruned.
         """
         controller, folder = self._controller, self._state.files
         files = await asyncio.to_thread(list_files, folder)
@@ -254,12 +254,12 @@ class Upkeep:
     ) -> list[tuple[frozenset[str], float]]:
         """List the files that are not kept, with the wall seconds since they were stored.
 
-        Files that no job has may belong to a database that a person puts back: they stay for `days`.
+        Files that no job names may belong to a database that a person restores: they stay for `days`.
         """
-        given_up = list_deletable_files(books)
-        unknown = files.keys() - given_up - list_named_files(books)
+        deletable = list_deletable_files(books)
+        unknown = files.keys() - deletable - list_named_files(books)
         days_s = self._rules.days * _DAY_S / self._controller.clock.scale
-        return [(given_up & files.keys(), GRACE_S), (frozenset(unknown), max(GRACE_S, days_s))]
+        return [(deletable & files.keys(), GRACE_S), (frozenset(unknown), max(GRACE_S, days_s))]
 
     def _select(
         self, files: dict[str, StoredFile], books: Books, now_s: float, backup_s: float | None = None

@@ -1,4 +1,4 @@
-"""Work on a cluster by Dask's `distributed`, without a shared disk; files travel by their SHA-256.
+"""Work on a cluster by Dask's `distributed`, without a shared disk; files are sent, named by their SHA-256.
 
 `distributed` is imported by `connection`, `dask_worker` and `make_security` alone, where a cluster is used.
 """

@@ -54,14 +54,14 @@ class Link(Protocol):
 
 
 Connect = Callable[[Callable[[tuple[ClusterWorker, ...]], None], Callable[[dict[str, Any]], None]], Link]
-"""Makes a link from the functions that it calls with the workers, and with messages of tasks."""
+"""Function that makes a link from two callbacks: for the list of workers, and for messages of tasks."""
 
 
 class ClusterPool:
     """Pool on a cluster; see `farm.compute.pool.Pool`.
 
-    Work without known files stays here: it is quick, and a person waits for it. Without a usable worker of
-    the cluster for `cluster_state.PATIENCE_S`, all work runs here until there is one.
+    Work without known files runs on this computer: it is quick, and a person waits for it. When the cluster
+    has had no usable worker for `cluster_state.PATIENCE_S`, all work runs on this computer until it has one.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class ClusterPool:
         self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
         self._here = 0
         self._sent_hashes: set[str] = set()  # hashes of files that the cluster was sent before
-        self._close_event = asyncio.Event()  # no work is given to the cluster
+        self._close_event = asyncio.Event()  # set while the cluster gets no work
         self._link = connect(self._on_workers, self._on_message)
         self._watch_task: asyncio.Task[None] | None = None
 
@@ -109,7 +109,7 @@ class ClusterPool:
 
     @property
     def has_idle(self) -> bool:
-        """Check that a task would start at once; see `Pool.has_idle`."""
+        """True if a task would start at once; see `Pool.has_idle`."""
         return self._own.has_idle if choose_place(self._lost_s()) is Place.HERE else self._slot_queue.has_free
 
     @property
@@ -182,7 +182,7 @@ class ClusterPool:
                 await self._watch_task
 
     async def _attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
-        """Run a task on the cluster, first without the files that it was sent before. Raises AttemptLost."""
+        """Run a task on the cluster, first without files that were sent before. Raises AttemptLost."""
         new = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
         for files in (new, task.reads):
             contents = await asyncio.to_thread(_read_contents, files)
@@ -195,9 +195,9 @@ class ClusterPool:
         raise AttemptLost(f"worker {answer.host} did not keep its files")
 
     async def _submit(self, task: RemoteTask, contents: dict[str, bytes], group: Hashable) -> RemoteAnswer:
-        """Submit a task under a new name, and wait for the answer, or until the cluster is given up."""
+        """Submit a task under a new name, and wait for the answer, or until the cluster is abandoned."""
         kind = re.sub(r"[^a-z]+", "_", task.limit.what.lower())
-        named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns how long a kind takes
+        named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
         self._running[named_task.id] = (RunningTask(task.limit.what, group), named_task)
         answer_future = asyncio.ensure_future(self._link.submit(named_task, contents))
         closure = asyncio.ensure_future(self._close_event.wait())

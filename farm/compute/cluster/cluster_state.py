@@ -1,4 +1,4 @@
-"""State of a cluster as a farm uses it, for people and for the choice where work runs. Pure."""
+"""State of a cluster, for display and for the choice of the place where work runs. Pure."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ClusterWorker:
     slots
         Number of tasks at the same time.
     refused
-        Reason for which it gets no tasks, in words; None if it gets some.
+        Reason why it gets no tasks, as text; None if it gets tasks.
     """
 
     name: str
@@ -47,7 +47,7 @@ class RunningTask:
 
 @dataclass(frozen=True, slots=True)
 class ClusterState:
-    """State of a cluster, and the tasks that it has.
+    """State of a cluster, and its tasks.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class ClusterState:
     lost_s: float
 
     def list_problems(self) -> list[str]:
-        """Describe the problems that need a person, in sentences without figures that change all the time."""
+        """Describe the problems that need a person, in sentences that stay equal while the problem lasts."""
         problems = []
         if self.place is Place.HERE:
             problems.append(

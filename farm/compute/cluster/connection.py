@@ -27,14 +27,14 @@ _POLL_S = 1.0  # wall seconds between two checks of the workers
 _ANSWER_S = 10.0  # wall seconds in which the scheduler answers
 _CONNECT_S = 10.0
 _STUCK_S = 20.0
-"""Wall seconds without a heartbeat after which a worker is given up; one is due every second or two."""
+"""Wall seconds without a heartbeat after which a worker is removed; one is due every second or two."""
 
 OnMessage = Callable[[dict[str, Any]], None]
 OnWorkers = Callable[[tuple[ClusterWorker, ...]], None]
 
 
 class Connection:
-    """Connection to a scheduler, made again whenever it is lost.
+    """Connection to a scheduler, made again after each loss.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Connection:
     installation
         Versions on this computer; workers with others are refused.
     on_workers
-        Called every second with the workers, none if the scheduler does not answer.
+        Called every second with the workers; with an empty tuple if the scheduler does not answer.
     on_message
         Called with messages of running tasks; see `dask_worker.run_task`.
 
@@ -68,8 +68,8 @@ class Connection:
         self._on_workers, self._on_message = on_workers, on_message
         self._client: Client | None = None
         self._workers: tuple[ClusterWorker, ...] = ()
-        self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}  # done once those workers are gone
-        self._heard: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was new here
+        self._attempts: dict[asyncio.Future[None], frozenset[str]] = {}  # set once all these workers are gone
+        self._heartbeats: dict[str, tuple[float, float]] = {}  # last heartbeat, and when it was first seen
         _use_own_log()
         dask.config.set({"distributed.admin.large-graph-warning-threshold": "16 GiB"})  # models are large
 
@@ -95,13 +95,13 @@ class Connection:
         Parameters
         ----------
         contents
-            Files that go with it, by their hash.
+            Files to send with it, by their hash.
 
         Raises
         ------
         AttemptLost
-            If no answer came, or will come as all workers that might have it have left; the task may be
-            submitted again, under another id.
+            If there is no answer: the cluster is gone, or all workers that could run the task have left it.
+            The task may be submitted again, under another id.
         """
         client = self._client
         usable = [worker.address for worker in self._workers if worker.refused is None]
@@ -134,7 +134,7 @@ class Connection:
         return answer
 
     async def _await_answer(self, future: Any, addresses: frozenset[str]) -> object:
-        """Wait for an answer, or until all workers that might give it are gone. Raises AttemptLost."""
+        """Wait for an answer, or until all workers that could run the task are gone. Raises AttemptLost."""
         loss: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         answer_future = asyncio.ensure_future(_wait_for(future))
         self._attempts[loss] = addresses
@@ -176,22 +176,22 @@ class Connection:
         present = {worker.address for worker in workers}
         for loss, addresses in self._attempts.items():
             if present and present.isdisjoint(addresses) and not loss.done():
-                loss.set_result(None)  # Dask would wait for them, also if they came back by other addresses
+                loss.set_result(None)  # Dask would wait for them even after they return at other addresses
         self._on_workers(self._workers)
 
     async def _report_always(self) -> None:
-        """Report the workers last seen every second, also while a connection is awaited."""
+        """Report the last list of workers every second, also while there is no connection."""
         while True:
             await asyncio.sleep(_POLL_S)
             self._on_workers(self._workers)
 
     async def _give_up_stuck(self, records: dict[str, dict[str, Any]]) -> None:
-        """Remove workers that are silent for long: a stopped process keeps its connection, and its tasks.
+        """Remove workers without a recent heartbeat: a stopped process keeps its connection and its tasks.
 
-        Dask does so after five minutes by default. The tasks go to other workers.
+        Dask removes them after five minutes by default. Their tasks go to other workers.
         """
         now_s = time.monotonic()
-        for address in list_stuck(records, self._heard, now_s):
+        for address in list_stuck(records, self._heartbeats, now_s):
             if self._client is not None:
                 log.warning("worker %s is silent: its tasks go to others", records[address]["name"])
                 await self._client.scheduler.unregister(address=address, stimulus_id=f"farm-silent-{now_s}")
@@ -209,7 +209,7 @@ async def _wait_for(future: Any) -> object:
 
 
 def list_workers(records: dict[str, dict[str, Any]], installation: Installation) -> tuple[ClusterWorker, ...]:
-    """Read the workers of farms from the scheduler's records, by address, and compare their versions."""
+    """List the workers for farms in the scheduler's records, by address, and compare their versions."""
     workers = []
     for address, record in sorted(records.items()):
         facts = record.get(RESOURCE)
@@ -221,30 +221,30 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
 
 
 def list_stuck(
-    records: dict[str, dict[str, Any]], heard: dict[str, tuple[float, float]], now_s: float
+    records: dict[str, dict[str, Any]], heartbeats: dict[str, tuple[float, float]], now_s: float
 ) -> list[str]:
-    """Return the addresses of the workers that have been silent for too long.
+    """Return the addresses of the workers without a recent heartbeat, and update `heartbeats`.
 
     Parameters
     ----------
     records
         The scheduler's records of its workers.
-    heard
-        Last heartbeat of each worker, and the time at which it was new; brought up to date.
+    heartbeats
+        Last heartbeat of each worker, and the time at which it was first seen; updated.
     now_s
         Seconds of a monotonic clock.
     """
-    for address in [address for address in heard if address not in records]:
-        del heard[address]
+    for address in [address for address in heartbeats if address not in records]:
+        del heartbeats[address]
     for address, record in records.items():
         last_s = float(record.get("last_seen", 0.0))
-        if address not in heard or heard[address][0] != last_s:
-            heard[address] = (last_s, now_s)
-    return [address for address in records if now_s - heard[address][1] > _STUCK_S]
+        if address not in heartbeats or heartbeats[address][0] != last_s:
+            heartbeats[address] = (last_s, now_s)
+    return [address for address in records if now_s - heartbeats[address][1] > _STUCK_S]
 
 
 def _use_own_log() -> None:
-    """Let Dask's messages go to the log of this process, in its form: Dask has its own handlers."""
+    """Send Dask's messages to the log of this process, in its format, instead of Dask's own handlers."""
     for name in ("distributed", "distributed.client"):
         logger = logging.getLogger(name)
         logger.handlers.clear()

@@ -11,10 +11,10 @@ from farm.compute.cluster.remote_task import RemoteAnswer, RemoteTask
 from farm.compute.cluster.task_executor import TaskExecutor
 
 RESOURCE = "farm"
-"""Dask resource that a task takes one of: other workers of the same cluster get no task of a farm."""
+"""Dask resource of which each task uses one unit: workers without it get no tasks of a farm."""
 TOPIC = "farm-{}"
-"""Topic of the messages about the tasks of a client: where one starts, and its live files."""
-_WATCH_S = 0.2  # wall seconds between two checks that a task is still wanted
+"""Topic of the messages about the tasks of a client: the host of each task, and its live files."""
+_WATCH_S = 0.2  # wall seconds between two checks that the result of a task is still needed
 
 
 class FarmWorker(Worker):  # type: ignore[misc]
@@ -62,10 +62,10 @@ class FarmWorker(Worker):  # type: ignore[misc]
 
 
 async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) -> RemoteAnswer:
-    """Run a task on the worker that Dask chose; end it when its result is no longer wanted.
+    """Run a task on the worker that Dask chose; stop it when nothing needs its result.
 
-    A task is no longer wanted when it was cancelled, or its client or the scheduler is gone. Dask lets a
-    coroutine continue in these cases.
+    That is so when the task was cancelled, or its client or the scheduler is gone. Dask lets a coroutine
+    continue in these cases.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) ->
             if state is None or state.state == "cancelled":
                 break
         if not execution.done():
-            return RemoteAnswer(str(worker.name))  # nobody reads it
+            return RemoteAnswer(str(worker.name))  # has no reader
         answer: RemoteAnswer = await execution
         return answer
     finally:

@@ -1,4 +1,4 @@
-"""Files by their SHA-256, in a folder of bounded size: those used most recently are kept."""
+"""Cache of files by their SHA-256, in a folder of limited size: those used most recently are kept."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CACHE_BYTES = 8 * 2**30
 
 
 class FileCache:
-    """Cache of files. One process uses a folder.
+    """Cache of files. Only one process may use a folder.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class FileCache:
 
     @contextmanager
     def use(self, names: Iterable[str]) -> Iterator[None]:
-        """Keep files that are stored, or will be, while a task uses them; then trim the cache."""
+        """Protect files from removal while a task uses them, even before they are stored; then trim."""
         used_names = set(names)
         self._use_counts.update(used_names)
         try:

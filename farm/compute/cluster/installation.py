@@ -44,7 +44,7 @@ class Installation:
 
     @classmethod
     def from_record(cls, record: dict[str, str]) -> Self:
-        """Read the record that `as_record` made, maybe of another version of farm."""
+        """Read a record by `as_record`, which may come from another version of farm."""
         return cls(**{name: str(record.get(name, "?")) for name in cls.__dataclass_fields__})
 
     def as_record(self) -> dict[str, str]:
@@ -63,14 +63,14 @@ class Installation:
         return None
 
     def pair_paths(self, host_installation: Installation) -> list[tuple[str, str]]:
-        """Pair the places of this installation with those of another, if this has them."""
+        """Pair the paths of this installation with those of another, where both have them."""
         names = ("engine_path", "resources_path", "materials_path")
         pairs = [(getattr(self, name), getattr(host_installation, name)) for name in names]
         return [pair for pair in pairs if all(pair)]
 
 
 def read_installation() -> Installation:
-    """Read the versions on this computer; reads every file of Cura's settings, so it takes a second.
+    """Read the versions on this computer. Takes a second, as it reads every file of Cura's settings.
 
     Raises
     ------

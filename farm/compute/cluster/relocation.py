@@ -12,13 +12,13 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Relocation:
-    """Pairs of paths: what lies at or below the first is moved to the second; the longest match counts."""
+    """Pairs of paths: a path at or below the first is moved to the second; the longest match counts."""
 
     pairs: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def from_pairs(cls, pairs: Iterable[tuple[Path | str, Path | str]]) -> Relocation:
-        """Build it from pairs in any order."""
+        """Build a relocation from pairs in any order."""
         texts = {(str(source), str(target)) for source, target in pairs}
         return cls(tuple(sorted(texts, key=lambda pair: (-len(pair[0]), pair))))
 
@@ -27,7 +27,7 @@ class Relocation:
         return Relocation.from_pairs((target, source) for source, target in self.pairs)
 
     def move(self, path: str) -> str:
-        """Move a path; one that lies below none of the pairs stays."""
+        """Return a path moved by the pair that matches it; without a match, the same path."""
         for source, target in self.pairs:
             if path == source:
                 return target
@@ -74,7 +74,7 @@ def load(data: bytes, relocation: Relocation = _NO_RELOCATION) -> Any:
 
 
 def run_relocated(call: bytes, relocation: Relocation) -> bytes:
-    """Run a call, as `dump` wrote it, with its paths moved; runs in a worker process.
+    """Run a call that `dump` wrote, with its paths moved, in a worker process.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def run_relocated(call: bytes, relocation: Relocation) -> bytes:
     Returns
     -------
     bytes
-        Its result, with the paths of the call; see `load`.
+        The result by `dump`, with its paths moved back.
     """
     work, args = load(call, relocation)
     return dump(work(*args), relocation.reverse())

@@ -1,4 +1,4 @@
-"""Records of a task that runs on another computer: what is sent, and what comes back."""
+"""Records of a task that runs on another computer: the task and its answer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class AttemptLost(Exception):
 
 @dataclass(frozen=True, slots=True)
 class InputFile:
-    """A file that a task reads: its path where the task was submitted, hash and size."""
+    """File that a task reads: its path on the submitting computer, hash and size."""
 
     path: str
     sha256: str
@@ -27,7 +27,7 @@ class InputFile:
 
 @dataclass(frozen=True, slots=True)
 class RemoteTask:
-    """A task for a worker of a cluster; every path is of the computer that submits it.
+    """Task for a worker of a cluster; every path is one of the submitting computer.
 
     Attributes
     ----------
@@ -65,15 +65,15 @@ class RemoteAnswer:
     host
         Name of the worker.
     missing
-        Hashes of files that the worker lacks: it ran nothing.
+        Hashes of files that the worker lacks; if there are any, the task was not run.
     result
         Result, by `relocation.dump`; None if there is none.
     error
         Exception of the work; None if it succeeded.
     unfit
-        Reason for which the worker could not do it, where another may; None if it could.
+        Reason why this worker could not run the task, though another may; None if it could.
     files
-        The files that it wrote, by their paths where the task was submitted.
+        The files that the task wrote, by their paths on the submitting computer.
     """
 
     host: str
@@ -95,7 +95,7 @@ def read_files(files: TaskFiles) -> tuple[InputFile, ...]:
 
 
 def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
-    """Write the files that a task wrote elsewhere, where it was submitted.
+    """Write the files that a task wrote on a worker to their paths on this computer.
 
     Raises
     ------

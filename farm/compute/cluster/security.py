@@ -1,4 +1,4 @@
-"""Certificates by which the computers of a cluster know each other."""
+"""Certificates by which the computers of a cluster authenticate each other."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AUTHORITY, CERTIFICATE, KEY = "ca.pem", "cert.pem", "key.pem"
 
 
 def check_cluster(scheduler: str, certificates: Path | None) -> None:
-    """Check that a cluster can be used from here, before anything connects to it.
+    """Check that a cluster can be used from this computer, before connecting to it.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def check_cluster(scheduler: str, certificates: Path | None) -> None:
 
 
 def make_security(scheduler: str, certificates: Path | None) -> Security | None:
-    """Build Dask's settings of TLS from the files of a folder.
+    """Build Dask's TLS settings from the files of a folder.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def make_security(scheduler: str, certificates: Path | None) -> Security | None:
     Raises
     ------
     FarmError
-        As `check_cluster`.
+        See `check_cluster`.
     """
     check_cluster(scheduler, certificates)
     if certificates is None:

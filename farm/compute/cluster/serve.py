@@ -1,4 +1,4 @@
-"""Service of a worker: it joins a cluster, and joins it again after a restart of the scheduler."""
+"""Service of a worker: joins a cluster, and joins it again after a restart of the scheduler."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class WorkerOptions:
     Attributes
     ----------
     folder
-        Folder of this worker alone, for its caches and its tasks.
+        Folder for caches and tasks, used by this worker only.
     slots
         Number of tasks at the same time.
     memory_gb
@@ -52,9 +52,9 @@ async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
     Raises
     ------
     FarmError
-        As `make_security`.
+        See `make_security`.
     SlicingError
-        As `read_installation`.
+        See `read_installation`.
     """
     stop_event = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -17,11 +17,11 @@ class _Waiting:
 
 
 class SlotQueue:
-    """Queue of tasks before a number of slots, which may change."""
+    """Queue of tasks for a number of slots, which may change."""
 
     def __init__(self) -> None:
         self._slots = 0
-        self._is_closed = False  # end all waits, as there is no cluster
+        self._is_closed = False  # while True no task waits, as there is no cluster
         self._waiting: list[_Waiting] = []
         self._running: Counter[Hashable] = Counter()
 
@@ -32,7 +32,7 @@ class SlotQueue:
 
     @property
     def has_free(self) -> bool:
-        """Check that a slot is free."""
+        """True if a slot is free."""
         return self._running.total() < self._slots
 
     def update(self, slots: int, is_closed: bool) -> None:
@@ -42,7 +42,7 @@ class SlotQueue:
 
     @asynccontextmanager
     async def take(self, group: Hashable, urgent: bool) -> AsyncIterator[bool]:
-        """Wait for a slot, and keep it. Yields False, without a slot, if there will be none."""
+        """Wait for a slot, and hold it for the block. Yields False if the queue was closed instead."""
         task = _Waiting(group, urgent, asyncio.get_running_loop().create_future())
         self._waiting.append(task)
         self._serve()

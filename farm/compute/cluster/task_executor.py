@@ -1,4 +1,4 @@
-"""Execution of a task on a worker of a cluster: its files in place, its work in a process."""
+"""Execution of a task on a worker of a cluster: places its files, and runs its work in a process."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
-_POLL_S = 0.5  # wall seconds between two readings of a file that others watch
+_POLL_S = 0.5  # wall seconds between two readings of a live file
 OnLive = Callable[[str, bytes], None]
 
 
 class TaskExecutor:
-    """Executor of the tasks of others on this computer.
+    """Executor of tasks that other computers submit.
 
     Parameters
     ----------
@@ -47,14 +47,14 @@ class TaskExecutor:
     async def execute(
         self, task: RemoteTask, contents: Mapping[str, bytes], on_live: OnLive = lambda *_: None
     ) -> RemoteAnswer:
-        """Run a task; a cancelled call ends its process, and the engine that it runs.
+        """Run a task. Cancelling the call ends the process of the task, and the engine that it runs.
 
         Parameters
         ----------
         contents
             Files that were sent with the task, by their hash.
         on_live
-            Called with a live file of the task (its path where the task was submitted) when it changes.
+            Called when a live file of the task changes, with its path on the submitting computer.
         """
         difference = self.installation.describe_difference(task.installation)
         if difference is not None:
@@ -80,7 +80,7 @@ class TaskExecutor:
                 await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
 
     def _place_files(self, task: RemoteTask, folder: Path) -> Relocation:
-        """Put the files that a task reads into its folder. Returns the relocation from its paths to these."""
+        """Link the files that a task reads into its folder; return the relocation of its paths to there."""
         pairs: list[tuple[Path | str, Path | str]] = list(task.installation.pair_paths(self.installation))
         for number, file in enumerate(task.reads):
             path = folder / f"read-{number}" / Path(file.path).name
@@ -114,7 +114,7 @@ class TaskExecutor:
 
 
 def _collect_files(task: RemoteTask, relocation: Relocation) -> Iterator[tuple[str, bytes]]:
-    """Read the files that a task wrote, with their paths where it was submitted."""
+    """Yield the files that a task wrote, with their paths on the submitting computer."""
     for name in task.writes:
         path = Path(relocation.move(name))
         if path.is_file():

@@ -1,4 +1,4 @@
-"""Requests of programs for their own keys, which an operator grants or denies. Kept in memory only."""
+"""Requests of programs for keys, which an operator grants or denies. Kept in memory only."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ _FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
 MAX_REQUESTS = 5
 MAX_REQUESTS_PER_ADDRESS = 2
 REQUEST_S = 300.0
-"""Wall seconds until a request is forgotten, whether it was answered or not."""
+"""Wall seconds after which a request is deleted, with or without an answer."""
 
 
 @dataclass(slots=True)
 class AppKeyRequest:
-    """Request of a program.
+    """Request of a program for a key.
 
     Attributes
     ----------
     code
         Short code by which the operator identifies it.
     app
-        Name of the program, as it says itself.
+        Name of the program, as stated by itself.
     address
-        The address that it came from.
+        Network address of the sender.
     ends_s
         Time at which it expires.
     key
@@ -46,7 +46,7 @@ class AppKeyRequest:
 
 
 class AppKeyRequests:
-    """Open requests; the programs know them by secret tokens. `now_s` is on any steady clock."""
+    """Open requests, which programs identify by secret tokens. `now_s` is the time of a monotonic clock."""
 
     def __init__(self) -> None:
         self._requests: dict[str, AppKeyRequest] = {}  # by token
@@ -85,7 +85,7 @@ class AppKeyRequests:
         Raises
         ------
         NoSuchThing
-            If nobody asks with this code.
+            If there is no unanswered request with this code.
         Refused
             If a valid key has the same name.
         """

@@ -1,7 +1,7 @@
-"""Keys of callers on the network: added and revoked. Their text is kept only as SHA-256.
+"""Commands that add and revoke keys of callers on the network. Only the SHA-256 of a key's text is stored.
 
-A session is the key of a browser (`farm.control.access.sessions`); its text begins with another word, so that
-neither is accepted in the place of the other.
+A session is the key of a browser (`farm.control.access.sessions`). Its text begins with another word, so a
+session is never accepted as a key, nor a key as a session.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def make_key_text(kind: KeyKind = KeyKind.KEY) -> tuple[str, str]:
     Returns
     -------
     id, text
-        The public part, by which people name the key, and the whole text, which is shown once.
+        The public part, which names the key, and the whole text, which is shown only once.
     """
     name = "".join(secrets.choice(CODE_LETTERS) for _ in range(_ID_LENGTH))
     return name, f"{_WORDS[kind]}_{name}_{secrets.token_urlsafe(_SECRET_BYTES)}"
@@ -66,7 +66,7 @@ def find_key(text: str, keys: Mapping[str, Key], now_s: float, kind: KeyKind = K
     Returns
     -------
     Key or None
-        None if the text is no key of this kind, or an unknown, expired or revoked one.
+        None if the text is not a key of this kind, or the key is unknown, expired or revoked.
     """
     match = _PATTERNS[kind].fullmatch(text)
     key = keys.get(match[1]) if match else None
@@ -87,7 +87,7 @@ class KeyCommands:
         self._controller = controller
 
     def add(self, request: api.KeyRequest, by: str) -> api.NewKey:
-        """Add a key; its text is in the answer and nowhere else.
+        """Add a key, and return it with its text, which is not stored.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class KeyCommands:
         NoSuchThing
             If the key is unknown.
         Refused
-            If it is revoked already.
+            If the key is already revoked.
         """
         if self._controller.books.key(name).revoked_s is not None:
             raise Refused(f"the key {name} is revoked already")

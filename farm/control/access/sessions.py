@@ -1,7 +1,7 @@
-"""Sessions of browsers: opened by a link that serves once or by a key, extended while used, and ended.
+"""Sessions of browsers: opened by a key or by a link that works once, extended while used, and ended.
 
-A user asks for the link on the daemon's own host, where the kernel names the user. Links are kept in memory,
-by their SHA-256; sessions are keys of the books. A session that a key has opened ends with the key.
+A user requests the link on the daemon's host, where the kernel reports the user's name. Links are kept in
+memory, by their SHA-256; sessions are keys in the books. A session that a key opened ends with the key.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from farm.model import Key, KeyKind, Role
 from farm.state import events as ev
 
 LINK_S = 300.0
-"""Wall seconds in which a link can be opened."""
+"""Wall seconds for which a link is valid."""
 IDLE_S = 12 * 3600.0
 """Wall seconds after which an unused session ends."""
 MAX_SESSION_S = 30 * 86400.0
 """Wall seconds after which every session ends."""
 MAX_SESSIONS = 10
-"""Open sessions of one user or one key; one more ends the oldest."""
-_EXTEND_S = 3600.0  # minimum time between two extensions of a session: each is an event
+"""Largest number of open sessions of one user or one key; another one ends the oldest."""
+_EXTEND_S = 3600.0  # least wall seconds between two extensions of a session, as each is an event
 _MAX_LINKS = 5  # maximum number of links of one user
 _MAX_LINKS_TOTAL = 100
 _TOKEN_BYTES = 32
@@ -41,7 +41,7 @@ class LoginLink:
 
 
 def list_open_sessions(keys: Iterable[Key], now_s: float, caller: str | None = None) -> list[Key]:
-    """List the sessions that are open, of one caller or of all; the oldest first."""
+    """List the open sessions of one caller or of all, the oldest first."""
     sessions = [
         key
         for key in keys
@@ -56,7 +56,7 @@ def find_session_end(created_s: float, now_s: float, scale: float, key: Key | No
     Parameters
     ----------
     created_s, now_s
-        Time at which it was opened, and the present time, on the farm's clock.
+        Time at which it was opened, and the current time, on the farm's clock.
     scale
         Farm seconds in a wall second.
     key
@@ -67,19 +67,19 @@ def find_session_end(created_s: float, now_s: float, scale: float, key: Key | No
 
 
 class SessionCommands:
-    """Commands about sessions; one object serves the socket and the network, as it has the links."""
+    """Commands about sessions; the socket and the network share one object, which keeps the links."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._links: dict[str, LoginLink] = {}  # by the digests of their tokens, the oldest first
 
     def make_link(self, user: str, role: Role) -> str:
-        """Make a link for a user, and return its token, which is kept nowhere else.
+        """Make a link for a user, and return its token, which is not stored.
 
         Parameters
         ----------
         user
-            The user whom the kernel named.
+            The user's name, as reported by the kernel.
         role
             The role of the session.
         """
@@ -97,12 +97,12 @@ class SessionCommands:
         return token
 
     def find_link(self, token: str) -> LoginLink:
-        """Find the link of a token without using it up.
+        """Find the link of a token, without invalidating it.
 
         Raises
         ------
         NoSuchThing
-            If it is unknown, used or expired.
+            If the link is unknown, used or expired.
         """
         link = self._links.get(digest_key(token))
         if link is None or self._controller.clock.now() >= link.end_s:
@@ -112,7 +112,7 @@ class SessionCommands:
         return link
 
     def open(self, token: str) -> str:
-        """Open a session by a link, which is used up, and return the session's text.
+        """Open a session by a link, which becomes invalid, and return the session's text.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class SessionCommands:
         return self._open(link.user, link.role, None)
 
     def open_with_key(self, key: Key) -> str:
-        """Open a session with the role of a valid key, which ends with the key; return the session's text."""
+        """Open a session that has the role of a valid key and ends with it; return the session's text."""
         return self._open(key.name, key.role, key)
 
     def _open(self, name: str, role: Role, key: Key | None) -> str:
@@ -153,7 +153,7 @@ class SessionCommands:
         return text
 
     def extend(self, session: Key) -> None:
-        """Extend a session that is used, at most once an hour."""
+        """Extend a session that is in use, at most once an hour."""
         clock = self._controller.clock
         now_s = clock.now()
         key = self._controller.books.keys.get(session.opened_by or "")

@@ -14,7 +14,7 @@ from farm.state.plate_state import PlateState
 
 
 class PrinterState(StrEnum):
-    """Recorded state of a printer: that of its open print, else of its bed."""
+    """Recorded state of a printer: PRINTING with an open print, else the state of its bed."""
 
     PRINTING = "printing"
     CLEAR = "clear"
@@ -37,7 +37,7 @@ class Transition:
     event
         The kind of event.
     starts
-        States in which it can happen; NEW if it creates the entity.
+        States in which the event can happen; NEW if it creates the entity.
     ends
         States that it can lead to; None if the state stays the same.
     """
@@ -68,7 +68,7 @@ class Lifecycle:
     consequences
         Events about another entity that change this one's state.
     find_state
-        Returns the state of an entity in the books; NEW if they do not have it.
+        Returns the state of an entity in the books; NEW if it is not in them.
     """
 
     entity: str
@@ -80,7 +80,7 @@ class Lifecycle:
 
     @property
     def kinds(self) -> frozenset[Kind]:
-        """The kinds of events about the entity itself."""
+        """Kinds of events about the entity itself."""
         return frozenset(row.event for row in self.transitions)
 
     def allows(self, kind: Kind, start: State | None, end: State | None) -> bool:

@@ -1,4 +1,4 @@
-"""Forecast of the nights until the disk is full, from what was stored in the last days. Pure."""
+"""Forecast of the nights until the disk is full, from the bytes stored in the last days. Pure."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: fl
     use
         Space used and free.
     max_bytes
-        Greatest size of the files of jobs: what is above it is pruned every night, as far as it may be.
+        Largest size of the files of jobs: every night the prunable files above it are deleted.
     reserve_bytes
-        Bytes that have to stay free.
+        Bytes that must stay free.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def estimate_nights_until_full(use: DiskUse, max_bytes: float, reserve_bytes: fl
 
 
 def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: float) -> str | None:
-    """Describe a disk that is full within two nights, and what to do; None if there is room.
+    """Describe a disk that will be full within two nights, and what to do; None if there is enough space.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def describe_shortage(folder: str, use: DiskUse, keep_gb: float, reserve_gb: flo
     use
         Space used and free.
     keep_gb, reserve_gb
-        GB that the files of jobs may take, and that have to stay free.
+        GB that the files of jobs may use, and GB that must stay free.
     """
     nights = estimate_nights_until_full(use, keep_gb * _GB, reserve_gb * _GB)
     if nights > WARNING_NIGHTS:

@@ -1,4 +1,4 @@
-"""Names in the file store that the books use: models, parts, G-code, pictures, reports, stills. Pure."""
+"""Names of the stored files in the books: models, parts, G-code, pictures, reports, stills. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from farm.state.books import Books, replace_fields
 
 
 def list_named_files(books: Books) -> frozenset[str]:
-    """List every file that the books name, and that must exist; of pruned jobs only the pictures."""
+    """List all files that the books name and that must exist; for pruned jobs only the pictures."""
     return frozenset().union(*group_file_names_by_job(books).values())
 
 
@@ -27,7 +27,7 @@ def list_deletable_files(books: Books) -> frozenset[str]:
 
 
 def list_job_file_names(books: Books, job: Job) -> frozenset[str]:
-    """List the files of one job, also those of parts and plates that others replaced."""
+    """List the files of one job, including those of replaced parts and plates."""
     return group_file_names_by_job(books)[job.id]
 
 
@@ -48,7 +48,7 @@ def group_file_names_by_job(books: Books) -> Mapping[int, frozenset[str]]:
 
 
 def _list_own_names(job: Job) -> set[str]:
-    """List the files that the record of a job names itself."""
+    """List the files that the record of a job names, without those of its parts, plates and prints."""
     pictures = {*job.part_pictures.values(), *([job.picture] if job.picture else [])}
     if job.pruned_s is not None:
         return pictures

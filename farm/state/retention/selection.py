@@ -12,7 +12,7 @@ from farm.state.retention.file_names import group_file_names_by_job
 
 DAY_S = 86400.0
 MIN_AGE_S = 2 * DAY_S
-"""Time after its end for which a job keeps its files in any case: parts are judged in the morning."""
+"""Least time for which the files of an ended job are kept: people judge parts the next morning."""
 _PRUNABLE = (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
@@ -40,7 +40,7 @@ def _find_keep_reason(books: Books, job: Job, on_beds: Mapping[int, str]) -> str
 
 
 def _list_parts_on_beds(books: Books) -> dict[int, str]:
-    """List the jobs with a part that lies on a bed, or has no verdict: if it is bad, it is printed again."""
+    """List the jobs with a part on a bed or without a verdict: a bad part is printed again."""
     parts = {}
     for printer in books.printers.values():
         last_print = books.last_print_on(printer.name)
@@ -59,7 +59,7 @@ def _is_unjudged(attempt: Print) -> bool:
 def select_jobs(
     books: Books, sizes: Mapping[str, int], rules: KeepRules, now_s: float, backup_s: float
 ) -> list[int]:
-    """Select the jobs whose files are deleted: those too old, and the oldest above the size limit.
+    """Select the jobs whose files are deleted: those past the age limit, and the oldest above the size limit.
 
     Parameters
     ----------
@@ -72,13 +72,14 @@ def select_jobs(
     now_s
         Farm time, in seconds.
     backup_s
-        Time of the newest verified backup, in seconds: a job that ended after it is open if it is restored.
+        Time of the newest verified backup, in seconds. A job that ended later is kept: in the backup it is
+        open.
 
     Returns
     -------
     list of int
-        Numbers of the jobs, the one that ended first at the beginning. Jobs that ended within the last two
-        days are never selected.
+        Numbers of the jobs, in the order of their ends. Jobs that ended within the last two days are never
+        selected.
     """
     names = group_file_names_by_job(books)
     users = Counter(name for job_names in names.values() for name in job_names)
@@ -105,9 +106,9 @@ def list_prunable_files(books: Books, names: Iterable[str], now_s: float) -> set
 
 
 def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
-    """List the jobs that were pruned after the backup was made, by their missing files.
+    """List the jobs that were pruned after the backup, found by their missing files.
 
-    A prune keeps pictures. Where those are missing too, the store may be unavailable, and no job is listed.
+    Pruning keeps pictures. If these are missing too, the store may be unavailable: the job is not listed.
     """
     on_beds = _list_parts_on_beds(books)
     by_job = group_file_names_by_job(books)
@@ -123,7 +124,7 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
 
 
 def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float]]:
-    """List the jobs that ended before a time and whose files nothing needs, by their ends."""
+    """List the jobs that ended before a time and whose files may be deleted, in the order of their ends."""
     on_beds = _list_parts_on_beds(books)
     ended_jobs = [
         (job, job.ended_s)

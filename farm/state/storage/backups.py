@@ -20,20 +20,20 @@ log = logging.getLogger(__name__)
 BACKUP_COUNT = 7
 _MIN_INTERVAL_S = 60.0  # least wall seconds between two backups, for fast simulated clocks
 _SPARE_BYTES = 64 * 2**20
-_HOUR = 4  # local time, after any change of daylight saving
+_HOUR = 4  # local time; clocks change for daylight saving before it
 _STAMP = "books-%Y%m%dT%H%M%SZ"
 _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
-    """Back up the books into a folder beside them, verify it, and delete the oldest. May run in a thread.
+    """Back up the books, verify the copy, and delete the oldest backup. May run in a thread.
 
-    If the disk is full, the slice cache is emptied first: all of it can be made again.
+    If the disk is full, the slice cache is emptied first, as slices can be computed again.
 
     Raises
     ------
     StoreError
-        If they cannot be copied, or the copy cannot be read; earlier backups are kept.
+        If the books cannot be copied, or the copy cannot be read; earlier backups are kept.
     """
     try:
         state.backups.mkdir(mode=0o700, exist_ok=True)
@@ -58,7 +58,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
 
 
 class NightlyBackup:
-    """Backs up the books every night; a failure is reported and retried the next night.
+    """Nightly backup of the books; a failure is reported and retried the next night.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class NightlyBackup:
     report
         Called with a message after a failure, with None after a success.
     clean_up
-        Called with the newest backup, also after a failure: begins to delete what is no longer kept.
+        Called with the newest backup, even after a failure: deletes expired files in the background.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ def compute_next_backup_s(now_s: float, zone: tzinfo) -> float:
 
 
 def is_due(state: StateFolder, now_s: float) -> bool:
-    """Return whether there is no backup of the last day: a farm may be off every night."""
+    """Return whether the last day has no backup, as on a farm that is switched off every night."""
     newest = next(iter(list_backups(state)), None)
     return newest is None or parse_backup_time_s(newest) < now_s - 86400.0
 
@@ -140,8 +140,8 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     Returns
     -------
     store, copied_s
-        The books, and the time of the backup if they are an uncompleted backup: restored now, by a
-        daemon that then died, or by a person.
+        The books, and the time of their backup if the agents' journals have not completed it yet: it was
+        restored now, by a daemon that then died, or by a person.
 
     Raises
     ------

@@ -12,9 +12,9 @@ _SUFFIX = "-count"  # after the books' name
 class EventCount:
     """File with the number of events that are committed to the books of a path.
 
-    If a checksum in a write-ahead log is wrong, SQLite ends the log there without an error, and later
-    commits are lost. The file is not synced: after a power cut it may show fewer events, never more. Errors
-    of the disk are ignored: without the file, only such a loss is not detected.
+    The number reveals lost commits: at a wrong checksum in the write-ahead log, SQLite drops the rest of the
+    log without an error. The file is not synced: after a power cut its number may be too small, never too
+    large. Disk errors are ignored: without the file, only such a loss is not detected.
     """
 
     def __init__(self, books: Path) -> None:

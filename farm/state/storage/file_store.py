@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 GRACE_S = 3600.0
-"""Wall seconds after it was stored for which a file stays, even if the books do not name it."""
+"""Wall seconds for which a new file is kept even if the books do not name it."""
 
 
 def compute_sha256(path: Path) -> str:
@@ -39,10 +39,10 @@ def unlink_missing_files(jobs: Path) -> None:
 
 
 def store_file(folder: Path, source: Path) -> str:
-    """Move a finished file into the store, under its hash and suffix. Returns that name.
+    """Move a finished file into the store, under its hash and suffix; return that name.
 
-    The bytes are on the disk before the name exists, so every named file is complete. A file that is stored
-    again counts as new, so `delete_files` does not delete it before the books name it.
+    The bytes are synced to the disk before the name exists, so every named file is complete. A file that is
+    stored again counts as new: `delete_files` does not delete it before the books name it.
     """
     name = compute_sha256(source) + source.suffix.lower()
     target = folder / name
@@ -86,9 +86,9 @@ def list_files(folder: Path) -> dict[str, StoredFile]:
 
 
 def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: float = GRACE_S) -> int:
-    """Delete files that the books do not name. Returns the number of bytes.
+    """Delete files that the books do not name; return the number of bytes.
 
-    Files that were stored in the last hour stay: the event that names them may follow.
+    Recently stored files stay, as the event that names them may follow.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: fl
     now_s
         Wall time, in seconds since the epoch.
     min_age_s
-        Wall seconds since a file was stored, within which it stays.
+        Least age of deleted files, in wall seconds since they were stored.
     """
     freed_bytes = 0
     for name in names:
@@ -113,7 +113,7 @@ def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: fl
 
 @contextmanager
 def _lock(folder: Path, kind: int) -> Iterator[None]:
-    """Hold the lock of the store's folder: shared to store files, exclusive to delete one."""
+    """Hold the lock of the store's folder: shared for storing a file, exclusive for deleting one."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, kind)

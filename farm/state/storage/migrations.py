@@ -20,10 +20,10 @@ TABLES: dict[type[Entity], str] = {
     Key: "access_key",
 }
 FIRST_VERSIONS: dict[type[Entity], int] = {Key: 4}
-"""First schema version with a table, for those that version 1 does not have."""
+"""First schema version of the tables that version 1 lacks."""
 _COPIED = "copied (at_s REAL NOT NULL)"
 CREATE_COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
-"""Statement for the table with the time of the backup, in restored books until they are completed."""
+"""Statement that creates the table with the time of the backup; it has a row in incomplete books."""
 FIND_CHANGED_ROW = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
 """Query for a row whose checksum does not match."""
 
@@ -34,7 +34,7 @@ _EMPTY = (
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
 EXPECTED_TABLES = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
-"""Tables as SQLite lists them, to detect a damaged table name."""
+"""Statements of the tables as SQLite lists them, to detect a damaged table name."""
 _LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')

@@ -60,8 +60,8 @@ _ENVIRONMENT_ERRORS = frozenset(
 def copy_books(source: Path, target: Path, at_s: float) -> None:
     """Copy books that may be in use; the copy appears when it is complete. Raises StoreError.
 
-    The copy is marked with its time `at_s` until a `BooksRestored` is committed to it, so that no bed
-    counts as clear, whoever restores the copy, and even if a daemon dies while completing it.
+    The copy is marked with its time `at_s` until a `BooksRestored` is committed to it. Until then no bed
+    counts as clear, even if a person restores the copy, or a daemon dies during the restoration.
     """
     partial = target.with_name(f".{target.name}.half")
     try:
@@ -123,7 +123,7 @@ def _load(db: sqlite3.Connection, version: int = SCHEMA_VERSION) -> Books:
 
 
 def _list_kinds(version: int) -> list[type[Entity]]:
-    """List the kinds of entities that a version of the schema has tables for."""
+    """List the kinds of entities with a table in a version of the schema."""
     return [kind for kind in TABLES if FIRST_VERSIONS.get(kind, 0) <= version]
 
 
@@ -147,16 +147,16 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
 class Store:
     """Database of the books. Every method may raise StoreError.
 
-    Each entity is a row of its kind's table, with its fields as JSON: the books are read at start and live in
-    memory, so that only the records define the fields. Those at their defaults, which must not change, are
-    left out.
+    Each entity is a row of its kind's table, with its fields as JSON. The books are read at start and kept in
+    memory, so the tables need no columns for single fields. Fields with their default value are left out;
+    these defaults must therefore never change.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._count = EventCount(path)
-        self._last_number: int | None = None  # of the last event of a transaction; None without one
-        self._is_writing = False  # whether a block of `transaction` is open
+        self._last_number: int | None = None  # of the last event of the transaction; None without events
+        self._is_writing = False  # True in a block of `transaction`
         is_new = not path.exists() or not path.stat().st_size
         _make_private(path)
         try:
@@ -180,7 +180,7 @@ class Store:
                 raise DamagedBooks(f"the database {path} is damaged: {' '.join(result.split())}")
             self._create()
             self._check_rows()
-            if is_new:  # the old ones were moved away
+            if is_new:  # the former books were moved away: their count is invalid
                 self._count.remove()
             self._has_lost_events = self._find_last_event() < self._count.read()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # the error message may not be text
@@ -246,7 +246,7 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Write all commits of a block in one transaction, synced to the disk once: all of them, or none."""
+        """Write all commits of a block in one transaction, synced to the disk once; all or none succeed."""
         if self._is_writing:  # the outer block ends it
             yield
             return
@@ -257,14 +257,14 @@ class Store:
                 yield
                 self._db.execute("COMMIT")
             except BaseException:
-                if self._db.in_transaction:  # on a full disk SQLite rolls back by itself
+                if self._db.in_transaction:  # SQLite itself rolls back on a full disk
                     self._db.execute("ROLLBACK")
                 raise
         except sqlite3.Error as error:
             raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
         finally:
             self._is_writing = False
-        if self._last_number is not None:  # a block may be empty, also after commits that failed
+        if self._last_number is not None:  # a block may be empty, even after failed commits
             self._count.write(self._last_number)
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
@@ -306,10 +306,10 @@ class Store:
             raise StoreError(f"the event log cannot be read: {error}") from error
 
     def find_last_old_event(self, before_s: float, limit: int) -> int:
-        """Find the last event that need not be kept: all later events are after a time, and at most `limit`.
+        """Find the last event that may be deleted: older than a time, or followed by `limit` newer events.
 
-        The last event of all is always kept, as its number shows that no commit is lost. Returns 0 if every
-        event is kept.
+        The newest event is always kept, as its number shows that no commit is lost. Returns 0 if every event
+        is kept.
         """
         (newest,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         (first_kept,) = self._db.execute("SELECT min(seq) FROM event WHERE at_s >= ?", (before_s,)).fetchone()
@@ -324,7 +324,7 @@ class Store:
         return int(number)
 
     def delete_events(self, last: int, at_once: int = 2000) -> int:
-        """Delete the oldest events up to a number, some in one transaction. Returns their number."""
+        """Delete up to `at_once` of the oldest events up to a number; return how many were deleted."""
         try:
             return self._db.execute(
                 "DELETE FROM event WHERE seq IN (SELECT seq FROM event WHERE seq <= ? ORDER BY seq LIMIT ?)",
@@ -334,7 +334,7 @@ class Store:
             raise StoreError(f"old events cannot be deleted: {error}") from error
 
     def release_space(self, min_bytes: int = 16 * 2**20) -> bool:
-        """Make the file smaller if much of it is unused. Returns True if it did so."""
+        """Shrink the file if at least half of it is unused; return whether it was shrunk."""
         try:
             (pages,), (unused_pages,), (page_bytes,) = (
                 self._db.execute(f"PRAGMA {name}").fetchone()

@@ -33,7 +33,7 @@ def apply(event: ev.Event, books: Books) -> Result:
     NoSuchThing
         If the event names an unknown entity.
     InvalidTransition
-        If it is not allowed in the state of its entity.
+        If the event is not allowed in the state of its entity.
     """
     subjects = list(find_subjects(event, books))
     changed_books, instructions = change(event, books)
@@ -62,7 +62,7 @@ def find_subjects(event: ev.Event, books: Books) -> Iterator[Subject]:
     NoSuchThing
         If the event names an unknown entity, and does not create it.
     InvalidTransition
-        If it is not allowed in the state of one of them.
+        If the event is not allowed in the state of one of them.
     """
     kind = type(event)
     for lifecycle in LIFECYCLES:

@@ -16,7 +16,7 @@ def _(event: ev.KeyAdded, books: Books) -> Result:
 
 @change.register
 def _(event: ev.KeyRevoked, books: Books) -> Result:
-    """Revoke a key, and with it the sessions that it has opened."""
+    """Revoke a key, and the sessions that it opened."""
     revoked_keys = [books.key(event.key)]
     revoked_keys += [
         key for key in books.keys.values() if key.opened_by == event.key and key.revoked_s is None
@@ -26,7 +26,7 @@ def _(event: ev.KeyRevoked, books: Books) -> Result:
 
 @change.register
 def _(event: ev.SessionOpened, books: Books) -> Result:
-    """Add a session. Those of its caller that have ended are removed, so that the books do not grow."""
+    """Add a session, and remove the ended sessions of its caller."""
     ended_sessions = [
         key.id
         for key in books.keys.values()

@@ -88,7 +88,7 @@ def _(event: ev.PrintFound, books: Books) -> Result:
 def _(event: ev.PrintEnded, books: Books) -> Result:
     previous = books.prints[event.print_id]
     plate, printer = books.plates[previous.plate], books.printer(previous.printer)
-    unknown = _end_is_unknown(event, previous)
+    unknown = _is_end_unknown(event, previous)
     attempt = _end_print(event, previous, plate)
     printer = replace_fields(
         printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams)
@@ -110,7 +110,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     return books, (ev.SendForget(print_id=attempt.id, printer=attempt.printer),)
 
 
-def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
+def _is_end_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
     """Return whether a restored print may have been done, or ended by a person, since the backup."""
     is_lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
     return attempt.restored and is_lost
@@ -127,7 +127,7 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
     # The print ended before the request reached its agent.
     if state is PrintState.DONE and attempt.fail_reason is not None:
         attempt = replace_fields(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
-    unknown = _end_is_unknown(event, attempt)
+    unknown = _is_end_unknown(event, attempt)
     has_extruded = attempt.extruded or event.extruded
     return replace_fields(
         attempt,
@@ -162,7 +162,7 @@ _WEIGHT = 0.25
 
 
 def update_time_factor(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
-    """Update a printer's factor by one more print: an exponentially weighted mean of bounded steps.
+    """Update a printer's factor by one print: an exponentially weighted mean of bounded steps.
 
     Parameters
     ----------
@@ -173,13 +173,14 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
     reached_s
         Seconds that the layers took, without heat-up, start and end code.
     starved_s
-        Seconds of these for which a simulated printer waited for its host.
+        Part of `reached_s` for which a simulated printer waited for its host.
 
     Returns
     -------
     float
-        Between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`. A print that took
-        less than half or more than twice as long is ignored: it was paused, or the clock was set.
+        New factor, between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`. A print
+        that took less than half or more than twice the expected time is ignored: it was paused, or the clock
+        was set.
     """
     if expected_s < MIN_LEARNED_S or reached_s <= 0.0 or starved_s > MAX_STARVED_SHARE * reached_s:
         return factor

@@ -1,7 +1,7 @@
-"""Rules for a job that is moved in the queue, or has another start. Pure.
+"""Rules for a job that is moved in the queue, or gets another start time. Pure.
 
 A moved job takes the priority of the job that follows it, and a rank between its neighbours. The rank of a
-job that was never moved is its number, so that later jobs come after all jobs of their priority.
+job that was never moved is its number, so later jobs follow all earlier jobs of their priority.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def _(event: ev.JobRescheduled, books: Books) -> Result:
 
 
 def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Iterator[Job]:
-    """Yield a job with its new rank and, where there is no rank left for it, the others with new ones.
+    """Yield a job with its new rank; if no rank is free there, also the other jobs with new ranks.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def _place_job(job: Job, others: list[Job], place: int, last_number: int) -> Ite
     place
         Index in `others` before which the job is put.
     last_number
-        Largest number of any job: the next one that is submitted ranks behind it.
+        Largest number of any job, so the largest rank of a job that was not moved.
     """
     jobs_before, jobs_after = others[:place], others[place:]
     if not others:

@@ -11,5 +11,5 @@ from farm.state.consequences import Result
 
 @singledispatch
 def change(event: ev.Event, books: Books) -> Result:
-    """Apply an event that is allowed in the present state of the books."""
+    """Apply an event that is allowed in the current state of the books."""
     raise TypeError(f"no rule for {type(event).__name__}")
