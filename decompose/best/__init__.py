@@ -1,0 +1,16 @@
+"""Engine `best`: the guillotine engine on several grids and at several angles, in rounds of attempts."""
+
+from decompose.best.attempt import Outcome, Trial, make_attempt, rotate_about_z
+from decompose.best.rounds import SearchState, choose_first_grid, plan_next_round
+from decompose.best.search import find_best
+
+__all__ = [
+    "Outcome",
+    "SearchState",
+    "Trial",
+    "choose_first_grid",
+    "find_best",
+    "make_attempt",
+    "plan_next_round",
+    "rotate_about_z",
+]

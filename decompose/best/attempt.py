@@ -1,0 +1,97 @@
+"""One attempt of the engine `best`: an engine on a grid, with the model turned about z."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+from scipy.spatial.transform import Rotation
+
+from decompose.errors import DecomposeError, GeometryError, ModelNotSolid, NoFit
+from decompose.options import Engine
+from decompose.problem import Effort, Problem
+from decompose.results import Attempt, Decomposition
+
+ByEngine = Callable[[Problem], Decomposition]
+"""Returns the checked result of the engine that a problem's options name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """An engine, a grid and an angle to try.
+
+    Attributes
+    ----------
+    effort_s
+        Work that the attempt may do, see `problem.Effort`.
+    """
+
+    engine: Engine
+    granularity: str | int
+    yaw_deg: float = 0.0
+    effort_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """Outcome of an attempt: its record, and its result or the error that prevents one."""
+
+    attempt: Attempt
+    result: Decomposition | None = None
+    error: DecomposeError | None = None
+
+
+def make_attempt(
+    problem: Problem,
+    by_engine: ByEngine,
+    trial: Trial,
+    best_known_s: float,
+    on_spent: Callable[[float], None] | None = None,
+) -> Outcome:
+    """Make one attempt.
+
+    Parameters
+    ----------
+    problem, by_engine
+        As in `find_best`.
+    best_known_s
+        Makespan to beat.
+    on_spent
+        See `problem.Effort`.
+    """
+    effort = Effort(trial.effort_s, on_spent=on_spent)
+    options = replace(problem.options, engine=trial.engine, granularity=trial.granularity)
+    trial_problem = replace(
+        rotate_about_z(problem, trial.yaw_deg),
+        options=options,
+        effort=effort,
+        best_known_s=best_known_s,
+        thorough=True,
+    )
+    started_s, makespan_s, reason = perf_counter(), None, ""
+    result: Decomposition | None = None
+    failure: DecomposeError | None = None
+    try:
+        result = replace(by_engine(trial_problem), yaw_deg=trial.yaw_deg)
+        makespan_s = result.makespan_s
+    except (NoFit, GeometryError, ModelNotSolid) as error:
+        failure = error
+        out_of_budget = effort.cut_short and isinstance(error, NoFit)
+        reason = "nothing was found before the budget was spent" if out_of_budget else str(error)
+    attempt = Attempt(
+        trial.engine,
+        trial.granularity,
+        trial.yaw_deg,
+        makespan_s,
+        perf_counter() - started_s,
+        effort.spent_s,
+        not effort.cut_short,
+        reason,
+    )
+    return Outcome(attempt, result, failure)
+
+
+def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
+    """Rotate a problem's model about z."""
+    return problem.rotate(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())

@@ -1,0 +1,194 @@
+"""Rounds of the engine `best`: which attempts come next, with which effort. Pure.
+
+The attempts of a round depend on the rounds before alone, not on each other, so that they can be made side
+by side, in any order, with the same result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from decompose.best.attempt import Outcome, Trial, rotate_about_z
+from decompose.errors import DecomposeError
+from decompose.grid import count_cells, count_cuts
+from decompose.options import Engine
+from decompose.problem import MAX_CELLS, WORK_NS, Problem, Work, choose_granularity
+from decompose.results import Attempt, Decomposition
+
+GRID_SHARE = 0.5  # share of the budget for the tables of the first grid, its solves and its bound
+USUAL_SOLVES = 30  # usual number of solves on a grid, each for another limit
+START_SHARE = 0.5  # share of the first attempt's effort that must be left to start another attempt
+OTHER_GRIDS = (1.1, 0.95, 0.9)  # ratios of the number of cells along a side to that of the first grid
+# Rotations of the model about z; after a quarter turn the grid is the same.
+OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)
+# Minimum gain of a rotation, as a share of the makespan: cuts along a model's own sides are easier to glue.
+MIN_TURNING_GAIN = 0.01
+MIN_GAIN = 0.03  # minimum possible gain, as a share of the makespan, for which another grid is tried
+SPENT = "not begun: the budget was spent"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchState:
+    """Attempts of the rounds so far, and the best of their results.
+
+    Attributes
+    ----------
+    failure
+        Error of the first attempt that had one.
+    """
+
+    attempts: tuple[Attempt, ...] = ()
+    best: Decomposition | None = None
+    failure: DecomposeError | None = None
+
+    @property
+    def has_sound_result(self) -> bool:
+        """Check that an attempt has parts without faults."""
+        return self.best is not None and not self.best.faults
+
+    @property
+    def best_known_s(self) -> float:
+        """Makespan that another attempt has to beat; inf without a sound result."""
+        return self.best.makespan_s if self.best is not None and self.has_sound_result else math.inf
+
+    @property
+    def yaw_deg(self) -> float:
+        """Angle by which the model of the best result is turned."""
+        return 0.0 if self.best is None else self.best.yaw_deg
+
+    def add(self, outcomes: Sequence[Outcome]) -> SearchState:
+        """Add the outcomes of a round, in the order in which it was planned."""
+        state = self
+        for outcome in outcomes:
+            result = outcome.result
+            state = SearchState(
+                (*state.attempts, outcome.attempt),
+                result if result is not None and state._is_beaten_by(result) else state.best,
+                state.failure or outcome.error,
+            )
+        return state
+
+    def _is_beaten_by(self, result: Decomposition) -> bool:
+        if self.best is None:
+            return True
+        if result.yaw_deg and not self.yaw_deg:
+            result = replace(result, makespan_s=result.makespan_s / (1.0 - MIN_TURNING_GAIN))
+        return _make_rank(result) < _make_rank(self.best)
+
+
+def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
+    """Plan the attempts that follow those of a state; none at the end of the search.
+
+    The first grid is tried alone. Where it is coarser than the usual one, for a small budget, and has no
+    sound result, the usual one follows with the whole budget, then Parallelobox: a model has to be cut. The
+    next rounds are other grids, the model turned about z, and other grids at the best angle. The attempts
+    of a round have equal shares of the remaining budget. A round has as many as can each have the effort of
+    the first attempt, at least one; the others form the next round, with what these have left.
+    """
+    budget_s, usual = problem.options.best.budget_s, problem.options.granularity
+    first = choose_first_grid(problem)
+    if not state.attempts:
+        return (Trial(Engine.GUILLOTINE, first, effort_s=budget_s),)
+    if not state.has_sound_result and first != usual and len(state.attempts) == 1:
+        return (Trial(Engine.GUILLOTINE, usual, effort_s=budget_s),)
+    trials = next(iter(_list_stages(problem, state)), ())
+    remaining_s, first_s = compute_remaining_s(problem, state), state.attempts[0].effort_s
+    is_too_little = state.best is not None and remaining_s < START_SHARE * first_s
+    if not trials or remaining_s <= 0.0 or is_too_little:
+        return ()
+    count = len(trials) if first_s <= 0.0 else min(len(trials), max(1, int(remaining_s / first_s)))
+    return tuple(replace(trial, effort_s=remaining_s / count) for trial in trials[:count])
+
+
+def list_open_attempts(problem: Problem, state: SearchState) -> list[Attempt]:
+    """List the attempts for which the budget of a search that has ended did not suffice."""
+    return [
+        Attempt(trial.engine, trial.granularity, trial.yaw_deg, finished=False, reason=SPENT)
+        for stage in _list_stages(problem, state)
+        for trial in stage
+    ]
+
+
+def compute_remaining_s(problem: Problem, state: SearchState) -> float:
+    """Return the budget that the attempts have left, in seconds of effort."""
+    counted_attempts = state.attempts[1:] if _is_first_repeated(problem, state) else state.attempts
+    return problem.options.best.budget_s - sum(attempt.effort_s for attempt in counted_attempts)
+
+
+def _is_first_repeated(problem: Problem, state: SearchState) -> bool:
+    """Check whether the usual grid was tried after a coarser one, again with the whole budget."""
+    usual = problem.options.granularity
+    grids = [attempt.granularity for attempt in state.attempts[:2] if not attempt.yaw_deg]
+    return len(grids) == 2 and grids[0] != usual == grids[1] and state.attempts[1].engine is Engine.GUILLOTINE
+
+
+def _list_stages(problem: Problem, state: SearchState) -> list[tuple[Trial, ...]]:
+    """List the attempts that may follow the first grid and were not made, by their stages."""
+    usual = problem.options.granularity
+    stages: list[tuple[Trial, ...]] = []
+    if not state.has_sound_result:
+        stages.append((Trial(Engine.PARALLELOBOX, usual),))
+    if usual == "auto" and len(problem.printers) > 1:
+        grid = usual if _is_first_repeated(problem, state) else state.attempts[0].granularity
+        is_turned = any(attempt.yaw_deg for attempt in state.attempts)
+        if not is_turned:
+            stages.append(_list_other_grids(problem, state, grid))
+        stages.append(tuple(Trial(Engine.GUILLOTINE, grid, yaw_deg) for yaw_deg in OTHER_YAWS_DEG))
+        if state.yaw_deg:
+            stages.append(_list_other_grids(problem, state, grid))
+    begun = {(attempt.engine, attempt.granularity, attempt.yaw_deg) for attempt in state.attempts}
+    open_stages = [
+        tuple(trial for trial in stage if (trial.engine, trial.granularity, trial.yaw_deg) not in begun)
+        for stage in stages
+    ]
+    return [stage for stage in open_stages if stage]
+
+
+def _list_other_grids(problem: Problem, state: SearchState, grid: str | int) -> tuple[Trial, ...]:
+    """List grids around one at the best angle, each shape once; none if the possible gain is too small."""
+    if state.best is not None and state.best.compute_possible_gain(problem.printers) < MIN_GAIN:
+        return ()
+    turned_problem = rotate_about_z(problem, state.yaw_deg)
+    turned_problem = replace(turned_problem, options=replace(problem.options, granularity=grid))
+    extents_mm = turned_problem.model.extents_mm
+    first_cells = turned_problem.granularity(turned_problem.model)
+    shapes = {count_cells(extents_mm, first_cells)}
+    trials = []
+    for ratio in OTHER_GRIDS:
+        cells = min(MAX_CELLS, round(ratio * first_cells))
+        shape = count_cells(extents_mm, cells)
+        if shape not in shapes:
+            shapes.add(shape)
+            trials.append(Trial(Engine.GUILLOTINE, cells, state.yaw_deg))
+    return tuple(trials)
+
+
+def choose_first_grid(problem: Problem) -> str | int:
+    """Choose the first granularity: the requested one, or a coarser one than ``auto`` for a small budget.
+
+    The grid is not made coarser than parts of the size of the printers' rooms need.
+    """
+    options, extents_mm = problem.options, problem.model.extents_mm
+    if options.granularity != "auto":
+        return options.granularity
+    cells = finest = problem.granularity(problem.model)
+    min_cells = choose_granularity("auto", 1, max(extents_mm) / min(problem.room_mm))
+    while cells > min_cells and _estimate_grid_s(count_cells(extents_mm, cells)) > (
+        GRID_SHARE * options.best.budget_s
+    ):
+        cells -= 1
+    return "auto" if cells == finest else cells
+
+
+def _estimate_grid_s(shape: tuple[int, int, int]) -> float:
+    """Estimate the effort in s for a grid of cells: its tables, their solves, and the bound by them."""
+    boxes = math.prod(n * (n + 1) // 2 for n in shape)
+    box_ns = WORK_NS[Work.BOX_PRICED] + WORK_NS[Work.BOX_PROVEN]
+    return (boxes * box_ns + USUAL_SOLVES * count_cuts(shape) * WORK_NS[Work.SUM]) / 1e9
+
+
+def _make_rank(result: Decomposition) -> tuple[bool, float, int]:
+    """Make the sort key of a result; lower is better."""
+    return bool(result.faults), result.makespan_s, len(result.parts)

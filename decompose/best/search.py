@@ -1,0 +1,59 @@
+"""Search of the engine `best`: rounds of attempts within a budget, and the best of their results."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from decompose.best.attempt import ByEngine, Outcome, Trial, make_attempt
+from decompose.best.rounds import SearchState, list_open_attempts, plan_next_round
+from decompose.problem import Problem
+from decompose.progress import report_progress
+from decompose.results import Decomposition
+
+
+def find_best(problem: Problem, by_engine: ByEngine) -> Decomposition:
+    """Make the rounds of attempts until the budget is spent, and return the best result.
+
+    Parameters
+    ----------
+    problem
+        Problem with the options of the engine `best`.
+    by_engine
+        Returns the checked result of the engine that a problem's options name.
+
+    Raises
+    ------
+    NoFit, GeometryError, ModelNotSolid
+        Error of the first engine, if no engine has a result.
+    """
+    state = SearchState()
+    while trials := plan_next_round(problem, state):
+        state = state.add(_make_round(problem, by_engine, state, trials))
+    return _choose_result(problem, state)
+
+
+def _make_round(
+    problem: Problem, by_engine: ByEngine, state: SearchState, trials: tuple[Trial, ...]
+) -> list[Outcome]:
+    """Make the attempts of a round one after the other, and report the spent share of the budget."""
+    budget_s = problem.options.best.budget_s
+    spent_s = budget_s - sum(trial.effort_s for trial in trials)  # they have all that is left
+
+    def report_spent(attempt_s: float) -> None:
+        if budget_s > 0.0:
+            report_progress(min(1.0, (spent_s + attempt_s) / budget_s))
+
+    outcomes = []
+    for trial in trials:
+        outcomes.append(make_attempt(problem, by_engine, trial, state.best_known_s, report_spent))
+        spent_s += outcomes[-1].attempt.effort_s
+    return outcomes
+
+
+def _choose_result(problem: Problem, state: SearchState) -> Decomposition:
+    """Return the best result; raises the error of the first engine if there is none."""
+    if state.best is None:
+        assert state.failure is not None  # the first engine is always tried
+        raise state.failure
+    attempts = (*state.attempts, *list_open_attempts(problem, state))
+    return replace(state.best, options=problem.options, attempts=attempts)

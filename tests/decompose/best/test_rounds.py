@@ -1,0 +1,132 @@
+"""Rounds of `best`: their laws, with engines that are tables of makespans and efforts."""
+
+from __future__ import annotations
+
+import random
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.best import SearchState, Trial, find_best, make_attempt, plan_next_round
+from decompose.best.rounds import OTHER_YAWS_DEG, compute_remaining_s
+from decompose.decompose import decompose_model
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import BestOptions, Engine, Options
+from decompose.pieces import Fault
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem, Work
+from decompose.problem.effort import WORK_NS
+from decompose.results import Attempt, Decomposition
+
+BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
+ROOMS = tuple(PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(20))
+Shuffle = Callable[[list[int]], list[int]]
+
+
+@pytest.fixture(scope="module")
+def result(cost: CostModel) -> Decomposition:
+    """Make a result; its parts do not matter here."""
+    result = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    return replace(result, sum_s=0.0)
+
+
+@dataclass(frozen=True)
+class TableEngines:
+    """Engines whose makespan, effort and failure follow from the grid, the angle and the makespan to beat."""
+
+    result: Decomposition
+    seed: int
+
+    def __call__(self, problem: Problem) -> Decomposition:
+        options = problem.options
+        key = (self.seed, options.engine, options.granularity, problem.frame.tolist(), problem.best_known_s)
+        rng = random.Random(zlib.crc32(repr(key).encode()))
+        effort_s = min(rng.choice([0.5, 1.0, 3.0]), problem.effort.budget_s)
+        problem.effort.record(Work.SUM, int(effort_s * 1e9 / WORK_NS[Work.SUM]))
+        if rng.random() < 0.2:
+            raise NoFit("no partition")
+        faults = (Fault(0, "is a sliver"),) if rng.random() < 0.1 else ()
+        makespan_s = rng.choice([1000.0, 995.0, 985.0, 900.0])
+        return replace(self.result, engine=options.engine, makespan_s=makespan_s, faults=faults)
+
+
+def make_problem(cost: CostModel, budget_s: float) -> Problem:
+    return Problem(BLOCK, ROOMS, cost, Options(best=BestOptions(budget_s)))
+
+
+def run_rounds(problem: Problem, engines: TableEngines, shuffle: Shuffle) -> list[SearchState]:
+    """Run a search whose attempts of a round end in some order; return the state after each round."""
+    states = [SearchState()]
+    while trials := plan_next_round(problem, states[-1]):
+        outcomes = {
+            number: make_attempt(problem, engines, trials[number], states[-1].best_known_s)
+            for number in shuffle(list(range(len(trials))))
+        }
+        states.append(states[-1].add([outcomes[number] for number in range(len(trials))]))
+    return states
+
+
+def drop_times(attempts: tuple[Attempt, ...]) -> list[Attempt]:
+    return [replace(attempt, compute_s=0.0) for attempt in attempts]
+
+
+seeds = st.integers(0, 10_000)
+budgets_s = st.sampled_from([1.0, 3.0, 6.0, 10.0, 20.0, 60.0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=seeds, budget_s=budgets_s, rng=st.randoms(use_true_random=False))
+def test_order_in_which_attempts_of_a_round_end_changes_nothing(
+    cost: CostModel, result: Decomposition, seed: int, budget_s: float, rng: random.Random
+) -> None:
+    problem, engines = make_problem(cost, budget_s), TableEngines(result, seed)
+    state = run_rounds(problem, engines, lambda numbers: rng.sample(numbers, len(numbers)))[-1]
+    if state.best is None:
+        with pytest.raises(NoFit):
+            find_best(problem, engines)
+        return
+    serial = find_best(problem, engines)
+    assert (serial.makespan_s, serial.yaw_deg) == (state.best.makespan_s, state.best.yaw_deg)
+    begun = serial.attempts[: len(state.attempts)]
+    assert drop_times(begun) == drop_times(state.attempts)
+    assert all("not begun" in attempt.reason for attempt in serial.attempts[len(begun) :])
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=seeds, budget_s=budgets_s)
+def test_rounds_keep_the_budget_and_repeat_no_attempt(
+    cost: CostModel, result: Decomposition, seed: int, budget_s: float
+) -> None:
+    problem = make_problem(cost, budget_s)
+    states = run_rounds(problem, TableEngines(result, seed), lambda numbers: numbers)
+    for state in states[1:]:
+        trials = plan_next_round(problem, state)
+        efforts_s = {trial.effort_s for trial in trials}
+        assert len(efforts_s) <= 1
+        is_repeated = trials and trials[0].granularity == "auto" and len(state.attempts) == 1
+        if not is_repeated:  # then the first grid was too coarse, and the budget begins anew
+            assert sum(trial.effort_s for trial in trials) <= compute_remaining_s(problem, state) + 1e-9
+        if len(trials) > 1:
+            assert efforts_s.pop() >= state.attempts[0].effort_s
+    made = [(a.engine, a.granularity, a.yaw_deg) for a in states[-1].attempts]
+    assert len(set(made)) == len(made)
+
+
+def test_round_is_as_large_as_the_budget_allows(cost: CostModel, result: Decomposition) -> None:
+    """Use a first attempt of 10 s, and a result that other grids cannot better."""
+    best = replace(result, makespan_s=1000.0, sum_s=20_000.0)
+    state = SearchState((Attempt(Engine.GUILLOTINE, "auto", 0.0, 1000.0, effort_s=10.0),), best)
+
+    def plan(budget_s: float) -> tuple[Trial, ...]:
+        return plan_next_round(make_problem(cost, budget_s), state)
+
+    assert plan(14.0) == ()
+    assert plan(15.0) == (Trial(Engine.GUILLOTINE, "auto", OTHER_YAWS_DEG[0], 5.0),)
+    assert [(trial.yaw_deg, trial.effort_s) for trial in plan(35.0)] == [(45.0, 12.5), (15.0, 12.5)]
+    assert [(t.yaw_deg, t.effort_s) for t in plan(110.0)] == [(yaw_deg, 20.0) for yaw_deg in OTHER_YAWS_DEG]
