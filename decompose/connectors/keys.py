@@ -37,8 +37,9 @@ END_MM = 0.25  # free at each end of a key
 LEVELS = 6  # depths at which the wall around a groove is examined
 NEAREST_MM = 12.0  # least distance of two keys, or of a key from a pin
 MAX_TRIED = 20  # places that are tried, the best first
-PITCH_MM = 3.0  # of the points between which grooves are tried
+PITCH_MM = 1.0  # least distance of the points between which grooves are tried
 MAX_POINTS = 150  # of them on one face
+SEAT_MM = 3.0  # distance of the places that are tried on faces that slide
 SLACK_MM = 0.05  # rounding of buffers
 MAX_EXIT_MM = 80.0  # longest way of a key that slides through its groove
 
@@ -177,9 +178,9 @@ class KeyMaker:
         )
         bottom_mm = self._groove_mm(site, length_mm)
         for polygon in list_polygons(room):
-            points = _list_rim(polygon)
+            points, pitch_mm = _list_rim(polygon)
             distances_mm = np.triu(cdist(points, points))
-            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < PITCH_MM / 2.0)
+            first, second = np.nonzero(np.abs(distances_mm - bottom_mm) < min(pitch_mm, SEAT_MM) / 2.0)
             if not len(first):
                 continue
             along = (points[second] - points[first]) / distances_mm[first, second][:, None]
@@ -196,7 +197,7 @@ class KeyMaker:
         room = shapely.intersection_all(
             [self._find_room(side, self._depth_mm(site)) for side in (site.moved, site.fixed)]
         )
-        middles = site.moved.flatten(sample_points(site.moved, room, PITCH_MM))
+        middles = site.moved.flatten(sample_points(site.moved, room, SEAT_MM))
         half = self._groove_mm(site, length_mm) / 2.0 * site.moved.flatten(self.direction)
         lines = shapely.linestrings(np.stack([middles - half, middles + half], axis=1))
         shapely.prepare(room)
@@ -355,9 +356,9 @@ def _hull(points: Floats) -> shapely.Geometry:
     return shapely.MultiPoint(points).convex_hull
 
 
-def _list_rim(polygon: shapely.Polygon) -> Floats:
-    """List points (n, 2) along the rims of a polygon."""
+def _list_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
+    """List points (n, 2) along the rims of a polygon; return their distance too."""
     rings = [polygon.exterior, *polygon.interiors]
     pitch_mm = max(PITCH_MM, sum(ring.length for ring in rings) / MAX_POINTS)
     points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]
-    return np.asarray(shapely.get_coordinates(np.concatenate(points)))
+    return np.asarray(shapely.get_coordinates(np.concatenate(points))), pitch_mm
