@@ -42,10 +42,13 @@ def find_far_glue(glue_mm: Floats, pins: Sequence[Pin]) -> Floats:
     return np.asarray(far if len(far) > (1.0 - NEAR_SHARE) * len(glue_mm) else far[:0])
 
 
-def sort_by_gain(places_mm: Floats, far_mm: Floats) -> list[int]:
-    """Sort the numbers of places (n, 3) by the far glue in their reach; those of little are left out."""
+def sort_by_gain(places_mm: Floats, far_mm: Floats, weights: Floats | float = 1.0) -> list[int]:
+    """Sort the numbers of places (n, 3) by the far glue in their reach, times their weights (n,).
+
+    Places in reach of little far glue are left out.
+    """
     gains_mm2 = (cdist(places_mm, far_mm) < REACH_MM).sum(axis=1) * GLUE_MM**2
-    order = np.argsort(-gains_mm2, kind="stable")
+    order = np.argsort(-gains_mm2 * weights, kind="stable")
     return [int(number) for number in order if gains_mm2[number] >= WORTH_MM2]
 
 

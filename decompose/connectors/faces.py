@@ -15,7 +15,7 @@ from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
 SKIN_MM = 0.05  # depth at which the examination of a part begins: at the face itself rounding leaves films
-AREA_MM2 = 1e-3  # minimum area: less is rounding
+LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +96,10 @@ class Room:
     blanks: Sequence[Blank]
     tools: list[Tool] = field(default_factory=list)
     _solid_at: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
+
+    def is_level(self, side: Side) -> bool:
+        """Check whether grooves in a face are rings of its layers, which take longer than bends of a wall."""
+        return abs(float(side.into @ self.blanks[side.part].up)) > LEVEL_SIN
 
     def find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
         """Find the area of a face below which a part is solid to a depth and a rim, and free of other tools.

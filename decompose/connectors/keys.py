@@ -36,6 +36,7 @@ LONGER_MM = 1.0  # than the mouth of the short groove: turned half around, the l
 END_MM = 0.25  # free at each end of a key
 LEVELS = 6  # depths at which the wall around a groove is examined
 NEAREST_MM = 12.0  # least distance of two keys, or of a key from a pin
+LEVEL_LOSS = 0.1  # of the worth of a place for each level face, where a groove prints several times longer
 MAX_TRIED = 20  # places that are tried, the best first
 PITCH_MM = 1.0  # least distance of the points between which grooves are tried
 MAX_POINTS = 150  # of them on one face
@@ -265,9 +266,11 @@ class KeyPlacer:
             return
         apart_mm = cdist(*(self._flatten(places) for places in (long, short)))
         apart_mm[~self._is_free(apart_mm)] = 0.0
-        for index in np.argsort(-apart_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
+        apart_mm[apart_mm < NEAREST_MM] = 0.0
+        worth_mm = apart_mm * np.add.outer(self._weigh(long), self._weigh(short)) / 2.0
+        for index in np.argsort(-worth_mm, axis=None, kind="stable")[:MAX_TRIED].tolist():
             first, second = np.unravel_index(index, apart_mm.shape)
-            if apart_mm[first, second] < NEAREST_MM:
+            if not apart_mm[first, second]:
                 return
             keys = [
                 self.maker.make(place, length_mm)
@@ -286,7 +289,7 @@ class KeyPlacer:
             self._place_first(range(len(places)))
             return
         apart_mm = cdist(self._flatten(places), self._flat(self.pins[0].at_mm[None]))[:, 0]
-        order = np.argsort(-apart_mm, kind="stable")
+        order = np.argsort(-apart_mm * self._weigh(places), kind="stable")
         self._place_first(order[self._is_free(apart_mm[order])].tolist())
 
     def place_further(self) -> None:
@@ -297,7 +300,7 @@ class KeyPlacer:
             far = find_far_glue(self.glue_mm, self.pins)
             places = self._list_places(SHORT_MM) if len(far) else []
             if places:
-                self._place_first(sort_by_gain(np.array([place.at_mm for place in places]), far))
+                self._place_first(sort_by_gain(_list_points(places), far, self._weigh(places)))
 
     def place_sliding(self, sites: Sequence[Site]) -> None:
         """Place short keys on faces that slide, where most glue is far from the others."""
@@ -308,7 +311,7 @@ class KeyPlacer:
             places = self.maker.find_sliding_places(sites, self.sites, SHORT_MM) if len(far) else []
             places = self._list_free(places)
             if places:
-                numbers = sort_by_gain(np.array([place.at_mm for place in places]), far)
+                numbers = sort_by_gain(_list_points(places), far, self._weigh(places))
                 self._try([places[number] for number in numbers])
 
     def _place_first(self, numbers: Sequence[int]) -> None:
@@ -340,16 +343,27 @@ class KeyPlacer:
             if all(np.linalg.norm(place.at_mm - pin.at_mm) > NEAREST_MM for pin in self.pins)
         ]
 
+    def _weigh(self, places: Sequence[KeyPlace]) -> Floats:
+        """Compute the weights (n,) of places by their print time: less for faces that are printed level."""
+        is_level = self.maker.room.is_level
+        sites = [place.site for place in places]
+        return 1.0 - LEVEL_LOSS * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
+
     def _is_free(self, apart_mm: Floats) -> Bools:
         taken_mm = np.array([-1e3, *self.taken_mm])
         return np.asarray(np.abs(apart_mm[..., None] - taken_mm).min(axis=-1) > self.distinct_mm)
 
     def _flatten(self, places: Sequence[KeyPlace]) -> Floats:
-        return self._flat(np.array([place.at_mm for place in places]).reshape(-1, 3))
+        return self._flat(_list_points(places))
 
     def _flat(self, points_mm: Floats) -> Floats:
         direction = self.maker.direction
         return points_mm - np.outer(points_mm @ direction, direction)
+
+
+def _list_points(places: Sequence[KeyPlace]) -> Floats:
+    """List the middles (n, 3) of places."""
+    return np.array([place.at_mm for place in places]).reshape(-1, 3)
 
 
 def _hull(points: Floats) -> shapely.Geometry:

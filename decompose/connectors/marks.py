@@ -27,7 +27,6 @@ from decompose.connectors.tools import (
 from decompose.pieces import Joint, list_polygons
 
 SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # height of letters, depth of their grooves
-SLOPED = 0.5  # sine of the angle between a face and the vertical of the pose, from which it counts as level
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 DOTS = 3
@@ -110,8 +109,8 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
             if side.part == part
         ]
         texts = [_lay_out(blank.name, size, "") for size in SIZES_MM]
-        for side in sorted(sides, key=lambda side: (_is_level(room, side), -side.face.area_mm2)):
-            mark = _place(room, side, texts[-1:] if _is_level(room, side) else texts)
+        for side in sorted(sides, key=lambda side: (room.is_level(side), -side.face.area_mm2)):
+            mark = _place(room, side, texts[-1:] if room.is_level(side) else texts)
             if mark is not None:
                 room.tools += mark.grooves
                 new_marks.append(mark)
@@ -121,15 +120,10 @@ def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) ->
 
 def _list_texts(room: Room, side: Side, neighbour: str) -> list[_Text]:
     """List the ways to write a code on a side, the most legible first."""
-    is_level = _is_level(room, side)
+    is_level = room.is_level(side)
     code = f"-{neighbour}" if is_level else f"{room.blanks[side.part].name}-{neighbour}"
     sizes = SIZES_MM[-1:] if is_level else SIZES_MM
     return [*(_lay_out(code, size, ARROW) for size in sizes), _lay_out(code, sizes[-1], "")]
-
-
-def _is_level(room: Room, side: Side) -> bool:
-    """Check whether strokes on a side are rings of its layers, which take longer than bends of a wall."""
-    return abs(float(side.into @ room.blanks[side.part].up)) > SLOPED
 
 
 def _lay_out(code: str, size_mm: tuple[float, float], arrow: str) -> _Text:
