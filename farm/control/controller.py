@@ -98,12 +98,14 @@ class Controller:
     def handle(self, *events: ev.AnyEvent) -> None:
         """Apply events, commit each, schedule once, and perform the effects.
 
+        The next tick repeats what agents have not confirmed: to look for it costs time for each printer.
+
         Raises
         ------
         StoreError
             If the books cannot be written. The effects of earlier commits are performed.
         """
-        self._handle_all(events, self._list_unconfirmed(None))
+        self._handle_all(events, ())
 
     def _handle_all(
         self, events: Iterable[ev.AnyEvent], repeated: Iterable[ev.AnyInstruction], at_once: bool = True
@@ -119,11 +121,11 @@ class Controller:
             self._perform(effects)
 
     def tick(self) -> None:
-        """Schedule if the time has changed a decision; else repeat unconfirmed instructions to agents."""
+        """Schedule if the time has changed a decision, and repeat unconfirmed instructions to agents."""
         if self.scheduler.has_later_starts:
             self._handle_all((), ())
         elif self.clock.now() >= self.scheduler.next_change_s:
-            self.handle()
+            self._handle_all((), self._list_unconfirmed(None))
         else:
             self._perform(self._list_unconfirmed(None))
 

@@ -85,6 +85,15 @@ def test_tick_repeats_an_unconfirmed_start(farm):
     assert [type(item) for item in farm.effects.instructions] == [ev.SendStart]
 
 
+def test_command_of_a_person_leaves_the_repetition_to_the_next_tick(farm):
+    tick(farm, MORNING)
+    farm.effects.instructions.clear()
+    farm.clear_bed("b")
+    assert [type(item) for item in farm.effects.instructions] == [ev.SendCleared]
+    tick(farm, MORNING + 1.0)
+    assert [type(item) for item in farm.effects.instructions] == [ev.SendCleared, ev.SendStart]
+
+
 def test_telemetry_alone_does_not_schedule(farm, calls):
     farm.ready("a", nozzle_c=24.0)
     assert calls == []
