@@ -83,13 +83,15 @@ class Scheduler:
         complete_situation = situations.build(held_back)
         yield from self._replanning.recut_failures(situations.books, complete_situation)
         situation = complete_situation.without(self._replanning.holds())
+        possible_assignments = assign_plates(situation)
         find_reservations = partial(self._find_reservations, situation)
         revisions = self._planning.revisions
-        yield from revisions.revise(situations.books, situation, find_reservations)
+        yield from revisions.revise(situations.books, situation, possible_assignments, find_reservations)
         # A job that is being planned again keeps its printers: no other job takes them meanwhile.
         revision_holds = revisions.holds(situations.books, situation.now_s)
         postponed_plates = revisions.postponed.union(revision_holds)
-        assignments = [a for a in self._assign(situation) if a.plate not in postponed_plates]
+        allowed_assignments = self._replanning.without_reserved(situations.books, possible_assignments)
+        assignments = [a for a in allowed_assignments if a.plate not in postponed_plates]
         situation = situation.without(revision_holds)
         starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
         yield from self._start(starts)
@@ -97,8 +99,7 @@ class Scheduler:
             self.next_change_s = situation.now_s
             return
         if starts:
-            situation = situation.without({start.plate for start in starts})
-            situation = situation.with_printers(situations.printers())
+            situation = situations.update(situation, starts)
         yield from self._replanning.reslice_waiting(situations.books, situation)
         yield from self._admit_jobs(situation)
         if revisions.has_more:

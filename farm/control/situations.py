@@ -129,6 +129,12 @@ class Situations:
         waiting = self.build(self.find_held_back()).waiting
         _ = waiting.planned, waiting.demands  # each job caches its values
 
+    def update(self, situation: Situation, starts: Collection[Assignment]) -> Situation:
+        """Return a situation after these starts, which have just been committed."""
+        started_printers = {p.name: p for p in self._list_printers([start.printer for start in starts])}
+        printers = tuple([started_printers.get(p.name, p) for p in situation.printers])
+        return situation.without({start.plate for start in starts}).with_printers(printers)
+
     def printers(self) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers to the scheduler."""
         farm = self._farm

@@ -100,12 +100,13 @@ class PlateQueue(Collection[WaitingPlate]):
         """Return the queue without some plates."""
         if not plates:
             return self
-        return PlateQueue.from_jobs(
+        jobs = (
             job
             if job.ids.isdisjoint(plates)
             else JobPlates(tuple(plate for plate in job.plates if plate.id not in plates))
             for job in self.jobs
         )
+        return PlateQueue(tuple(job for job in jobs if job.plates))
 
     def up_to(self, rank: QueueRank) -> PlateQueue:
         """Return the queue up to and including the job of a rank."""

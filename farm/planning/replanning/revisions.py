@@ -20,13 +20,13 @@ from farm.planning.replanning.revision_policy import (
 )
 from farm.scheduling import (
     SPARE_USE,
+    Assignment,
     Availability,
     FleetPrinter,
     JobRequest,
     Situation,
     StartPlanning,
     WaitingPlate,
-    assign_plates,
     compute_seconds_on,
     derive_job_requirements,
     describe_plates,
@@ -103,7 +103,11 @@ class PlanRevisions:
         }
 
     def revise(
-        self, books: Books, situation: Situation, find_reservations: Callable[[], Mapping[str, str]]
+        self,
+        books: Books,
+        situation: Situation,
+        assignments: Iterable[Assignment],
+        find_reservations: Callable[[], Mapping[str, str]],
     ) -> Iterator[StartPlanning]:
         """Yield the jobs that are planned again from now on.
 
@@ -113,6 +117,8 @@ class PlanRevisions:
             The committed books.
         situation
             The plates that may be assigned now, and the fleet.
+        assignments
+            Assignments of the situation, see `assign_plates`.
         find_reservations
             Returns the free printers that are reserved, each with its purpose.
         """
@@ -122,7 +128,7 @@ class PlanRevisions:
         if not plates_by_job:
             return
         reservations, ratio = find_reservations(), compute_assembly_ratio(books.jobs.values())
-        plate_by_printer = {assignment.printer: assignment.plate for assignment in assign_plates(situation)}
+        plate_by_printer = {assignment.printer: assignment.plate for assignment in assignments}
         starting_jobs = {books.plates[plate].job for plate in plate_by_printer.values()}
         candidates, forecast_size = _Candidates(situation), 0
         for number in sorted(plates_by_job, key=lambda number: number not in starting_jobs):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from farm.control import controller, scheduler
 from farm.model import AgentPrint, JobOptions, Link, PrintState
 from farm.planning import Plan
+from farm.scheduling import assign_plates
 from farm.state import events as ev
 from farm.state.storage import StoreError
 from make_books import make_plan_event
@@ -135,6 +136,34 @@ def test_portions_start_what_one_run_starts(large, plates, printers, portion):
             pairs.append(list_pairs(farm))
             farm.store.close()
     assert pairs[0] == pairs[1] and pairs[0]
+
+
+@settings(max_examples=40)
+@given(*fleets, st.data())
+def test_updated_situation_is_that_of_the_books_after_the_starts(plates, printers, data):
+    with TemporaryDirectory() as folder:
+        farm = Farm(Path(folder), models=(PLUS,) * printers)
+        plan_jobs(farm, plates)
+        farm.controller.stopping = True  # nothing starts with the reports
+        farm.ready(*farm.controller.fleet.names)
+        situations = farm.controller.situations
+        before = situations.build(situations.find_held_back())
+        assignments = assign_plates(before)
+        starts = assignments[: data.draw(st.integers(0, len(assignments)))]
+        now_s = before.now_s
+        farm.controller.handle(
+            *(
+                ev.PlateAssigned(at_s=now_s, plate=start.plate, printer=start.printer, print_id=start.plate)
+                for start in starts
+            )
+        )
+        updated, after = situations.update(before, starts), situations.build(situations.find_held_back())
+        farm.store.close()
+    assert updated.printers == after.printers
+    assert [plate.id for plate in updated.waiting] == [plate.id for plate in after.waiting]
+    assert {printer.name for printer in updated.free} == {p.name for p in before.free} - {
+        start.printer for start in starts
+    }
 
 
 CHANGES = {
