@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from bench.daemon_process import Daemon, EventFollower, NoticeReceiver
 from bench.host_services import HostGroups
@@ -67,14 +68,14 @@ def limit_polls(condition: Callable[[], bool]) -> Callable[[], bool]:
     return ask
 
 
-def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, float]:
+def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
     """Lose groups of hosts, and reconnect them once the notices have been sent.
 
     Returns
     -------
     dict
         Seconds until the loss is a task and until all is as before; hosts lost, and the events, tasks and
-        notices about them; prints that ended meanwhile; the daemon's share of a core.
+        lines of notices, with their texts; prints that ended meanwhile; the daemon's share of a core.
     """
     hosts = sum(len(fleet.names[name]) for name in groups)
     printing, noticed, begun_s = len(fleet.agents.printing), len(fleet.notices.lines), time.monotonic()
@@ -96,6 +97,7 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, float]:
         "events": fleet.follower.count("HostLost", begun_s),
         "tasks": len(tasks),
         "notices": len(lines),
+        "notice_texts": lines,
         "prints_ended": printing - len(fleet.agents.printing),
         "cpu_share": share,
         "mended_s": mended_s,

@@ -283,7 +283,8 @@ def main() -> None:
         return
     for name, value in figures.items():
         if isinstance(value, dict):
-            print(f"{name:20} " + ", ".join(f"{key} {number:.3g}" for key, number in value.items()))
+            numbers = {key: number for key, number in value.items() if isinstance(number, int | float)}
+            print(f"{name:20} " + ", ".join(f"{key} {number:.3g}" for key, number in numbers.items()))
             continue
         goal = f"  (at most {goals[name]:g}{': missed' if name in missed else ''})" if name in goals else ""
         print(f"{name:20} {value:12.3f}{goal}")
