@@ -178,7 +178,7 @@ def _make_private_folder(name: str) -> Path:
     except OSError as error:
         raise Refused(f"{folder} cannot be used for the farm's socket ({error}): {advice}") from error
     if not stat.S_ISDIR(status.st_mode):
-        raise Refused(f"{folder} is no folder, so the farm's socket cannot be trusted there: {advice}")
+        raise Refused(f"{folder} is not a folder, so the farm's socket cannot be trusted there: {advice}")
     if status.st_uid != os.getuid():
         raise Refused(f"{folder} belongs to another user, who could answer for the farm: {advice}")
     if status.st_mode & 0o077:

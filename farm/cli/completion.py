@@ -1,4 +1,4 @@
-"""Shell completion of printers, jobs and parts, as the daemon lists them."""
+"""Shell completion of printers, jobs and parts, with names from the daemon."""
 
 from __future__ import annotations
 

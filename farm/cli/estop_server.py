@@ -1,8 +1,8 @@
 """Server of `estop.sock`: starts a process for each request, with a limit for each user.
 
 ``python -m farm.cli.estop_server [OPTIONS]``, with the listening socket as stdin (farm-estop.service).
-Options (`--state`, `--fleet`) are passed on to those processes. It imports only the standard library, so that
-it starts fast and refuses connections faster than anybody can open them.
+Options (`--state`, `--fleet`) are passed on to those processes. It imports only the standard library, and so
+starts fast and refuses connections faster than anybody can open them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FULL = {
 
 
 class Work(Protocol):
-    """Process that carries out a request."""
+    """Process that serves a request."""
 
     def poll(self) -> int | None: ...
 
@@ -55,7 +55,7 @@ class EstopServer:
     listener
         The socket to accept on.
     begin
-        Starts the process that carries out a request and answers on its connection.
+        Starts the process that serves a request and answers on its connection.
     read_uid
         Returns the user at the other end of a connection.
     """
@@ -107,7 +107,7 @@ class EstopServer:
         self._pending[connection] = _Pending(uid, now_s)
 
     def _read(self, connection: socket.socket) -> None:
-        """Read a part of a request; start its process once it is whole."""
+        """Read a part of a request; once the request is complete, start its process."""
         request = self._pending[connection]
         try:
             data = connection.recv(MAX_REQUEST_BYTES)

@@ -26,7 +26,7 @@ class _Line(BaseModel):
 
 
 class StopRequest(_Line):
-    """Request to stop printers; all if none is named."""
+    """Request to stop printers; an empty list means all."""
 
     printers: list[str]
 
@@ -56,12 +56,12 @@ _answer_line: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopE
 def find_estop_socket(places: Places) -> Path | None:
     """Find the socket of a farm that belongs to another user; None if it belongs to the caller.
 
-    Root uses the socket too, unless the state folder that it named is there.
+    Root uses the socket too, unless it has named an existing state folder.
 
     Raises
     ------
     FarmError
-        If the farm is another user's and has no such socket: the caller's folders are of another farm.
+        If the farm belongs to another user and has no such socket: the caller has no access to its agents.
     """
     path = places.socket.with_name("estop.sock")
     owners = {owner for socket in (path, places.socket) if (owner := _find_owner(socket)) is not None}
@@ -84,12 +84,12 @@ def _find_owner(path: Path) -> int | None:
 
 
 def request_stop(path: Path, printers: list[str], report: Report) -> None:
-    """Ask the process at the other end to stop printers.
+    """Send a request to stop printers over the socket, and report the answers.
 
     Raises
     ------
     FarmError
-        If nobody answers, or the stop fails.
+        If there is no answer, or the stop fails.
     """
     message = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:

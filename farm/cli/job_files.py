@@ -1,4 +1,4 @@
-"""Files of a job, fetched from the daemon into a folder. Names and bytes that it sends are not trusted."""
+"""Files of a job, fetched from the daemon into a folder. Received names and contents are not trusted."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _PICTURES = (".stl", ".png", ".jpg", ".jpeg")  # parts are drawn
 
 @dataclass(frozen=True, slots=True)
 class FetchedFiles:
-    """Files of a job in a folder: all of them by name and by SHA-256, and those that were written."""
+    """Files of a job in a folder: all files by name and by SHA-256, and the names of those just written."""
 
     by_name: dict[str, Path] = field(default_factory=dict)
     by_sha256: dict[str, Path] = field(default_factory=dict)
     written: list[str] = field(default_factory=list)
 
     def find(self, path: str) -> Path | None:
-        """Return the file that was fetched for a path on the daemon's host; stored ones are named by hash."""
+        """Return the file for a path on the daemon's host, where the names of stored files are hashes."""
         return self.by_sha256.get(Path(path).stem) or self.by_name.get(Path(path).name)
 
 
 def is_picture(name: str) -> bool:
-    """Return whether a report shows a file."""
+    """Return whether the report of a job needs a file, by its name."""
     return name.lower().endswith(_PICTURES)
 
 
@@ -44,9 +44,9 @@ def fetch_files(
     force: bool = False,
     select: Callable[[str], bool] = lambda _: True,
 ) -> FetchedFiles:
-    """Fetch the files of a job; those that are there already are not fetched again.
+    """Fetch the files of a job, except for those that the folder already has.
 
-    Each file appears when it is complete and has the right SHA-256, or not at all.
+    Each file appears only when it is complete and has the right SHA-256.
 
     Parameters
     ----------
@@ -55,24 +55,24 @@ def fetch_files(
     number
         The job.
     folder
-        Folder to write; made if it is missing.
+        Folder to write, which is created if it is missing.
     force
-        True if files with other content are overwritten.
+        True to overwrite files with other content.
     select
-        Returns whether a file of this name is wanted.
+        Returns whether to fetch the file with a name.
 
     Raises
     ------
     Refused
-        If there is another file of the same name; then nothing is written.
+        If the folder has another file with the same name; nothing is written then.
     FarmError
-        If a name or content is not as it must be, or a file cannot be written.
+        If a name is not valid, the content differs from its hash, or a file cannot be written.
     """
     files = [file for file in client.files(number).files if select(file.name)]
     for file in files:
         if not _NAME.fullmatch(file.name) or not _DIGEST.fullmatch(file.sha256):
             raise FarmError(
-                f"the daemon names a file {file.name!r}, which is no valid name: nothing is written"
+                f"the daemon sent the file name {file.name!r}, which is not valid: nothing is written"
             )
     result = FetchedFiles()
     try:
@@ -91,7 +91,7 @@ def fetch_files(
 
 
 def _is_there(path: Path, file: api.FileView) -> bool:
-    """Return whether a file has been fetched before."""
+    """Return whether a file has already been fetched, by its size and hash."""
     if not path.is_file() or path.stat().st_size != file.size:
         return False
     with path.open("rb") as content:
@@ -136,7 +136,7 @@ def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, fo
         if remaining_bytes or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
         temporary.chmod(0o666 & ~_read_umask())
-        _refuse_others(folder, [file], force)  # it may have been written meanwhile
+        _refuse_others(folder, [file], force)  # another file may have been written meanwhile
         temporary.replace(folder / file.name)
     finally:
         temporary.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""HTML report of a job, with pictures from files that the caller can read."""
+"""HTML report of a job, with pictures from files that this user can read."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from farm.views.report.decomposition import parse_report
 _MAX_PRINTS = 100_000
 _STILLS_BYTES = 50_000_000  # maximum size of all stills on a page
 FindFile = Callable[[str], Path | None]
-"""Returns a readable file for a path in the daemon's answer; None if there is none."""
+"""Function that returns a readable file for a path in the daemon's answer; None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Page on a job; `without_pictures` if no file of it can be read."""
+    """Page on a job; `without_pictures` is True if none of its files can be read."""
 
     text: str
     without_pictures: bool
 
 
 def find_local(path: str) -> Path | None:
-    """Return a file of this host, if this user may read it."""
+    """Return the file of a path on this host, if this user may read it; else None."""
     return Path(path) if os.access(path, os.R_OK) else None
 
 
@@ -72,7 +72,7 @@ def render_report(client: Client, number: int, find_file: FindFile) -> Report:
 
 
 def _find_picture(part: api.PartView, find_file: FindFile) -> bytes | None:
-    """Draw a part, or read the picture that was kept of it; None if neither can be read."""
+    """Draw a part, or read its stored picture; None if neither file can be read."""
     if part.file is not None:
         model = find_file(part.file)
         return None if model is None else draw_part(model)
@@ -81,7 +81,7 @@ def _find_picture(part: api.PartView, find_file: FindFile) -> bytes | None:
 
 
 def _read_stills(view: api.JobView, find_file: FindFile) -> dict[str, bytes]:
-    """Read the stills of a job's prints by their paths, the first ones of too many."""
+    """Read the stills of a job's prints by their paths, up to a total size."""
     stills: dict[str, bytes] = {}
     remaining_bytes = _STILLS_BYTES
     for path in [still.file for attempt in view.prints for still in attempt.stills if still.file is not None]:

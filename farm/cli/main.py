@@ -1,4 +1,4 @@
-"""The `farm` command: the table of its commands, and its exit codes."""
+"""Entry point of `farm`: the table of its commands, and its exit codes."""
 
 from __future__ import annotations
 
@@ -39,8 +39,7 @@ COMMANDS = {
         CommandEntry(
             "prune",
             "prune.prune",
-            "Delete old jobs' files that `fleet.keep` does not keep, as every night; figures and pictures "
-            "stay.",
+            "Delete the files of old jobs by `fleet.keep` now, not at night; figures and pictures stay.",
         ),
         CommandEntry(
             "key",
@@ -84,9 +83,13 @@ COMMANDS = {
         CommandEntry(
             "cancel",
             "operate.cancel",
-            "Cancel a job or a part: prints end safely, and nothing of it is printed again.",
+            "Cancel a job or a part: its prints end safely, and it is not printed again.",
         ),
-        CommandEntry("reprint", "operate.reprint", "Print a part again, at any time and whatever its state."),
+        CommandEntry(
+            "reprint",
+            "operate.reprint",
+            "Print a part again, even if it was printed, cancelled or failed too often.",
+        ),
         CommandEntry(
             "assembled",
             "operate.assembled",
@@ -165,7 +168,7 @@ COMMANDS = {
         CommandEntry(
             "worker",
             "local.worker",
-            "Run tasks of farms on this computer, as a part of a Dask cluster.",
+            "Run tasks of farms on this computer, as a worker of a Dask cluster.",
         ),
     ),
 }

@@ -6,5 +6,5 @@ import sys
 
 
 def print_notice(line: str) -> None:
-    """Print one line for a person on stderr."""
+    """Print one line for the user on stderr."""
     print(f"farm: {line}", file=sys.stderr)

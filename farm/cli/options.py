@@ -1,4 +1,4 @@
-"""Options and arguments that several commands share."""
+"""Options and arguments shared by several commands."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ KeyFile = Annotated[
 ]
 _LOCAL = {
     "up": "it starts processes",
-    "down": "everybody else would lose the farm with it",
-    "key": "a key must not make others",
-    "web": "the link is for the user that the kernel names",
-    "prune": "what it deletes cannot be fetched again",
+    "down": "it stops the farm for all users",
+    "key": "a key must not create other keys",
+    "web": "the kernel there identifies the user of the link",
+    "prune": "deleted files cannot be restored",
 }
 _URL_IGNORED = {
-    "daemon": "it is the process that answers",
+    "daemon": "it is the server itself",
     "doctor": "it checks this host",
     "discover": "it lists the ports of this host",
     "estop": "it resets the boards by their cables, even if the daemon hangs",
 }
-"""Commands that ignore `FARM_URL`: it must never lead to a refused emergency stop."""
+"""Commands that ignore `FARM_URL`; for example, the variable must never make an emergency stop fail."""
 LOCAL_COMMANDS = {**_LOCAL, **_URL_IGNORED}
-"""Commands for the farm's own host alone, each with the reason."""
+"""Commands that work only on the farm's own host, each with the reason."""
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 ReasonOption = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
 LongestSide = Annotated[float | None, typer.Option(help="Scale the model to this longest side, mm.")]
@@ -87,7 +87,7 @@ Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.j
 
 
 def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
-    """Add to a command the options `--state`, `--socket` and `--fleet`; `--url` is refused with the reason.
+    """Add the options `--state`, `--socket` and `--fleet` to a command; `--url` is refused with a reason.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, 
 
 
 def with_farm(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
-    """Add to a command the options of `with_places`, and `--url` and `--key-file` for other hosts."""
+    """Add the options of `with_places` to a command, and `--url` and `--key-file` for other hosts."""
     places = (("state", State), ("socket", Socket), ("fleet", FleetFile))
     return _add_options(command, (*places, ("url", Url), ("key_file", KeyFile)))
 
@@ -115,7 +115,7 @@ def with_farm(command: Callable[Concatenate[Places, P], None]) -> Callable[P, No
 def _add_options(
     command: Callable[Concatenate[Places, P], None], choices: Sequence[tuple[str, object]]
 ) -> Callable[P, None]:
-    """Add options that name the places of a farm, after the command's own."""
+    """Add the options for the places of a farm to a command, after its own options."""
     signature = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
@@ -136,7 +136,7 @@ def _add_options(
         name = command.__name__
         if url is not None and name in LOCAL_COMMANDS:
             raise Refused(
-                f"farm {name} works on the farm's own host alone, as {LOCAL_COMMANDS[name]}: run it there, "
+                f"farm {name} works only on the farm's own host, as {LOCAL_COMMANDS[name]}: run it there, "
                 f"without --url{' and FARM_URL' if name in _LOCAL else ''}"
             )
         places = find_places(state, socket, fleet)
@@ -161,7 +161,7 @@ def parse_pins(text: str) -> float | None:
     Raises
     ------
     typer.BadParameter
-        If it is neither a word of these nor a diameter from 1 to 10 mm.
+        If the text is neither ``filament`` nor ``none`` nor a diameter from 1 to 10 mm.
     """
     if text == "none":
         return None
@@ -188,7 +188,7 @@ def parse_printer_count(text: str) -> int | None:
     Raises
     ------
     typer.BadParameter
-        If it is neither a number of at least 1 nor ``auto``.
+        If the text is neither ``auto`` nor a whole number of at least 1.
     """
     if text == "auto":
         return None

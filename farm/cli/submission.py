@@ -1,4 +1,4 @@
-"""Submissions of one model or several: upload each, follow its job or show its plan, and answer for each."""
+"""Submissions of models: upload each, follow its job or show its plan, and report the result."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _POLL_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Submitter:
-    """Submits models to the daemon, all with the same options.
+    """Submitter of models to the daemon, all with the same options.
 
     Attributes
     ----------
     wait
-        True if each job is followed to its end.
+        True to follow each job to its end.
     quiet
-        True if nothing but JSON is printed on stdout.
+        True to print only JSON on stdout.
     """
 
     client: Client
@@ -45,26 +45,26 @@ class Submitter:
     quiet: bool
 
     def submit_one(self, model: Path) -> int:
-        """Submit one model and show its job. Returns the exit code; raises FarmError."""
+        """Submit one model and show its job; return the exit code. Raises FarmError."""
         answer = self._finish(self._upload(model))
         if self.quiet:
             print_json(answer)
         return _find_exit_code(answer)
 
     def submit_each(self, models: Iterable[Path]) -> int:
-        """Submit several models, a job for each; one that fails does not stop the others.
+        """Submit several models, one job for each; a failure does not stop the others.
 
         Returns
         -------
         int
-            The exit code of the first that failed.
+            Exit code of the first failed model; `ExitCode.DONE` if none failed.
         """
         answers = [api.Submission(model=str(model)) for model in models]
         numbers: dict[int, int] = {}
         for i, answer in enumerate(answers):
             try:
                 numbers[i] = self._upload(Path(answer.model))
-                if self.options.dry_run:  # one after the other: a plan that nobody asks for is cancelled
+                if self.options.dry_run:  # one by one, as the daemon cancels a dry run that no client polls
                     answers[i] = self._finish_one(answer, numbers.pop(i))
             except FarmError as error:
                 answers[i] = _fail(answer, error)
@@ -125,7 +125,7 @@ class Submitter:
         return answer
 
     def _show_plan(self, number: int) -> api.Timeline:
-        """Show the timeline of a planned job, and cancel the job in any case."""
+        """Show the timeline of a planned job, and cancel the job, even after an error."""
         try:
             with show_progress(number, quiet=self.quiet) as update:
                 while True:
@@ -149,7 +149,7 @@ class Submitter:
 
 
 def expand_patterns(models: Iterable[Path]) -> list[Path]:
-    """Replace each pattern that is no file by the files that it matches, in alphabetical order, if any."""
+    """Replace each pattern by the matching files, in alphabetical order; existing paths are no patterns."""
     paths: list[Path] = []
     for model in models:
         matches: list[Path] = []

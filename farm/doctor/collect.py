@@ -81,7 +81,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
         fleet_error=fleet_error,
         files=_check_files(books.books, places.state) if books.books is not None else FileFacts(),
         agents=tuple(
-            _ask_agent(section.name, places.state.agent(section.name)) for section in local_printers
+            _query_agent(section.name, places.state.agent(section.name)) for section in local_printers
         ),
         ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
         disk=_measure_disk(places.state, books.books),
@@ -133,7 +133,7 @@ def _list_job_files(books: Books, job: Job) -> Iterator[tuple[str, str]]:
         yield from ((books.parts[name].file, Path(books.parts[name].file).stem) for name in plate.parts)
 
 
-def _ask_agent(printer: str, folder: Path) -> AgentFacts:
+def _query_agent(printer: str, folder: Path) -> AgentFacts:
     try:
         if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
             return AgentFacts(printer, alive=False, folder_error=f"{folder} is not accessible to you")
@@ -141,10 +141,10 @@ def _ask_agent(printer: str, folder: Path) -> AgentFacts:
             return AgentFacts(printer, alive=False)
     except OSError as error:
         return AgentFacts(printer, alive=False, folder_error=str(error))
-    return AgentFacts(printer, alive=True, protocol=asyncio.run(_ask_protocol(folder)))
+    return AgentFacts(printer, alive=True, protocol=asyncio.run(_query_protocol(folder)))
 
 
-async def _ask_protocol(folder: Path) -> int | None:
+async def _query_protocol(folder: Path) -> int | None:
     client = AgentClient(folder)
     try:
         async with asyncio.timeout(_AGENT_S):

@@ -15,7 +15,7 @@ from farm.planning.plate_times import compute_prelude_seconds
 from farm.state.storage import store_file
 
 MAX_WARNINGS = 3
-"""Largest number of warnings of a plate about walls too thin to print, the largest walls first."""
+"""Largest number of a plate's warnings about walls too thin to print, the largest walls first."""
 MAY_FALL_WARNING = (
     "has a small footprint in every pose that fits: watch it while it prints, or give it a wider brim"
 )
@@ -105,9 +105,9 @@ def book_plan(sliced_job: SlicedJob, files: Path) -> Plan:
 
 
 def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict[str, str]:
-    """Return the stored files of a planned job, of these parts and plates, by their readable names.
+    """Return the stored files of a planned job, its parts and its plates, by their readable names.
 
-    Of a pruned job, only the pictures.
+    For a pruned job, these are only the pictures.
     """
     if job.pruned_s is not None:
         pictures = {f"{Path(part).name}.png": file for part, file in job.part_pictures.items()}
@@ -127,9 +127,9 @@ def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> 
 
 
 def _estimate_serial_s(sliced_job: SlicedJob) -> float:
-    """Return the time of the whole model in one piece: its estimate, scaled by the parts' slices.
+    """Estimate the time of the whole model in one piece: its price, scaled by the slices of the parts.
 
-    Slicing the whole model would take minutes, for a printer that does not exist.
+    Slicing the whole model would take minutes, and no printer could print the result.
     """
     first = sliced_job.parts[0]
     prelude_s = compute_prelude_seconds(first.printer, first.task.settings)

@@ -1,4 +1,4 @@
-"""Progress of a decomposition, in a file: its worker writes it, the daemon reads it."""
+"""Progress of a decomposition, in a file that its worker writes and the daemon reads."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class DecomposeProgress(BaseModel):
     Attributes
     ----------
     share
-        Share of the budget that is spent, 0 to 1.
+        Used share of the budget, 0 to 1.
     remaining_s
-        Maximum wall seconds until the budget is spent, at the rate so far; None while it is unknown.
+        Largest number of wall seconds until the budget is used up, at the rate so far; None if unknown.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -29,7 +29,7 @@ class DecomposeProgress(BaseModel):
 
 
 class ProgressFile:
-    """Writer of the progress of a decomposition, which it measures in wall seconds.
+    """Writer of the progress of a decomposition, with an estimate of the remaining wall seconds.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class ProgressFile:
         self._due_s = -math.inf
 
     def report(self, share: float, now_s: float) -> None:
-        """Write the spent share of the budget, at most every half second.
+        """Write the used share of the budget, at most every half second.
 
         Parameters
         ----------
         share
-            0 to 1; the remaining time is estimated from the first report above 0.
+            Used share, 0 to 1; the remaining time is estimated from the first report above 0.
         now_s
             Seconds of a monotonic clock.
         """

@@ -1,4 +1,4 @@
-"""Translation of errors of decompose, slicing and drivers into farm errors with a code."""
+"""Conversion of errors of decompose, slicing and drivers into farm errors with a code."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
 
 @contextmanager
 def translate_errors() -> Iterator[None]:
-    """Turn an error of decompose, slicing or drivers into a FarmError with its code."""
+    """Convert an error of decompose, slicing or drivers to a FarmError with its code."""
     try:
         yield
     except tuple(kind for kind, _ in _CODES) as error:

@@ -1,4 +1,4 @@
-"""Planning of jobs side by side. The steps of one plan are in `plan_builder`; the work runs in workers.
+"""Concurrent planning of jobs. The steps of one plan are in `plan_builder`; the work runs in workers.
 
 Submissions are inspected earlier (`inspection`); `planned_event` builds the event that records the plan.
 """
@@ -27,7 +27,7 @@ OnProgress = Callable[[int, PlanProgress], None]
 
 
 class JobPlanner:
-    """Planner of several jobs at a time.
+    """Planner of several jobs at the same time.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class JobPlanner:
         self._running: dict[int, asyncio.Task[None]] = {}
 
     def start(self, request: PlanRequest) -> None:
-        """Start planning a job; returns at once."""
+        """Start planning a job, in the background."""
         job = request.job
         task = DecomposeTask(
             job=job.id,
@@ -84,7 +84,7 @@ class JobPlanner:
                 plan_task.cancel()
 
     async def _run(self, job: Job, builder: PlanBuilder) -> None:
-        """Plan a job; after any error on a full disk, retry when there is space."""
+        """Plan a job; after an error while the disk is full, retry once there is space."""
         while isinstance(result := await self._build_plan(job, builder), FarmError) and self._is_disk_full():
             log.error(
                 "job %d: %s; it is planned when %s has space",

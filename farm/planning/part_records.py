@@ -19,16 +19,16 @@ if TYPE_CHECKING:  # the daemon uses results of workers without importing their 
 
 @dataclass(frozen=True, slots=True)
 class DecomposedPart:
-    """A part as a file, before it is sliced.
+    """Part as a file, before it is sliced.
 
     Attributes
     ----------
     stl
         File in printing pose.
     price_s
-        Its printing time by the cost model of the decomposition.
+        Printing time of the part by the cost model of the decomposition.
     printer
-        Name of the printer that it was cut for.
+        Name of the printer for which the part was cut.
     glue_rank
         Place in the order in which parts are glued, from 1; None if it has none.
     """
@@ -74,12 +74,12 @@ class SliceTask:
     Attributes
     ----------
     part
-        Its name, for messages.
+        Name of the part, for messages.
     stl
         File in printing pose.
     settings
-        Settings of the quality, for which `room` was computed; the part is sliced with its own brim, first
-        layer and layer height.
+        Settings of the quality, for which `room` was computed. The brim, the first layer and the layer height
+        of the part may differ from them.
     room
         Boxes of the bed that the part may fill.
     out
@@ -107,7 +107,7 @@ class SliceBatch:
     Attributes
     ----------
     printers
-        The printers that the parts name, and possibly others.
+        The printers of the parts, and possibly others.
     folder
         Folder for the G-code.
     cache
@@ -127,7 +127,7 @@ class SliceBatch:
 
 @dataclass(frozen=True, slots=True)
 class SlicedPart:
-    """A part with its printer, its slice task and the result."""
+    """Part with its printer, its slice task and the result."""
 
     part: DecomposedPart
     printer: PrinterSection
@@ -135,7 +135,7 @@ class SlicedPart:
     result: PlateResult
 
     def expected_s(self, time_factor: float = 1.0) -> float:
-        """Return the seconds from the first command of its print to the last, as `compute_plate_seconds`."""
+        """Return the seconds from the first command of its print to the last; see `compute_plate_seconds`."""
         settings = self.task.settings
         return compute_plate_seconds(
             PROFILES[self.printer.model],

@@ -1,6 +1,6 @@
 """Records of a job in the stages of planning: inspected, to be decomposed, decomposed, sliced, planned.
 
-There are no partial plans. For the order of the steps see `job_planner`.
+There are no partial plans. For the order of the steps see `farm.planning`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from farm.model import Job, JobOptions, ModelSize, OwnGcode, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
-"""Cuts are moved if the last printer ends later than the mean of all by the larger of both."""
+"""Least delay of the last printer behind the mean of all for which cuts are moved: the larger of a time and a
+share of the longest time."""
 
 
 class TooFewPrinters(FarmError):
-    """Error for a model that needs more parts than the printers given to it."""
+    """Error for a model that needs more parts than it has printers."""
 
     def __init__(self, message: str, needed_count: int) -> None:
         super().__init__(message, ErrorCode.NO_FIT)
@@ -31,7 +32,7 @@ class TooFewPrinters(FarmError):
 
 
 def name_step_file(upload: Path) -> Path:
-    """Return the path of the file beside an upload that holds the current step of its inspection."""
+    """Return the path of the file, beside an upload, with the current step of its inspection."""
     return upload.with_name(f"{upload.name}.step")
 
 
@@ -54,12 +55,12 @@ class InspectedSubmission:
 
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
-    """A job to be planned.
+    """Request to plan a job.
 
     Attributes
     ----------
     printers
-        The printers that it is planned for.
+        The printers for which it is planned.
     rounds
         Largest number of parts per printer.
     time_factors
@@ -69,7 +70,7 @@ class PlanRequest:
     assembly_ratio
         Ratio of reported to expected times of assembly.
     quick
-        True if the plan is expected to take seconds: it does not wait for other work.
+        True if planning is expected to take seconds, and must not wait for other work.
     """
 
     job: Job
@@ -83,7 +84,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class DecomposeTask:
-    """A job to be decomposed for these printers.
+    """Task to decompose a job for some printers.
 
     Attributes
     ----------
@@ -94,8 +95,8 @@ class DecomposeTask:
     time_factors
         Time factors of the printers, learned from their prints, by name; 1 if there is none.
     within_s
-        Time within which the job must be printed (`--done-by`), or glued too (`--assembled-by`); None for
-        no limit.
+        Time within which the job must be printed (`--done-by`), or printed and glued (`--assembled-by`);
+        None for no limit.
     assembly_ratio
         Ratio of reported to expected times of assembly.
     budget_s
@@ -116,12 +117,12 @@ class DecomposeTask:
 
 @dataclass(frozen=True, slots=True)
 class DecomposedJob:
-    """Figures and file names of a decomposition, returned by its worker; no geometry.
+    """Figures and file names of a decomposition, without geometry, as its worker returns them.
 
     Attributes
     ----------
     serial_price_s
-        Price of the whole model in one piece, heat-up included.
+        Price of the whole model in one piece, including the heat-up.
     drawing_record
         File for `draw_job` (farm.planning.parts.draw_job).
     cut_record
@@ -129,7 +130,7 @@ class DecomposedJob:
     assembly_s
         A person's time to glue the parts; None for a single part.
     steps
-        Number of steps in which they are glued.
+        Number of steps of the gluing.
     """
 
     parts: tuple[DecomposedPart, ...]
@@ -144,7 +145,7 @@ class DecomposedJob:
 
 @dataclass(frozen=True, slots=True)
 class SlicedJob:
-    """A decomposition with the slice of each part, in the order of its parts."""
+    """Decomposition with the slice of each part, in the order of its parts."""
 
     task: DecomposeTask
     decomposed: DecomposedJob
@@ -159,13 +160,13 @@ class SlicedJob:
         return busy
 
     def makespan_s(self) -> float:
-        """Return the longest printing time of a printer, without clearing beds between rounds."""
+        """Return the longest printing time of a printer, without the time to clear beds between rounds."""
         return max(self.busy_s().values())
 
     def should_relevel(self) -> bool:
         """Return whether the last printer ends late enough to justify moving the cuts and reslicing.
 
-        If a printer has several parts, equal parts would not be equal loads.
+        False if a printer has several parts, as equal parts would then not be equal loads.
         """
         busy_s = self.busy_s()
         late_s = self.makespan_s() - sum(busy_s.values()) / len(busy_s)
@@ -180,13 +181,13 @@ class Plan:
     Attributes
     ----------
     serial_s
-        Expected time of the whole model on one imagined large printer.
+        Expected time of the whole model on one large printer, which need not exist.
     expected_s
         Expected parallel printing time.
     picture, assembly, decomposition, instructions
         Names in the file store.
     assembly_s
-        A person's time to glue the parts of all copies, by the model of steps; None if there are no steps.
+        Expected time for a person to glue the parts of all copies; None if there is nothing to glue.
     """
 
     parts: tuple[Part, ...]

@@ -1,4 +1,4 @@
-"""Building of one plan: decompose, slice, move the cuts by the sliced times, put the files into the store."""
+"""Builder of one plan: decompose, slice, move the cuts by the sliced times, put the files into the store."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class PlanBuilder:
         return multiply_plan(plan, self.task)
 
     async def plan_model(self) -> Plan:
-        """Decompose a model, slice its parts, balance them, and draw them meanwhile by idle workers."""
+        """Decompose a model, slice its parts and balance them; idle workers draw them at the same time."""
         try:
             decomposed_job = await self._decompose()
             sliced_job = await self._relevel(await self._slice(self.task, decomposed_job))
@@ -85,7 +85,7 @@ class PlanBuilder:
             watch_task.cancel()
 
     async def _watch_decomposition(self) -> None:
-        """Report the progress that the worker writes, whenever it changes."""
+        """Report each change of the progress that the worker writes."""
         last_progress: PlanProgress | None = None
         while True:
             await asyncio.sleep(_POLL_S)
@@ -123,7 +123,7 @@ class PlanBuilder:
         return SlicedJob(task, decomposed_job, await slice_batch(self._workers, batch, count_slice))
 
     async def _relevel(self, sliced_job: SlicedJob) -> SlicedJob:
-        """Move the cuts as long as this shortens the slowest part, by its slice."""
+        """Move the cuts as long as this shortens the sliced time of the slowest printer."""
         job = sliced_job.task.job
         for _ in range(_MAX_RELEVELS):
             if not sliced_job.should_relevel():
@@ -149,7 +149,7 @@ class PlanBuilder:
         return sliced_job
 
     async def _move_cuts(self, sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
-        """Move the cuts; idle workers draw the parts, in case that they stay as they are."""
+        """Move the cuts; meanwhile idle workers draw the parts, which may stay unchanged."""
         move_future = asyncio.ensure_future(
             self._workers.run(relevel_parts, sliced_job, folder, limit=DECOMPOSING)
         )

@@ -25,7 +25,7 @@ from farm.state import events as ev
 def build_planned_event(
     job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
-    """Build the event of a plan, with its time: rounds, hours and the heating limit may extend it."""
+    """Build the event of a plan, with its expected time, which rounds, hours and heating limit may extend."""
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
     fleet = [make_idle(view) for view in printers if view.name in used_printers]
@@ -45,7 +45,7 @@ def build_planned_event(
     if job.done_by_s is not None or job.assembled_by_s is not None:
         ends_s = forecast_prints(
             situation.with_printers(tuple(printers))
-        ).ends_s  # in the present state of the printers: beds may not be clear
+        ).ends_s  # in the current state of the printers: beds may not be clear
         glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)

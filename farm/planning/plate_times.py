@@ -1,4 +1,4 @@
-"""Expected time of a plate on a printer, heat-up, start and end code included."""
+"""Expected time of a plate on a printer, including heat-up, start and end code."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ def reassign_loads(
     Parameters
     ----------
     loads_s
-        Load of each printer in the plan, in seconds; 0 for printers not named.
+        Load of each printer in the plan, in seconds; 0 for missing printers.
     kinds
-        Kind of every usable printer: loads move among printers of one kind only.
+        Kind of each usable printer; loads are exchanged only between printers of one kind.
     time_factors
         Time factors of the printers, by name; 1 if there is none.
 
     Returns
     -------
     dict
-        For every printer, the printer that takes over its load: a permutation.
+        For each printer, the printer that gets its load: a permutation.
     """
     new_owners: dict[str, str] = {}
     for kind in set(kinds.values()):

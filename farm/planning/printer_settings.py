@@ -20,7 +20,7 @@ def list_matching_printers(printers: Sequence[PrinterSection], options: JobOptio
     Raises
     ------
     Refused
-        If there is none; the message lists the materials of the fleet.
+        If no printer matches; the message lists the materials of the fleet.
     """
     enabled_sections = [section for section in printers if section.enabled]
     matching_sections = [
@@ -48,7 +48,7 @@ def _describe_filament(section: PrinterSection) -> str:
 
 
 def build_settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """Build the request for the slicer's settings on a printer, with supports, as the poses assume."""
+    """Build the request for the slicer's settings on a printer, with supports, which the poses assume."""
     return SettingsRequest(
         build_slicing_printer(PROFILES[section.model]),
         quality,
@@ -65,13 +65,13 @@ def resolve_printer_settings(section: PrinterSection, quality: str, resources: R
 
 
 def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> None:
-    """Check that every printer that a job may go to can print its quality; runs in a worker.
+    """Check that all printers that a job may use can print in its quality; runs in a worker.
 
     Raises
     ------
     FarmError
-        `refused` if no printer of the fleet matches, `settings` where its quality does not exist, `engine`
-        if Cura's files are missing; each with the available alternatives.
+        `refused` if no printer of the fleet matches, `settings` if the quality does not exist for a printer,
+        `engine` if Cura's files are missing.
     """
     with translate_errors():
         resources = find_resources()
@@ -108,14 +108,17 @@ def find_printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox,
 def list_model_sizes(
     room: tuple[RoomBox, ...], settings: EngineSettings
 ) -> tuple[tuple[float, float, float], ...]:
-    """Return the sizes (x, y, z) in mm that a part may have in the model, before shrinkage is added."""
+    """Return the largest sizes (x, y, z) of a part in the model, in mm, without shrinkage compensation."""
     xy, z = settings.scale_xy, settings.scale_z
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
 
 
 @cache
 def list_bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
-    """Return the boxes that a printer prints in: min_x, min_y, max_x, max_y, height, bed-centred mm."""
+    """Return the boxes in which a printer can print.
+
+    Each is (min_x, min_y, max_x, max_y, height) in mm from the bed's centre.
+    """
     return tuple(
         (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)
         for box in find_printer_room(section, brim_mm=0.0)

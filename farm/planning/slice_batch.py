@@ -33,7 +33,7 @@ async def slice_batch(
     Returns
     -------
     tuple[SlicedPart, ...]
-        In the order of the batch.
+        The slices, in the order of the batch.
 
     Raises
     ------

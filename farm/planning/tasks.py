@@ -1,6 +1,6 @@
 """Functions of planning that run in worker processes; their modules load numpy, meshes and Cura there.
 
-Those that list their files can run on a computer without a shared disk.
+Functions with a list of their files can also run on a computer without a shared disk.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ if TYPE_CHECKING:
 
 
 def list_decompose_files(task: DecomposeTask) -> TaskFiles:
-    """List the files of `decompose_job`: the model, the folder of the plan with its progress."""
+    """List the files of `decompose_job`: the model, and the folder of the plan with its progress."""
     return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS,))
 
 
 def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
-    """List the files of `draw_overview`: the record of the parts, the picture."""
+    """List the files of `draw_overview`: the record of the parts, and the picture."""
     return TaskFiles(reads=(drawing_record,), writes=(out,))
 
 
 def list_step_files(drawing_record: Path, _first: int, _end: int, out: Path) -> TaskFiles:
-    """List the files of `draw_some_steps`: the record of the parts, the pictures."""
+    """List the files of `draw_some_steps`: the record of the parts, and the pictures."""
     return TaskFiles(reads=(drawing_record,), writes=(out,))
 
 
 def list_draw_files(
     task: DecomposeTask, drawing_record: Path, overview: Path | None = None, steps: Sequence[Path] = ()
 ) -> TaskFiles:
-    """List the files of `draw_job`: the record of the parts, earlier pictures, the folder of the plan."""
+    """List the files of `draw_job`: the record of the parts, earlier pictures, and the plan's folder."""
     pictures = steps if overview is None else (overview, *steps)
     return TaskFiles(reads=(drawing_record, *pictures), folders=(task.folder,))
 
 
 def list_relevel_files(sliced_job: SlicedJob, folder: Path) -> TaskFiles:
-    """List the files of `relevel_parts`: the model and the cuts, the folder of the new parts."""
+    """List the files of `relevel_parts`: the model, the cuts, and the folder of the new parts."""
     record = sliced_job.decomposed.cut_record
     reads = (sliced_job.task.model,) if record is None else (sliced_job.task.model, record)
     return TaskFiles(reads=reads, folders=(folder,))
@@ -55,7 +55,7 @@ def list_slice_files(task: SliceTask) -> TaskFiles:
 
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
-    """List the files of `cut_part`: all parts of the job's copy, its reports, the folder of the pieces."""
+    """List the files of `cut_part`: all parts of the copy, the job's reports, and the pieces' folder."""
     names = (*(part.file for part in (task.part, *task.others)), *task.reports)
     return TaskFiles(reads=tuple(task.files / name for name in names), folders=(task.folder,))
 

@@ -56,7 +56,7 @@ def test_socket_of_a_long_path_is_in_a_private_folder(temporary):
     [
         (lambda folder: folder.mkdir(mode=0o755), "is open to other users .mode 755."),
         (lambda folder: folder.mkdir(mode=0o710), "is open to other users .mode 710."),
-        (lambda folder: folder.symlink_to(folder.parent), "is no folder"),
+        (lambda folder: folder.symlink_to(folder.parent), "is not a folder"),
         (lambda folder: folder.touch(), "cannot be used"),
     ],
 )

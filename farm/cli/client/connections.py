@@ -28,7 +28,7 @@ class NetworkAddress:
     netloc
         Name or IP address, with the port if there is one.
     path
-        Start of each path, without a slash at its end: for a daemon behind a proxy.
+        Prefix of each path, without a final slash, for a daemon behind a proxy.
     key
         The key's text.
     """
@@ -49,7 +49,7 @@ Address = Path | NetworkAddress
 class SocketConnection(HTTPConnection):
     """HTTP over the daemon's Unix socket. Raises OSError or HTTPException if the response is incomplete.
 
-    The standard library's HTTP loads fast and leaves nothing open.
+    It uses the HTTP of the standard library, which is imported quickly.
     """
 
     def __init__(self, path: Path, connect_s: float, answer_s: float) -> None:
@@ -69,14 +69,14 @@ class SocketConnection(HTTPConnection):
 
 
 def open_connection(address: Address, connect_s: float, answer_s: float) -> HTTPConnection:
-    """Make a connection, which connects at its first request.
+    """Make an HTTP connection, which is opened by its first request.
 
     Parameters
     ----------
     address
         The daemon.
     connect_s, answer_s
-        Seconds to wait for a connection, and for an answer; on the network only the second counts.
+        Seconds to wait for a connection, and for an answer; on the network, only the latter is used.
     """
     if isinstance(address, Path):
         return SocketConnection(address, connect_s, answer_s)
@@ -90,7 +90,7 @@ def make_headers(address: Address) -> dict[str, str]:
 
 
 def make_target(address: Address, path: str) -> str:
-    """Return the path of a request as the daemon at an address serves it."""
+    """Return the path of a request with the prefix that the daemon at an address expects."""
     return path if isinstance(address, Path) else f"{address.path}{NETWORK_PREFIX}{path}"
 
 
@@ -100,11 +100,11 @@ def read_address(url: str, key_file: Path | None) -> NetworkAddress:
     Raises
     ------
     FarmError
-        If the URL is none, or the key cannot be read, or other users can read it too.
+        If the URL is not valid, or the key cannot be read, or other users can read it too.
     """
     parts = urlsplit(url)
     if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.username:
-        raise FarmError(f"{url!r} is no address of a farm: use https://HOST:8467", ErrorCode.SETTINGS)
+        raise FarmError(f"{url!r} is not the address of a farm: use https://HOST:8467", ErrorCode.SETTINGS)
     if key_file is None:
         raise FarmError(
             "--url needs --key-file FILE (FARM_KEY_FILE): a key that an operator made by `farm key add NAME`",

@@ -27,8 +27,8 @@ from farm.text import describe_first_error
 View = TypeVar("View", bound=BaseModel)
 CONNECT_S, ANSWER_S = 5.0, 60.0
 SUBMISSION_S = 86400.0
-"""Long, as a large broken model is repaired before its submission is answered; meanwhile the client polls
-the progress."""
+"""Seconds to wait for the answer to a submission: a large broken model is repaired before the answer.
+Meanwhile the client polls the progress."""
 _POLL_S = 0.5
 _MAX_NAME_LENGTH = 200
 _FIRST_ERROR = 400  # lowest status code of an error
@@ -52,102 +52,102 @@ class Client:
         self._address, self._answer_s, self._connect_s = address, answer_s, connect_s
 
     def status(self) -> api.Status:
-        return self._ask(api.Status, "GET", "/status")
+        return self._request(api.Status, "GET", "/status")
 
     def status_summary(self) -> api.StatusSummary:
-        """Ask for the farm without the parts and plates of its jobs, which is quick for large queues."""
+        """Fetch the status without the parts and plates of jobs, which is faster for large queues."""
         try:
-            return self._ask(api.StatusSummary, "GET", "/status/summary")
+            return self._request(api.StatusSummary, "GET", "/status/summary")
         except FarmError as error:
             if error.code is not ErrorCode.NO_SUCH_THING:
                 raise
             raise _make_version_error(error) from error  # a daemon of an earlier version has no such route
 
     def names(self) -> api.Names:
-        return self._ask(api.Names, "GET", "/names")
+        return self._request(api.Names, "GET", "/names")
 
     def job(self, number: int) -> api.JobStatus:
-        return self._ask(api.JobStatus, "GET", f"/jobs/{number}")
+        return self._request(api.JobStatus, "GET", f"/jobs/{number}")
 
     def cancel(self, number: int) -> api.JobStatus:
-        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/cancel")
+        return self._request(api.JobStatus, "POST", f"/jobs/{number}/cancel")
 
     def cleared(self, printer: str, request: api.ClearedRequest) -> api.ClearedResponse:
-        return self._ask(api.ClearedResponse, "POST", f"/printers/{printer}/cleared", body=request)
+        return self._request(api.ClearedResponse, "POST", f"/printers/{printer}/cleared", body=request)
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:
         filters = {"job": job, "printer": printer, "last": last}
         params = {name: value for name, value in filters.items() if value is not None}
-        return self._ask(api.History, "GET", "/history", params=params)
+        return self._request(api.History, "GET", "/history", params=params)
 
     def send_command(self, path: str, why: str | None = None) -> str:
         """Send a command about a job, a part or a printer; return the name of its target."""
         body = None if why is None else api.Reason(why=why)
-        answer = self._call("POST", path, body=body)
+        answer = self._send("POST", path, body=body)
         return _validate(api.NameResponse, answer).name if answer else ""
 
     def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
-        return self._ask(api.Reel, "POST", f"/printers/{printer}/load", body=request)
+        return self._request(api.Reel, "POST", f"/printers/{printer}/load", body=request)
 
     def approve(self, number: int, request: api.ApproveRequest) -> None:
-        self._call("POST", f"/jobs/{number}/approve", body=request)
+        self._send("POST", f"/jobs/{number}/approve", body=request)
 
     def record_assembly(self, number: int, request: api.AssembledRequest) -> api.JobStatus:
-        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/assembled", body=request)
+        return self._request(api.JobStatus, "POST", f"/jobs/{number}/assembled", body=request)
 
     def hosts(self) -> api.HostList:
-        return self._ask(api.HostList, "GET", "/hosts")
+        return self._request(api.HostList, "GET", "/hosts")
 
     def update_hosts(self) -> api.HostUpdate:
-        return self._ask(api.HostUpdate, "POST", "/hosts/update")
+        return self._request(api.HostUpdate, "POST", "/hosts/update")
 
     def queue(self) -> api.Queue:
-        return self._ask(api.Queue, "GET", "/queue")
+        return self._request(api.Queue, "GET", "/queue")
 
     def move(self, number: int, request: api.QueueMove) -> api.Queue:
-        return self._ask(api.Queue, "POST", f"/jobs/{number}/move", body=request)
+        return self._request(api.Queue, "POST", f"/jobs/{number}/move", body=request)
 
     def reschedule(self, number: int, request: api.JobStart) -> api.JobStatus:
-        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/start", body=request)
+        return self._request(api.JobStatus, "POST", f"/jobs/{number}/start", body=request)
 
     def timeline(self, number: int) -> api.Timeline:
-        return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
+        return self._request(api.Timeline, "GET", f"/jobs/{number}/timeline")
 
     def files(self, number: int) -> api.JobFiles:
-        return self._ask(api.JobFiles, "GET", f"/jobs/{number}/files")
+        return self._request(api.JobFiles, "GET", f"/jobs/{number}/files")
 
     def download(self, number: int, name: str, write: Callable[[bytes], None]) -> None:
-        """Download a file of a job, and pass it on in chunks."""
-        self._call("GET", f"/jobs/{number}/files/{name}", write=write)
+        """Download a file of a job, and call `write` with each chunk."""
+        self._send("GET", f"/jobs/{number}/files/{name}", write=write)
 
     def prune(self, dry_run: bool) -> api.PruneResponse:
         """Delete expired files, or list them; the parts of each job are drawn first."""
         body = api.PruneRequest(dry_run=dry_run)
-        return _validate(api.PruneResponse, self._call("POST", "/prune", body=body, answer_s=SUBMISSION_S))
+        return _validate(api.PruneResponse, self._send("POST", "/prune", body=body, answer_s=SUBMISSION_S))
 
     def keys(self) -> api.Keys:
-        return self._ask(api.Keys, "GET", "/keys")
+        return self._request(api.Keys, "GET", "/keys")
 
     def add_key(self, request: api.KeyRequest) -> api.NewKey:
-        return self._ask(api.NewKey, "POST", "/keys", body=request)
+        return self._request(api.NewKey, "POST", "/keys", body=request)
 
     def revoke_key(self, name: str) -> None:
-        self._call("POST", f"/keys/{name}/revoke")
+        self._send("POST", f"/keys/{name}/revoke")
 
     def grant_key(self, code: str, grant: api.AppKeyGrant) -> api.NameResponse:
-        return self._ask(api.NameResponse, "POST", f"/keys/requests/{code}/grant", body=grant)
+        return self._request(api.NameResponse, "POST", f"/keys/requests/{code}/grant", body=grant)
 
     def deny_key(self, code: str) -> None:
-        self._call("POST", f"/keys/requests/{code}/deny")
+        self._send("POST", f"/keys/requests/{code}/deny")
 
     def make_login_link(self) -> api.LoginLink:
-        return self._ask(api.LoginLink, "POST", "/sessions/link")
+        return self._request(api.LoginLink, "POST", "/sessions/link")
 
     def end_sessions(self) -> api.EndedSessions:
-        return self._ask(api.EndedSessions, "POST", "/sessions/end")
+        return self._request(api.EndedSessions, "POST", "/sessions/end")
 
     def shut_down(self, now: bool, wait: bool) -> None:
-        self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
+        self._send("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 
     def submit(
         self,
@@ -156,12 +156,12 @@ class Client:
         retry_s: float = 60.0,
         report: Callable[[api.UploadView], None] = lambda _: None,
     ) -> api.SubmitResponse:
-        """Upload a model; retry for `retry_s` with the same request id while the daemon is away.
+        """Upload a model; retry for `retry_s` with the same request id while the daemon is unreachable.
 
         Parameters
         ----------
         model, options
-            The model's file, and how to print it.
+            The model's file, and its print options.
         retry_s
             Seconds for which to retry.
         report
@@ -174,12 +174,12 @@ class Client:
             "options": options.model_dump_json(exclude_none=True),
         }
         self.status()  # raises at once if there is no daemon
-        give_up = time.monotonic() + retry_s
+        give_up_s = time.monotonic() + retry_s
         while True:
             try:
                 return self._upload(model, params, report)
             except DaemonUnreachable:
-                if time.monotonic() > give_up:
+                if time.monotonic() > give_up_s:
                     raise
                 time.sleep(0.5)
 
@@ -192,7 +192,7 @@ class Client:
         def send() -> None:
             try:
                 with model.open("rb") as file:
-                    answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
+                    answer = self._send("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
                 result.set_result(answer)
             except BaseException as error:
                 result.set_exception(error)
@@ -203,7 +203,7 @@ class Client:
             with suppress(TimeoutError):
                 return _validate(api.SubmitResponse, result.result(_POLL_S))
             try:
-                report(self._ask(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
+                report(self._request(api.UploadView, "GET", f"/uploads/{params['request_id']}"))
             except DaemonUnreachable:
                 if time.monotonic() - last_answer_s > self._answer_s and not result.done():
                     raise
@@ -212,7 +212,7 @@ class Client:
             else:
                 last_answer_s = time.monotonic()
 
-    def _ask(
+    def _request(
         self,
         view: type[View],
         method: str,
@@ -221,9 +221,9 @@ class Client:
         params: Mapping[str, str | int] | None = None,
         body: BaseModel | None = None,
     ) -> View:
-        return _validate(view, self._call(method, path, params=params, body=body))
+        return _validate(view, self._send(method, path, params=params, body=body))
 
-    def _call(
+    def _send(
         self,
         method: str,
         path: str,
@@ -282,7 +282,7 @@ def _read_answer(status: int, text: bytes) -> Any:
 
 
 def connect(places: Places) -> Client:
-    """Return the client of the daemon at a farm's places: on the network if they have a URL.
+    """Return a client of the daemon at a farm's places: over the network if they have a URL.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def _advise(address: Address) -> str:
     return (
         "`farm up` starts one"
         if isinstance(address, Path)
-        else "is it running there, with `web` in its fleet.yaml, and is the way open?"
+        else "check that it runs there, with `web` in its fleet.yaml, and that no firewall blocks it"
     )
 
 

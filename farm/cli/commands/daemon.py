@@ -62,7 +62,7 @@ def _load_fleet(places: Places) -> Fleet:
 
 
 def _warn(fleet: Fleet, places: Places) -> None:
-    """Warn of missing ports, and of a fleet file that shows passwords to everybody."""
+    """Warn of missing ports, and of a fleet file with passwords that all users can read."""
     for printer in fleet.printers:
         is_local = printer.enabled and printer.host is None and printer.port.startswith("/")
         if is_local and not Path(printer.port).exists():
@@ -72,7 +72,7 @@ def _warn(fleet: Fleet, places: Places) -> None:
             )
     if fleet.fleet.notify and places.fleet.stat().st_mode & _READABLE_BY_ALL:
         print_notice(
-            f"{places.fleet} may hold passwords under `notify`, and every user can read it: "
+            f"{places.fleet} may contain passwords under `notify`, and every user can read it: "
             f"`chmod o-r {places.fleet}`"
         )
 
@@ -83,7 +83,7 @@ def _start_daemon(places: Places, client: Client) -> None:
     Raises
     ------
     FarmError
-        If it ended or does not answer; the message contains the last line of its log.
+        If the daemon ended or does not answer; the message contains the last line of its log.
     """
     places.state.make()
     command = [sys.executable, "-P", "-m", "farm.cli.main", "daemon"]
@@ -117,7 +117,7 @@ def daemon(places: Places) -> None:
     """Run the daemon in the foreground; `farm up` runs it in the background."""
     from farm.daemon import run
 
-    os.umask(0o077)  # an existing state folder may be open to all: its new files are private
+    os.umask(0o077)  # new files are private, even if the state folder is readable by all
     run(_load_fleet(places), places)
 
 
@@ -172,7 +172,7 @@ def host(
 
 
 def _is_running(pid: int) -> bool:
-    """Return whether a process exists and is no zombie."""
+    """Return whether a process exists and is not a zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

@@ -78,7 +78,7 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
     NoSuchThing
         If a name is unknown; the other printers are stopped.
     FarmError
-        If a printer's heaters could not be confirmed off, or its standstill not confirmed.
+        If it is not confirmed that a printer's heaters are off, or that the printer stands still.
     """
     began_s = time.time()
     targets, fleet_error = find_targets(places)
@@ -109,7 +109,7 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
 
 
 def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopResult]:
-    """Stop printers side by side, those of a host service over one connection; yield results as they come."""
+    """Stop printers in parallel, those of a host service over one connection; yield each result at once."""
     by_host: dict[tuple[str, str, str], list[StartFile]] = {}
     results: Queue[StopResult] = Queue()
     with ThreadPoolExecutor(max_workers=max(1, len(targets))) as pool:
@@ -148,18 +148,18 @@ def _describe_outcome(result: StopResult, began_s: float) -> StopReport:
 
 
 def _report_progress(report: Report, printer: str, text: str) -> None:
-    """Report on a printer whose stop has not ended."""
+    """Report the progress of a printer whose stop has not ended."""
     report(StopReport(printer=printer, text=text))
 
 
 def print_report(line: StopReport) -> None:
-    """Print a report as one line in one write, so that lines of several printers never mix."""
+    """Print a report as one line, in one write, so lines of several printers never mix."""
     sys.stdout.write(f"{line.printer}: {flatten_text(line.text)}\n")
     sys.stdout.flush()
 
 
 def serialise_reports(report: Report) -> Report:
-    """Wrap `report` so that calls from several threads come one after the other."""
+    """Return `report` with a lock, for calls from several threads."""
     lock = Lock()
 
     def locked(line: StopReport) -> None:
@@ -171,7 +171,7 @@ def serialise_reports(report: Report) -> Report:
 
 @dataclass(frozen=True, slots=True)
 class HostTarget:
-    """Printer on a host whose service stops several over one connection.
+    """Printer on a host whose service stops several printers over one connection.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class HostTarget:
 def find_targets(places: Places) -> tuple[dict[str, Target], FleetFileError | None]:
     """Find the stop target of each printer of the state folder and of `fleet.yaml`.
 
-    If `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
+    If `fleet.yaml` cannot be read, only the printers of the state folder are returned, with the error.
     """
     from drivers.records import StartFile  # slow to load
     from drivers.remote import runs_host_service

@@ -1,4 +1,4 @@
-"""`farm fetch`: the files of a job, from this host's daemon or another's."""
+"""`farm fetch`: fetch the files of a job from the daemon on this host or another."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def fetch(
 ) -> None:
     """Fetch the files of a job: parts, G-code, pictures, stills, and a report.
 
-    Each file is compared with its SHA-256, and appears when it is complete. Run again, the command fetches
-    what is missing.
+    Each file is compared with its SHA-256, and appears when it is complete. If the command is run again, it
+    fetches only the missing files.
     """
     from farm.cli.job_report import render_report  # slow to load
 

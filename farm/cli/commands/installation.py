@@ -1,4 +1,4 @@
-"""`farm discover`, `farm doctor` and `farm setup`: the ports of this host, and the installation."""
+"""`farm discover`, `farm doctor` and `farm setup`: ports and installation of this host."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def discover(
 
 
 def _load_printers(places: Places) -> tuple[PrinterSection, ...]:
-    """List the printers of the fleet file; none if there is no file yet."""
+    """Load the printers of the fleet file; none if there is no file yet."""
     if not places.fleet.exists():
         return ()
     return load_fleet(places.fleet, frozenset(PROFILES)).printers
 
 
 def _is_same_port(path: str, section: PrinterSection) -> bool:
-    """Return whether a path is the port of a printer on this host, under any of its names."""
+    """Return whether a path names the port of a printer on this host, also by a symbolic link."""
     if section.host is not None:
         return False
     same_device = path.startswith("/") and Path(path).resolve() == Path(section.port).resolve()

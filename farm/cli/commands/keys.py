@@ -41,12 +41,12 @@ class KeyAction(StrEnum):
 @with_places
 def key(
     places: Places,
-    action: Annotated[KeyAction | None, typer.Argument(help="Without it, the keys are listed.")] = None,
+    action: Annotated[KeyAction | None, typer.Argument(help="The action; none: list the keys.")] = None,
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Name of a new key: a person or a program; the id of one to revoke; the code of a program "
-            "that asks for one, to grant or deny."
+            help="add: name of the person or program; revoke: id of the key; grant, deny: code of the "
+            "program that requests a key."
         ),
     ] = None,
     role: Annotated[
@@ -57,8 +57,8 @@ def key(
 ) -> None:
     """Add, list, revoke, grant and deny the keys by which other hosts reach the farm (`web` in fleet.yaml).
 
-    Sessions of browsers (`farm web`) are listed too, and ended by their id. A new key is printed once, on
-    stdout; the farm keeps only its hash. Only operators may do this.
+    Sessions of browsers (`farm web`) are listed too, and `revoke` ends them by their id. A new key is printed
+    only once, on stdout; the farm stores only its hash. Only operators may use this command.
     """
     client = Client(places.socket)
     if action is None:

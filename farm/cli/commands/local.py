@@ -64,7 +64,7 @@ def decompose(
     min_glue: Annotated[float, typer.Option(min=0, help="Smallest area of a joint that holds, mm2.")] = 25.0,
     engine: Annotated[str, typer.Option(help="The algorithm; best: guillotine on several grids.")] = "best",
     budget: Annotated[
-        float, typer.Option(min=0, help="best: computing time in seconds of one core, about.")
+        float, typer.Option(min=0, help="best: approximate computing time, in seconds of one core.")
     ] = 20.0,
     seed: Annotated[int, typer.Option(min=0, help="Random seed, for engines that use one.")] = 0,
     tries: Annotated[int, typer.Option(min=1, help="parallelobox: attempts for each number of seeds.")] = 3,
@@ -139,7 +139,7 @@ def slice_model(
     longest_side: LongestSide = None,
     scale: Scale = None,
     price_per_kg: Annotated[
-        float | None, typer.Option(min=0, help="Price of the filament, to show what the print costs.")
+        float | None, typer.Option(min=0, help="Price of the filament, to show the price of the print.")
     ] = None,
     cache: Annotated[
         Path | None, typer.Option(help="Folder of the slice cache; default: the XDG cache.")
@@ -208,7 +208,7 @@ def coupon(
 
 
 def _exit(number: int, _: object) -> NoReturn:
-    """Exit as after Ctrl-C, so that the engine ends and temporary files are removed."""
+    """Exit as after Ctrl-C, which ends the engine and removes temporary files."""
     sys.exit(128 + number)
 
 
@@ -238,7 +238,7 @@ def worker(
     certificates: Certificates = None,
     name: Annotated[str | None, typer.Option(help="Name; default: that of this host.")] = None,
     folder: Annotated[
-        Path | None, typer.Option(help="Folder for files, of this worker alone; default: the XDG cache.")
+        Path | None, typer.Option(help="Folder for the files of this worker only; default: the XDG cache.")
     ] = None,
     slots: Annotated[
         int | None,
@@ -248,7 +248,7 @@ def worker(
         float | None, typer.Option(min=1, help="Memory of each; default: an equal share.")
     ] = None,
 ) -> None:
-    """Run tasks of farms on this computer, as a part of a Dask cluster."""
+    """Run tasks of farms on this computer, as a worker of a Dask cluster."""
     from farm.compute.cluster.security import check_cluster
 
     parse_scheduler(scheduler)

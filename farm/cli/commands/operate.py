@@ -1,4 +1,4 @@
-"""The operator's commands: `farm cleared`, `fail`, `reprint`, `cancel`, `pause`, `resume`, `load`, ..."""
+"""Commands of operators: `farm cleared`, `fail`, `reprint`, `cancel`, `pause`, `resume`, `load`, ..."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def find_target_path(target: str) -> str:
 def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
     """Select the printers for `all`: those with a bed to clear.
 
-    Printers in maintenance and absent ones are left out: a part may still be on the bed.
+    Absent printers and those in maintenance are left out, as a part may still be on the bed.
     """
     excluded_states = (HoldCode.MAINTENANCE, Link.ABSENT)
     return [
@@ -64,7 +64,7 @@ def cleared(
     printers: Annotated[
         list[str],
         typer.Argument(
-            help="The printers whose beds are clear, or `all` that wait to be cleared.",
+            help="The printers whose beds are clear; `all`: every printer that waits for this.",
             autocompletion=completion.beds,
         ),
     ],
@@ -75,7 +75,7 @@ def cleared(
         typer.Option(metavar="PART", help="This part of a failed print is good: do not print it again."),
     ] = None,
     filament: Annotated[
-        FilamentState | None, typer.Option(help="Where the tip of the filament is, if known.")
+        FilamentState | None, typer.Option(help="Position of the filament's tip, if known.")
     ] = None,
 ) -> None:
     """Confirm that beds are clear, printers inspected, and their printed parts good (or --bad)."""
@@ -134,7 +134,7 @@ def reprint(
     ],
     why: ReasonOption = "",
 ) -> None:
-    """Print a part again, at any time and whatever its state."""
+    """Print a part again, even if it was printed, cancelled or failed too often."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
     name = connect(places).send_command(path, why)
     print(f"part {name} will be printed again")
@@ -145,7 +145,7 @@ def cancel(
     places: Places,
     target: Target,
 ) -> None:
-    """Cancel a job or a part: prints end safely, and nothing of it is printed again."""
+    """Cancel a job or a part: its prints end safely, and it is not printed again."""
     client = connect(places)
     if not target.isdigit():
         name = client.send_command(f"{find_target_path(target)}/cancel")

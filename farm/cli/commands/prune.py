@@ -22,10 +22,10 @@ def prune(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list what would be deleted.")] = False,
     json: Json = False,
 ) -> None:
-    """Delete old jobs' files that `fleet.keep` does not keep, as every night; figures and pictures stay.
+    """Delete the files of old jobs by `fleet.keep` now, not at night; figures and pictures stay.
 
-    The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, stay in
-    any case.
+    The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, always
+    stay.
     """
     answer = Client(places.socket).prune(dry_run)
     if json:
@@ -36,7 +36,7 @@ def prune(
 
 
 def describe_prune(answer: api.PruneResponse) -> list[str]:
-    """Describe in lines what was deleted, or would be."""
+    """Describe the deleted jobs and amounts, one a line; for a dry run, those that would be deleted."""
     lines = [f"job {job.id}  {job.size_bytes / _GB:.2f} GB  {job.name}" for job in answer.jobs]
     jobs = format_count(len(answer.jobs), "job")
     verb = "would be pruned" if answer.dry_run else "pruned"

@@ -1,4 +1,4 @@
-"""`farm status`, `farm history`, `farm report` and `farm hosts`: the present state and the past."""
+"""`farm status`, `farm history`, `farm report` and `farm hosts`: the current state and the past."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _show_farm(client: Client, as_json: bool) -> None:
 
 
 def _watch(client: Client, number: int | None) -> None:
-    """Refresh the page every second until Ctrl-C, which leaves the last one on the terminal."""
+    """Refresh the page every second until Ctrl-C, and leave the last page on the terminal."""
     screen = open_console()
 
     def draw(height: int | None) -> RenderableType:

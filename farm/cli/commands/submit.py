@@ -117,7 +117,7 @@ def submit(
 
 
 def _check_options(**values: Any) -> JobOptions:
-    """Check the options of a job. Raises FarmError with the option that is wrong."""
+    """Check the options of a job. Raises FarmError with the invalid option."""
     try:
         return JobOptions(**values)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""Blocks of lines that fit into the height of a terminal: the least important are shortened first."""
+"""Blocks of lines that fit into the height of a terminal; the least important ones are shortened first."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Block:
     lines
         The lines, the most important first.
     rank
-        The highest rank is shortened first; 0 last.
+        Order of shortening: the highest rank first, 0 last.
     noun
-        Name of what a line shows, to count those that are left out.
+        Noun for a line, in the count of the omitted ones.
     min_lines
-        Number of lines that it keeps until every block is as short as it may be.
+        Number of lines that stay until all other blocks are at their own minimum.
     """
 
     lines: Sequence[Text]
@@ -34,7 +34,7 @@ class Block:
 
 
 def fit_blocks(blocks: Sequence[Block], height: int | None) -> list[Text]:
-    """Return the lines of all blocks in their order, at most `height`, with a count of what is left out."""
+    """Return the lines of all blocks in order, at most `height`; a line counts the omitted ones."""
     line_counts = [len(block.lines) for block in blocks]
     by_rank = sorted(range(len(blocks)), key=lambda i: blocks[i].rank, reverse=True)
     if height is not None:

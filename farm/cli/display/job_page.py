@@ -1,4 +1,4 @@
-"""The page of one job. Everything shown here is in `--json` too."""
+"""Page of one job. All of its content is in `--json` too."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from farm.wording import (
 )
 
 _MIN_STARVED_SHARE = 0.01
-"""Share of waiting above which the times of simulated printers are not realistic."""
+"""Share of time that simulated printers waited above which their times are not realistic."""
 
 _PART_COLUMNS = (
     Column("PART"),
@@ -47,7 +47,7 @@ def show_job(view: api.JobView) -> None:
 
 
 def show_submitted(view: api.JobView, wait: bool) -> None:
-    """Print the changes to a submitted model and, unless the command waits, how to follow the job."""
+    """Print the changes to a submitted model and, unless the command waits, the command for its progress."""
     screen = open_console()
     screen.print(f"job {view.id}: {view.name} submitted")
     for line in _list_changes(view):
@@ -68,7 +68,7 @@ def show_result(view: api.JobView) -> None:
 
 
 def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
-    """Lay out a job: changes to its model, figures, parts, failures, and what it waits for.
+    """Lay out a job: changes to its model, figures, parts, failures, and reasons to wait.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
 
 
 def _list_times(view: api.JobView) -> list[tuple[str, str]]:
-    """List the duration of a job, and the efficiency with which it uses its printers."""
+    """List the times of a job, its speed-up and the utilisation of its printers."""
     rows: list[tuple[str, str]] = []
     if view.estimated_s is not None:
         rows.append(("parallel printing time, expected", format_duration(view.estimated_s)))

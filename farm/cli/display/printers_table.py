@@ -25,17 +25,16 @@ _COLUMNS = (
     Column("ACTION", rank=1, min_width=18),
 )
 _STATES = {"look": "inspect"}
-"""States that the table words differently from `--json`."""
+"""States with another name in the table than in `--json`."""
 
 
 def lay_out_printers(printers: Sequence[api.PrinterView], now: str, width: int | None) -> list[Text]:
-    """Lay out the table, with the headings on its first line."""
+    """Lay out the table, with the headings in its first line."""
     return lay_out_table(_COLUMNS, [_list_cells(printer, now) for printer in printers], width)
 
 
 def rank_urgency(printer: api.PrinterView) -> float:
-    """Rank a printer by the time at which somebody is needed at it: those that need an action first, idle
-    ones last."""
+    """Rank a printer by the time until it needs a person: -1 if it does now, infinity if it is idle."""
     if _format_action(printer):
         return -1.0
     return printer.print.remaining_s if printer.print is not None else float("inf")
@@ -77,7 +76,7 @@ def _format_reel(reel: api.Reel) -> str:
 
 
 def _format_action(printer: api.PrinterView) -> str:
-    """Name the task of the user before the printer prints again, or the job for which it is reserved."""
+    """Name the action that a user must take before the next print, or the job that reserves the printer."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None:

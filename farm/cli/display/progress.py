@@ -47,7 +47,7 @@ def retry_over_restart(request: Callable[[], T]) -> T:
 
 @contextmanager
 def show_upload(quiet: bool = False) -> Iterator[Callable[[api.UploadView], None]]:
-    """Show the progress of a submission: one updated line on a terminal, one line for each step elsewhere."""
+    """Show the progress of a submission: an updated line on a terminal, else one line for each step."""
     screen = open_console(stderr=True)
     if quiet or not sys.stderr.isatty():
         steps = set[str]()
@@ -94,7 +94,7 @@ def show_progress(number: int, quiet: bool = False) -> Iterator[Callable[[api.Jo
 
 
 def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
-    """Show a job's progress until its last part is printed, or it fails. Ctrl-C leaves the job running."""
+    """Show a job's progress until its last part is printed, or it fails. Ctrl-C does not stop the job."""
     with show_progress(number, quiet) as update:
         while True:
             answer = retry_over_restart(lambda: client.job(number))
@@ -138,7 +138,7 @@ class ProgressLines:
                 self._print_once(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
 
     def _print_once(self, line: str, key: str | None = None, is_urgent: bool = False) -> None:
-        """Print a line, unless one of the same key was printed; the key of a line is the line itself."""
+        """Print a line, unless a line with the same key was printed; the default key is the line."""
         key = key or line
         if key not in self._printed_lines and (is_urgent or not self._quiet):
             self._printed_lines.add(key)
@@ -146,7 +146,7 @@ class ProgressLines:
 
 
 def _format_step(progress: PlanProgress) -> str:
-    """Describe a step of planning, in words that rarely change."""
+    """Describe a step of planning, in a text that rarely changes."""
     if progress.step is PlanStep.SLICING:
         return f"slicing {format_count(progress.of, 'plate')}"
     if progress.step is PlanStep.DECOMPOSING and progress.share is not None:

@@ -1,4 +1,4 @@
-"""Status page: the tasks of people, the last night, the jobs, the printers."""
+"""Status page: tasks of people, the last night, jobs and printers."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
     view
         The farm.
     width
-        Columns of the terminal, which no line exceeds; None to break no sentence.
+        Columns of the terminal, the largest width of a line; None not to wrap sentences.
     height
-        Lines of the terminal, which the page does not exceed; None for as many as it takes.
+        Lines of the terminal, the largest height of the page; None for no limit.
     """
     lines = fit_blocks(_list_blocks(view, width, None), None)
     if height is not None and len(lines) > height:
@@ -55,7 +55,7 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
 
 
 def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None) -> list[Block]:
-    """List the blocks of the page; for a `height`, with one line a job, and the printers with tasks first."""
+    """List the blocks of the page; with a `height`, one line for each job, and urgent printers first."""
     time, brief = view.fleet.now, height is not None
     open_jobs = [job for job in view.jobs if not _is_over(job)]
     ended_jobs = [job for job in view.jobs if _is_over(job)]
@@ -113,7 +113,7 @@ def _list_task_lines(todo: list[api.Todo], width: int | None) -> list[Text]:
 
 
 def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
-    """List the tasks in brief; printers with the same problem, such as those on one hub, are one task."""
+    """List the tasks in brief; printers with the same problem, such as those on one hub, share one task."""
     problems: dict[str, list[tuple[str, str]]] = {}  # by the text without the printer's name
     briefs: list[str] = []
     for item in items:
@@ -131,7 +131,7 @@ def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
 def _fold_texts(
     label: str, texts: Sequence[str], separator: str, width: int | None, style: str = HEADING, body: str = ""
 ) -> list[Text]:
-    """Put texts side by side on as few lines as possible, and break those that are longer than a line."""
+    """Join texts into as few lines as possible, and wrap those that are longer than a line."""
     lines: list[str] = []
     for text in texts:
         if lines and _INDENT + len(lines[-1]) + len(separator) + len(text) <= (width or _PIPE_WIDTH):
@@ -162,7 +162,7 @@ def format_night(view: api.NightView) -> str:
 
 
 def _list_live_lines(jobs: Sequence[api.JobSummary], now: str, width: int | None) -> Iterator[list[Text]]:
-    """Yield the lines of each open job; queued jobs that wait for the same share theirs."""
+    """Yield the lines of each open job; queued jobs that wait for the same reason share their lines."""
     jobs_by_hold: dict[str, list[api.JobSummary]] = {}
     for job in jobs:
         if _waits_in_queue(job) and job.hold is not None:
@@ -197,7 +197,7 @@ def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Te
 
 
 def _list_wait_lines(waits: Iterable[api.Wait], width: int | None) -> list[Text]:
-    """List the reasons of waiting plates, each sentence once with all plates that wait for it."""
+    """List the reasons of waiting plates, each sentence once, with all of its plates."""
     lines: list[Text] = []
     for wait in waits:
         text = f"{shorten_names(wait.plates)}: {wait.hold.text}"

@@ -1,4 +1,4 @@
-"""Tables that fit into the width of a terminal: the important columns stay whole, others are left out."""
+"""Tables that fit into the width of a terminal: important columns stay complete, others are left out."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from farm.cli.display.console import HEADING
 _GAP = 2  # spaces between two columns
 _INDENT = 2  # indent of the further lines of a row
 _COMMAND = re.compile(r"`[^`]*`")
-_GLUE = "\ue000"  # stands for a space that is no place to break a line
+_GLUE = "\ue000"  # replaces a space at which a line must not be wrapped
 _CONSOLE = Console(width=80)  # `Text.wrap` asks for one; nothing is printed on it
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table.
+    """Column of a table.
 
     Attributes
     ----------
     heading
-        Its first line.
+        Text of its first line.
     rank
-        0 for a column that is always shown whole; of the others, the highest rank is left out first.
+        0 for a column that is always shown completely; of the others, the highest rank is left out first.
     min_width
-        Width to which its texts may be shortened; None if they may not be.
+        Width to which its texts may be shortened; None if they must not be shortened.
     """
 
     heading: str
@@ -41,7 +41,7 @@ class Column:
 def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int | None) -> list[Text]:
     """Lay out a table on lines of at most `width` terminal columns, the headings first.
 
-    If the columns of rank 0 alone are too wide, each row takes several lines.
+    If even the columns of rank 0 are too wide, each row takes several lines.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], widt
 
 
 def wrap_text(text: Text, width: int | None, indent: int) -> list[Text]:
-    """Break a text into lines of at most `width` columns at its spaces; further lines are indented.
+    """Wrap a text at its spaces into lines of at most `width` columns; all but the first are indented.
 
     A command in backticks stays on one line if it fits.
     """
@@ -101,7 +101,7 @@ def _wrap(text: Text, width: int) -> list[Text]:
 def _fit_widths(
     columns: Sequence[Column], full: Sequence[int], empty: Sequence[bool], width: int
 ) -> list[int] | None:
-    """Choose the width of each column, 0 to leave it out; None if those of rank 0 are too wide."""
+    """Choose the width of each column, 0 to leave it out; None if the columns of rank 0 are too wide."""
     least_widths = [
         natural if c.min_width is None else min(natural, c.min_width)
         for c, natural in zip(columns, full, strict=True)
@@ -127,7 +127,7 @@ def _fit_widths(
 
 
 def _join_row(cells: Sequence[str], widths: Sequence[int], style: str) -> Text:
-    """Put the cells of a row side by side, each as wide as its column."""
+    """Join the cells of a row, each padded to the width of its column."""
     row = Text(style=style)
     for cell, width in zip(cells, widths, strict=True):
         if width:
@@ -139,5 +139,5 @@ def _join_row(cells: Sequence[str], widths: Sequence[int], style: str) -> Text:
 
 
 def _stack_row(cells: Sequence[str], width: int, style: str) -> list[Text]:
-    """Break a row into lines: as many cells on a line as there is room for."""
+    """Join the cells of a row, and wrap the result at the width of the terminal."""
     return wrap_text(Text((" " * _GAP).join(filter(None, cells)), style=style), width, _INDENT)

@@ -1,4 +1,4 @@
-"""The timeline of a planned job as text: a table, and a bar chart with a row for each printer."""
+"""Timeline of a planned job as text: a table, and a bar chart with a row for each printer."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def draw_gantt(slots: list[api.SlotView], now: str, columns: int = _WIDTH) -> li
     slots
         The plates.
     now
-        The reader's time.
+        Current time, to shorten times of the same day.
     columns
         Width of the chart with the printers' names.
     """

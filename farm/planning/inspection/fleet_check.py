@@ -16,7 +16,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
     Parameters
     ----------
     section
-        The section, with the material as a person named it, like PLA.
+        The section, with the material as entered by a person, like PLA.
     fleet_section
         The keys under `fleet`, for the folder of own materials.
 
@@ -29,7 +29,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
     Raises
     ------
     FieldError
-        With the key whose value Cura's files do not know, and the known values.
+        If Cura's files do not have a value; the error has its key and lists the possible values.
     """
     try:
         resources = find_resources(own_materials=fleet_section.materials)

@@ -67,12 +67,12 @@ def inspect_model(
     files
         The file store.
     report
-        Called with the current step, in a word or two.
+        Called with the name of the current step.
 
     Raises
     ------
     FarmError
-        `model` with the reason, if it is not a solid and cannot be repaired; `limit` if this process
+        `model` with the reason, if the model is not a solid and cannot be repaired; `limit` if this process
         has too little memory for it; `engine` if CuraEngine is missing.
     """
     with translate_errors():

@@ -1,4 +1,4 @@
-"""Materials as people name them, such as `black PETG`, and Cura's names for them."""
+"""Names of materials: those that people use, such as `black PETG`, and Cura's names for them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GENERIC = "generic_"
 
 @dataclass(frozen=True, slots=True)
 class NamedMaterial:
-    """Material as a person named it.
+    """Material named by a person.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class NamedMaterial:
 
 
 def parse_material(text: str, kinds: Mapping[str, str]) -> NamedMaterial | None:
-    """Find the material that a person means: a file's name, or a kind, with or without a colour.
+    """Find the material in a person's text: the name of a file, or a kind, with or without a colour.
 
     Parameters
     ----------
@@ -79,14 +79,15 @@ def list_kinds(resources: Resources) -> dict[str, str]:
 def choose_material(
     text: str, printer: PrinterModel, nozzle_mm: float, resources: Resources
 ) -> NamedMaterial:
-    """Choose the material file for a printer by what a person wrote.
+    """Choose the material file for a printer from a person's text.
 
-    A kind stands for Cura's generic material of it that the printer can print, else for the only other one.
+    A kind means Cura's generic material of this kind; if the printer cannot print that, the only other
+    material of this kind that it can print.
 
     Raises
     ------
     BadSetting
-        If there is none, or several; the message lists what this printer can print.
+        If no material fits, or several do; the message lists the materials that this printer can print.
     """
     kinds = list_kinds(resources)
     named_material = parse_material(text, kinds)
@@ -113,7 +114,7 @@ def choose_material(
 def name_filament(
     options: JobOptions, printers: Sequence[PrinterSection], own_materials: Path | None
 ) -> JobOptions:
-    """Replace the material that a person asked for by its kind or the name of its file, and find its colour.
+    """Replace the requested material in the options by its kind or the name of its file, with its colour.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def name_filament(
     Raises
     ------
     Refused
-        If no printer of the fleet has it; the message lists what they have.
+        If no printer of the fleet has the material; the message lists those that they have.
     """
     if options.material is not None:
         with suppress(SlicingError):  # Cura's files are missing, which the inspection reports
@@ -156,7 +157,7 @@ def _can_print(name: str, printer: PrinterModel, nozzle_mm: float, resources: Re
 def _describe_printable(
     printer: PrinterModel, nozzle_mm: float, kinds: Mapping[str, str], resources: Resources
 ) -> str:
-    """List the kinds that a printer can print: Cura's generic ones, and a person's own."""
+    """List the kinds that a printer can print: Cura's generic materials, and own materials."""
     own_names = resources.list_own_material_names()
     names = [name for name in kinds if name.startswith(_GENERIC) or name in own_names]
     printable = {kinds[name] for name in names if _can_print(name, printer, nozzle_mm, resources)}

@@ -41,12 +41,12 @@ _DEVIATION_C = 30.0  # temperatures of brands of one material differ by less
 
 
 def is_gcode(name: str) -> bool:
-    """Return whether a submission is G-code, judging by its name.
+    """Return whether a submission is G-code, by its name.
 
     Raises
     ------
     FarmError
-        If it is compressed or packed G-code.
+        If the file is compressed or packed G-code.
     """
     lower = name.lower()
     compressed_suffix = next((suffix for suffix in _UNPACKING_ADVICE if lower.endswith(suffix)), None)
@@ -64,7 +64,7 @@ def _is_plain(lower: str) -> bool:
 def inspect_gcode(
     path: Path, name: str, options: JobOptions, printers: Sequence[PrinterSection], files: Path
 ) -> InspectedSubmission:
-    """Check that a file can be printed on one of these printers, and store it.
+    """Check that a G-code file can be printed on one of some printers, and store it.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def _normalise_material(kind: str) -> str:
 
 
 def _measure_needs(accepted_gcode: AcceptedGcode, section: PrinterSection) -> OwnGcode:
-    """Return the nozzle size and extent of the file, relative to the bed's centre."""
+    """Return the nozzle size of a file, and its extent relative to the bed's centre."""
     width, depth = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted_gcode.min_mm, accepted_gcode.max_mm
     return OwnGcode(
@@ -242,7 +242,7 @@ def _find_fitting_printer(
 
 
 def _describe_obstacle(section: PrinterSection, accepted_gcode: AcceptedGcode) -> str | None:
-    """Describe why a printer cannot print the file; None if it can."""
+    """Describe why a printer cannot print a file; None if it can."""
     requirements = _measure_needs(accepted_gcode, section)
     if requirements.nozzle_mm not in (None, section.nozzle_mm):
         return (
@@ -296,7 +296,7 @@ def _check_options(options: JobOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Lines of a file, read again at each iteration, cut at the length that is refused."""
+    """Lines of a file, read again at each iteration, cut at the shortest length that is refused."""
 
     path: Path
 
@@ -328,7 +328,7 @@ class FirmwareTime:
         self._now_s = self.measure_s(finish=True) + seconds
 
     def measure_s(self, finish: bool = False) -> float:
-        """Return the time so far; with `finish`, until the last move has ended."""
+        """Return the time so far; with `finish`, including the moves that have not ended."""
         while finish and len(self._planner):
             self._now_s = self._planner.end_s
             self._planner.advance(self._now_s)

@@ -23,7 +23,7 @@ def write_coupon(out: Path, pin_mm: float | None) -> dict[str, Any]:
     Raises
     ------
     FarmError
-        There is no diameter, or the file cannot be written.
+        If there is no diameter, or the file cannot be written.
     """
     if pin_mm is None:
         raise FarmError(

@@ -58,7 +58,7 @@ class DecomposeRequest:
     Attributes
     ----------
     printers
-        None for as many as save time, up to `MAX_PRINTERS`.
+        Number of printers; None for as many as save time, up to `MAX_PRINTERS`.
     volume_mm
         Build volume of a printer: x, y, z.
     interior, engine, score
@@ -66,11 +66,11 @@ class DecomposeRequest:
     budget_s
         Budget of the engine `best`.
     clear_s, assemble_s
-        Time to clear a bed, and to glue a part; each additional part must save more than that.
+        Time to clear a bed, and to glue a part; each additional part must save more than both.
     quality
-        Quality by which parts are priced, and sliced.
+        Quality with which parts are priced and sliced.
     sliced
-        Slice the parts, and move the cuts by their times.
+        True to slice the parts, and to move the cuts by the sliced times.
     connectors
         Pins and marks.
     """
@@ -100,7 +100,7 @@ class DecomposeRequest:
 def decompose_to_folder(
     path: Path, out: Path, request: DecomposeRequest, cache: Path | None = None
 ) -> dict[str, Any]:
-    """Cut a model and write parts, report and picture; also their G-code if they are sliced.
+    """Cut a model, and write its parts, report and picture, and the G-code of the parts if requested.
 
     Parameters
     ----------
@@ -115,11 +115,11 @@ def decompose_to_folder(
     Raises
     ------
     FarmError
-        The message is one line with the reason.
+        If the model cannot be cut; the message is one line with the reason.
     """
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
-    )  # the lowest that is high enough; for equal heights the 2+, whose clips are larger
+    )  # the lowest printer that is high enough; of equal ones the 2+, whose clips are larger
     room = compute_part_room(profile, request.brim_mm, request.volume_mm)
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
@@ -164,7 +164,7 @@ def _decompose(
     Raises
     ------
     NoFit
-        With the greatest size that was tried and fits, if the model is too large.
+        If the model is too large; the message has the largest size that was tried and fits.
     """
     rooms = [PrinterRoom(str(number), sizes_mm) for number in range(request.printers or MAX_PRINTERS)]
     try:

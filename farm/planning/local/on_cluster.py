@@ -25,7 +25,7 @@ class Cluster:
     Attributes
     ----------
     on_notice
-        Called with what a person should know, in a sentence.
+        Called with each message for the user, a sentence.
     """
 
     scheduler: str
@@ -34,7 +34,7 @@ class Cluster:
 
 
 class _ThisProcess:
-    """Pool that works in this process, once the cluster is given up."""
+    """Pool that runs work in this process, once the cluster is abandoned."""
 
     starting = None
     has_idle = True
@@ -46,7 +46,7 @@ class _ThisProcess:
     async def run(
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
-        """Run a function here, with a notice."""
+        """Run a function in this process, with a notice."""
         self._on_notice("no worker of the cluster can be used: computing on this host")
         return work(*args)
 
@@ -57,7 +57,7 @@ class _ThisProcess:
 def decompose_on_cluster(
     cluster: Cluster, path: Path, out: Path, request: DecomposeRequest, cache: Path | None
 ) -> dict[str, Any]:
-    """Cut a model as `decompose_to_folder`, on a cluster."""
+    """Cut a model on a cluster; see `decompose_to_folder`."""
     empty_for_parts(out)
     return _run(cluster, _decompose, path.absolute(), out.absolute(), request, cache)
 
@@ -65,13 +65,13 @@ def decompose_on_cluster(
 def slice_on_cluster(
     cluster: Cluster, path: Path, out: Path, options: SliceOptions, cache: Path | None
 ) -> dict[str, Any]:
-    """Slice a model as `slice_to_file`, on a cluster."""
+    """Slice a model on a cluster; see `slice_to_file`."""
     check_writable(out, path)
     return _run(cluster, _slice, path.absolute(), out.absolute(), options, cache)
 
 
 def _run(cluster: Cluster, work: Deferred, path: Path, out: Path, *args: object) -> dict[str, Any]:
-    """Run a function on the cluster, or here without one."""
+    """Run a function on the cluster, or in this process if the cluster cannot be used."""
 
     local_pool = _ThisProcess(cluster.on_notice)
     with translate_errors():

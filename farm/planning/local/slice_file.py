@@ -46,7 +46,7 @@ class SliceOptions:
     Attributes
     ----------
     printer_model, quality, material, nozzle_mm, overrides
-        See `slicing.settings.SettingsRequest`; the printer by its name.
+        See `slicing.settings.SettingsRequest`; the printer model is given by its name.
     scale, longest_side_mm
         See `decompose.geometry.load_model`.
     """
@@ -67,7 +67,7 @@ def slice_to_file(
     cache: Path | None = None,
     on_step: OnStep = lambda _: None,
 ) -> dict[str, Any]:
-    """Slice a model in its own pose, in the middle of the bed. Returns the report of `farm slice --json`.
+    """Slice a model in its own pose, in the middle of the bed; return the report of `farm slice --json`.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def slice_to_file(
     Raises
     ------
     FarmError
-        The message is one line with the reason.
+        If the model cannot be sliced; the message is one line with the reason.
     """
     profile, request = _find_settings(options)
     check_writable(out, path)
@@ -125,7 +125,7 @@ def _find_settings(options: SliceOptions) -> tuple[Profile, SettingsRequest]:
 
 
 def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
-    """Read the model in the requested size."""
+    """Read a model, in the requested size."""
     return load_model(
         path,
         scale=options.scale,
@@ -136,7 +136,7 @@ def _read_model(path: Path, options: SliceOptions, on_step: OnStep) -> Model:
 
 
 def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profile) -> tuple[RoomBox, ...]:
-    """Return the room for a part with its brim. Raises FarmError if the model does not fit it."""
+    """Return the room for a part with its brim. Raises FarmError if the model does not fit into it."""
     room = compute_part_room(profile, settings.brim_width_mm)
     size = _compute_printed_size_mm(model, settings)
     if place(size, room) is None:
@@ -155,7 +155,7 @@ def _compute_printed_size_mm(model: Model, settings: EngineSettings) -> tuple[fl
 
 
 def _slice_model(model: Model, task: SliceTask, profile: Profile, on_step: OnStep) -> dict[str, Any]:
-    """Slice a model into the file of its task. Returns the report."""
+    """Slice a model into the file of its task; return the report."""
     model.mesh.export(task.stl)
     on_step(f"slicing {task.part}")
     result = slice_part(task, lambda share: on_step(f"slicing {task.part}, {share:.0%}"))
@@ -218,7 +218,7 @@ def _format_size(size_mm: tuple[float, float, float]) -> str:
 
 
 def check_writable(out: Path, model: Path) -> None:
-    """Raise FarmError if the file cannot be written, before minutes of work. Creates nothing."""
+    """Check that a file can be written, before minutes of work. Raises FarmError; creates nothing."""
     try:
         if out.is_dir():
             raise _make_write_error(out, "it is a folder")
@@ -226,7 +226,7 @@ def check_writable(out: Path, model: Path) -> None:
             raise _make_write_error(out, "it is the model")
         parent = next(place for place in (out, *out.absolute().parents) if place.exists())
         if parent is not out and not parent.is_dir():
-            raise _make_write_error(out, f"{parent} is no folder")
+            raise _make_write_error(out, f"{parent} is not a folder")
     except OSError as error:
         raise _make_write_error(out, error.strerror) from error
     if not os.access(parent, os.W_OK):

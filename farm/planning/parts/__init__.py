@@ -1,1 +1,1 @@
-"""Work on one model or part, in workers: decompose, slice, move cuts; and the part rooms they use."""
+"""Work on one model or part, in workers: decompose, slice, move cuts; and the rooms for parts."""

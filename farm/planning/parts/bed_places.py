@@ -1,4 +1,4 @@
-"""Places of parts on the beds of their printers, as they will be sliced."""
+"""Places at which parts will be sliced on the beds of their printers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def find_beds(printers: Sequence[PrinterSection], quality: str, resources: Resou
 
 
 def place_on(beds: Mapping[str, Bed]) -> FindPlace:
-    """Return the function that finds the place of a part on the bed of its printer, if that is known."""
+    """Return a function that finds the place of a part on its bed; it returns None for an unknown bed."""
 
     def find_place(part: Part) -> BedPlace | None:
         bed = beds.get(part.printer)

@@ -16,11 +16,11 @@ from farm.scheduling import derive_plate_requirements, describe_capabilities
 
 T = TypeVar("T")
 MAX_PLATES = 2000
-"""Largest number of plates of a job with copies, for which every decision stays quick."""
+"""Largest number of plates of a job with copies, for quick scheduling decisions."""
 
 
 def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[tuple[int, int]]:
-    """Yield numbers of rounds, ascending, each with the most parts of a copy that fit into them.
+    """Yield ascending numbers of rounds, each with the largest number of parts of a copy that fits.
 
     A person clears the beds between two rounds, so fewer rounds are preferred to more parts.
 
@@ -29,12 +29,12 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
     copies, printers
         Number of copies, and of printers that print them.
     max_parts
-        Largest number of parts of a copy; the last that is yielded.
+        Largest number of parts of a copy, which is yielded last.
 
     Yields
     ------
     rounds, parts
-        Both ascending. The copies have at most `rounds * printers` parts in all.
+        Both ascending. All copies together have at most `rounds * printers` parts.
     """
     rounds = parts = 0
     while parts < max_parts:
@@ -51,7 +51,7 @@ def choose_spaced(items: Sequence[T], count: int) -> list[T]:
 
 
 def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
-    """Multiply the plan of one copy: the longest plates first, each on the printer that ends it first.
+    """Multiply the plan of one copy: assign the longest plates first, each where it ends soonest.
 
     Parameters
     ----------
@@ -63,13 +63,13 @@ def multiply_plan(plan: Plan, task: DecomposeTask) -> Plan:
     Returns
     -------
     Plan
-        Its parts and plates have the number of their copy behind their name, such as 3/p01.2; the same
-        plan for one copy.
+        Plan of all copies; the names of parts and plates end with the number of the copy, such as 3/p01.2.
+        For one copy, the plan itself.
 
     Raises
     ------
     FarmError
-        `settings` if it would have more than `MAX_PLATES` plates.
+        `settings` if the plan would have more than `MAX_PLATES` plates.
     """
     copies = task.options.copies
     if copies == 1:
@@ -99,7 +99,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
     Returns
     -------
     (dict, dict)
-        The copied plates by their name, and the seconds that each printer has to print.
+        The copied plates by their name, and the printing seconds of each printer.
     """
     printers = _choose_printers(plan, task)
     loads_s: dict[str, float] = defaultdict(float)
@@ -119,7 +119,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
 
 
 def _choose_printers(plan: Plan, task: DecomposeTask) -> list[PrinterSection]:
-    """Choose as many printers as the job may use, first those of the plan."""
+    """Choose as many printers as the job may use, beginning with those of the plan."""
     used_printers = {plate.printer for plate in plan.plates}
     printers = sorted(task.printers, key=lambda section: section.name not in used_printers)
     return printers[: max(len(used_printers), task.options.printers or len(printers))]
@@ -130,7 +130,7 @@ def _can_print(section: PrinterSection, plate: Plate) -> bool:
 
 
 def _move_plate(plate: Plate, section: PrinterSection, time_factor: float) -> Plate:
-    """Return a plate as planned for another printer that takes its G-code."""
+    """Return a plate planned for another printer that can print its G-code."""
     return plate.model_copy(
         update={
             "printer": section.name,

@@ -1,7 +1,7 @@
-"""Cut record: a file with the cuts of a job, from which a later worker moves them.
+"""Cut record: a file with the cuts of a job, which another worker reads to move them.
 
 The file is JSON of `_CutRecord`: the figures and options of a `Decomposition` and its `Cutting`, without
-solids. Numbers are restored bit for bit, as boxes are grouped by equality.
+solids. Numbers are restored exactly, as boxes are grouped by equality.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class _Record(BaseModel):
 
 
 class _CuttingRecord(_Record):
-    """`decompose.results.Cutting`; its arrays as rows."""
+    """`decompose.results.Cutting`, with its arrays as rows."""
 
     granularity: str | int
     frame: tuple[_Row, _Row, _Row]

@@ -37,7 +37,7 @@ from slicing.settings import find_resources
 
 
 def warm(report: Callable[[str], object]) -> None:
-    """Load the code of planning before the first job by cutting a small box; what is missing is compiled."""
+    """Load the planning code before the first job by cutting a small box, and compile it if necessary."""
     if not is_compiled():
         report("compiling the planning code, which takes minutes; `farm setup` does it in advance")
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
@@ -51,7 +51,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     Raises
     ------
     TooFewPrinters
-        The error has the number of printers that would suffice.
+        If the model needs more printers; the error has the number that would suffice.
     FarmError
         `no_fit`, `geometry`, `settings` or `model`, with the reason.
     """
@@ -94,12 +94,14 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
 
 
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
-    """Write the parts, the report, the cut record and the drawing record into a folder; describe the parts.
+    """Write the files of a decomposition into a folder, and describe its parts.
+
+    The files are the parts, the report, the cut record and the drawing record.
 
     Parameters
     ----------
     decomposition, model
-        The parts, and the model that they were cut from.
+        The parts, and the model from which they were cut.
     folder
         Folder of the job's plan.
     """
@@ -127,7 +129,7 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
 
 
 def _reassign_parts(parts: Sequence[Part], task: DecomposeTask) -> tuple[Part, ...]:
-    """Reassign the largest loads to the fastest among printers that differ only in speed."""
+    """Exchange loads among printers that differ only in speed, so that the fastest have the largest."""
     loads_s: dict[str, float] = {}
     for part in parts:
         loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.price_s
@@ -142,12 +144,12 @@ LATE_SHARE = 1.1
 
 @dataclass(frozen=True, slots=True)
 class ModelCutter:
-    """A model, and the printers that it may be cut for. Every method raises the errors of `decompose`.
+    """Cutter of a model for some printers. Every method raises the errors of `decompose`.
 
     Attributes
     ----------
     goal
-        A person's time for each part, and whether a limit of time is for gluing them too.
+        A person's time for each part; its `glued` is True if a time limit includes gluing.
     """
 
     model: Model
@@ -162,14 +164,14 @@ class ModelCutter:
         return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
 
     def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
-        """Cut the model for as many printers as save time, or for the fewest that end within a time."""
+        """Cut the model for as many printers as save time, or for the fewest that finish within a time."""
         goal = replace(self.goal, within_s=within_s)
         return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
     def cut_for_one(self) -> Decomposition | None:
-        """Keep the model whole, on the lowest printer that can hold it; None if none can.
+        """Keep the model whole, on the lowest printer into which it fits; None if it fits into none.
 
-        To finish sooner, the user gives a number of printers.
+        A user who wants it sooner requests a number of printers.
         """
         x, y, z = map(float, self.model.extents_mm)
         poses = ((x, y, z), (y, z, x), (z, x, y))
@@ -183,17 +185,18 @@ class ModelCutter:
         return None
 
     def add_curve(self, decomposition: Decomposition) -> Decomposition:
-        """Add the curve of times over the number of printers, for a person who has not decided yet."""
+        """Add the curve of the printing time over the number of printers, for a dry run."""
         if decomposition.curve:
             return decomposition
         problem = Problem(self.model, tuple(self.rooms), self.cost, self.options, self.executor)
         return replace(decomposition, curve=build_curve(problem))
 
     def cut_for_copies(self, task: DecomposeTask) -> Decomposition:
-        """Cut the model for a share of the printers, so that all copies print side by side.
+        """Cut the model for a share of the printers, so that all copies print at the same time.
 
-        If it needs more parts than that, the copies take several rounds. A model that one printer can hold
-        stays whole, unless the user gives a number of printers or a time in which copies of it are not done.
+        If the model needs more parts than that, the copies take several rounds. A model that fits into one
+        printer stays whole, unless the user requests a number of printers, or a time by which whole copies
+        would not be finished.
         """
         copies, printers = task.options.copies, len(task.printers)
         limit_s = None if task.within_s is None else task.within_s / LATE_SHARE
@@ -221,7 +224,7 @@ class ModelCutter:
         raise AssertionError("the last attempt has all printers")
 
     def cut_in_time(self, within_s: float) -> Decomposition:
-        """Cut the model into the fewest parts that end within a time with a margin, else the fastest ones."""
+        """Cut the model into the fewest parts that finish within a time, with a margin; else for speed."""
         limit_s = within_s / LATE_SHARE
         whole = self.cut_for_one()
         if whole is not None and whole.makespan_s <= limit_s:

@@ -1,4 +1,4 @@
-"""Drawing of a job's parts: picture, 3D view and instructions, beside their slicing. Runs in a worker."""
+"""Drawing of a job's parts, during their slicing: picture, 3D view and instructions. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ DRAWING_RECORD = "drawing-record.pickle"
 
 
 def write_drawing_record(decomposition: Decomposition, folder: Path) -> Path:
-    """Write the data of stored parts that `draw_job` needs. Returns the file."""
+    """Write the data of stored parts that `draw_job` needs; return the file."""
     path = folder / DRAWING_RECORD
     path.write_bytes(pickle.dumps(decomposition, protocol=pickle.HIGHEST_PROTOCOL))
     return path
 
 
 def draw_overview(drawing_record: Path, out: Path) -> None:
-    """Draw all parts pulled apart, as PNG; see `draw_job`."""
+    """Draw an exploded view of all parts as PNG; see `draw_job`."""
     with translate_errors():
         draw_assembly(_read_record(drawing_record).parts, out)
 

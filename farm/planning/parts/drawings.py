@@ -1,4 +1,4 @@
-"""Drawings of a job's parts in the workers: its many pictures side by side, then the page that shows them."""
+"""Drawings of a job's parts in the workers: pictures in parallel, then the page that shows them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from farm.compute import DRAWING, PoolShare
 from farm.planning.plan import DecomposedJob, DecomposeTask
 from farm.planning.tasks import draw_job, draw_overview, draw_some_steps
 
-MAX_SHARES = 4  # maximum number of shares: each one finds the views of all steps before it again
+MAX_SHARES = 4  # maximum number of shares: each computes the views of all earlier steps again
 MIN_STEPS = 5  # minimum number of steps of a share, on average
 
 
@@ -23,18 +23,18 @@ class Drawings:
         self._running: dict[Path, asyncio.Future[None]] = {}
 
     def start(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
-        """Start to draw parts, unless that has been done."""
+        """Start drawing parts, unless it has been started."""
         if task.folder not in self._running:
             drawing = draw_side_by_side(self._workers, task, decomposed_job)
             self._running[task.folder] = asyncio.ensure_future(drawing)
 
     async def finish(self, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
-        """Wait until parts are drawn. Raises FarmError if that fails."""
+        """Draw parts, or wait until they are drawn. Raises FarmError if that fails."""
         self.start(task, decomposed_job)
         await self._running[task.folder]
 
     async def stop(self, folder: Path | None = None) -> None:
-        """Stop the drawing of the parts in a folder, or all, and wait until the workers have ended it."""
+        """Stop drawing the parts in a folder, or all parts, and wait until the workers have ended."""
         folders = [other for other in self._running if folder in (None, other)]
         drawings = [self._running.pop(other) for other in folders]
         for drawing in drawings:
@@ -43,7 +43,7 @@ class Drawings:
 
 
 async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_job: DecomposedJob) -> None:
-    """Draw a job's parts into the folder of its task, with the pictures of many steps by several workers.
+    """Draw a job's parts into the folder of its task; several workers share the pictures of many steps.
 
     Raises
     ------
@@ -71,9 +71,9 @@ async def draw_side_by_side(workers: PoolShare, task: DecomposeTask, decomposed_
 
 
 def split_steps(steps: int) -> list[tuple[int, int]]:
-    """Split the steps into ranges, each with its end; into none if one worker draws all of them.
+    """Split the steps into half-open ranges for several workers; no ranges if one worker draws all of them.
 
-    Later ranges are shorter: their steps join more parts, and take more time.
+    Later ranges are shorter, as their steps join more parts and take more time.
     """
     shares = min(MAX_SHARES, steps // MIN_STEPS)
     parts = [share / shares for share in range(shares + 1)] if shares > 1 else []

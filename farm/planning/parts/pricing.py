@@ -30,7 +30,7 @@ def price_rooms(
     time_factors
         Time factors of the printers, learned from their prints, by name; 1 if there is none.
     rounds
-        Number of times that each printer is listed.
+        Number of times that each printer is repeated in the list.
     """
     settings = {section.name: resolve_printer_settings(section, quality, resources) for section in printers}
     costs = [build_printer_cost(section, settings[section.name]) for section in printers]
@@ -38,7 +38,7 @@ def price_rooms(
         section.name: time_factors.get(section.name, 1.0) * compute_time_ratio(cost, costs[0])
         for section, cost in zip(printers, costs, strict=True)
     }
-    # A coarser nozzle is faster, but was not requested: it must not move its printer to the front.
+    # Sorted without the effect of the nozzle: a coarser one is faster, but must not be preferred.
     fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
     rooms = [
         PrinterRoom(section.name, list_model_sizes(room, settings[section.name]), times[section.name])
@@ -50,12 +50,12 @@ def price_rooms(
 
 
 def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSection] = ()) -> Options:
-    """Return the options with which a job's model is decomposed.
+    """Return the options for the decomposition of a job's model.
 
     Parameters
     ----------
     printers
-        The printers that may print its parts: holes have their fits, unless the job has its own.
+        The printers that may print its parts. Their fits apply to the holes, unless the job has its own fit.
     """
     quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
@@ -74,12 +74,12 @@ def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSecti
 
 
 def select_connectors(connectors: ConnectorOptions, quality: str) -> ConnectorOptions:
-    """Return the pins and marks of parts in a quality: none where parts are as in the paper."""
+    """Return the connectors for a quality: none for those that print parts as in the paper."""
     return ConnectorOptions() if quality in ("paper", "paper-hidden") else connectors
 
 
 def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
-    """Build the recipe of a print: the settings that decide its time.
+    """Build the recipe of a print: the settings that determine its time.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
 
 
 def _time_retraction_s(extruder: Mapping[str, str]) -> float:
-    """Compute the seconds of a retraction, back and forth; 0 without."""
+    """Compute the seconds of a retraction and its return; 0 if retraction is disabled."""
     if extruder["retraction_enable"] != "True":
         return 0.0
     speeds_mm_s = (float(extruder[f"retraction_{way}_speed"]) for way in ("retract", "prime"))
@@ -128,11 +128,11 @@ def _time_retraction_s(extruder: Mapping[str, str]) -> float:
 
 
 def build_printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
-    """Return the cost model of a printer, heat-up, start and end code included."""
+    """Return the cost model of a printer, including heat-up, start and end code."""
     return CostModel.from_recipe(build_recipe(settings, compute_prelude_seconds(section, settings)))
 
 
 def compute_time_ratio(cost: CostModel, reference: CostModel) -> float:
-    """Return the ratio of the estimated times of a 50 mm cube at two printers' settings."""
+    """Return the ratio of the estimated times of a 50 mm cube by two cost models."""
     cube_sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
     return cost.price_s(cube_sums, size) / reference.price_s(cube_sums, size)

@@ -30,7 +30,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
     Returns
     -------
     DecomposedJob | None
-        The job with new parts; None if moved cuts gain nothing.
+        The job with new parts; None if moved cuts save no time.
 
     Raises
     ------

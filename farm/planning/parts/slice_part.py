@@ -1,4 +1,4 @@
-"""Slicing of one part: placed on the bed, sliced, checked. Runs in a worker."""
+"""Slicing of one part: placement on the bed, slicing and checks. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         try:
             return slice_plate(request, progress)
         except OutsideBed as error:
-            # Support under an overhang, and the brim around it, may reach further than the part's box and
-            # its brim: the printed bounds are only known now.
+            # Support under an overhang, and the brim around it, may extend beyond the part's box and its
+            # brim. The printed bounds are known only after slicing.
             shift_mm = error.find_shift(bed)
             if shift_mm is None:
                 raise
@@ -70,7 +70,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
 
 
 def resolve_slice_settings(task: SliceTask, height_mm: float) -> EngineSettings:
-    """Resolve the settings of a part with this printed height. Raises the errors of `resolve_settings`."""
+    """Resolve the settings of a part with a printed height. Raises the errors of `resolve_settings`."""
     part_settings = PartSettings(
         height_mm=height_mm,
         brim_width_mm=task.print_options.brim_width_mm,
@@ -86,7 +86,8 @@ def _transform(
 ) -> npt.NDArray[np.float64]:
     """Return the (4, 4) transform of a mesh to its placement.
 
-    It scales by `scale` (3,), and puts the centre of the box at the placement and the underside at Z 0.
+    The transform scales by `scale` (3,), and moves the centre of the box to the placement and the underside
+    to Z 0.
     """
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)

@@ -1,4 +1,4 @@
-"""Coordination of replanning: the plates that are being resliced or recut, and their results."""
+"""Coordinator of replanning: the plates that are being resliced or recut, and their results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _AttemptKey = tuple[str, int, str | None, float]
 
 @dataclass(frozen=True, slots=True)
 class StartReplan:
-    """Instruction to slice a plate for these printers, or to cut its part for them."""
+    """Instruction to slice a plate for some printers, or to cut its part for them."""
 
     plate: str
     printers: tuple[str, ...]
@@ -41,15 +41,15 @@ class StartReplan:
 
 
 class ReplanCoordinator:
-    """Decides which plates are replanned, and whether the results are used.
+    """Coordinator that decides which plates are replanned, and whether the results are used.
 
-    Running replans are kept in memory only: after a restart the plates are examined again.
+    Running replans are in memory only: after a restart, plates are examined again.
     """
 
     def __init__(self) -> None:
         self._running: dict[str, StartReplan] = {}
         self._examined_keys: set[tuple[str, int]] = set()  # failed plates with their number of prints
-        # Plates and kinds of printer for which replanning gained nothing.
+        # Plates and kinds of printer for which replanning saved no time.
         self._attempted_keys: set[_AttemptKey] = set()
         self._search_due_s = -math.inf
         self.next_search_s = math.inf
@@ -71,11 +71,11 @@ class ReplanCoordinator:
         ]
 
     def clock_set(self) -> None:
-        """Allow the next search at once, after the host's clock was set."""
+        """Allow the next search immediately, after a step of the host's clock."""
         self._search_due_s = -math.inf
 
     def holds(self) -> dict[str, Hold]:
-        """Return a hold for each plate whose part is being cut: it is not assigned meanwhile."""
+        """Return a hold for each plate whose part is being cut, so that it is not assigned."""
         return {
             name: Hold(
                 code=HoldCode.BEING_RECUT,
@@ -86,7 +86,7 @@ class ReplanCoordinator:
         }
 
     def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates that have just failed and are to be cut instead of assigned."""
+        """Yield the plates that have just failed and whose parts are cut before they are assigned."""
         for view in situation.waiting.repeats:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
@@ -102,7 +102,7 @@ class ReplanCoordinator:
                 yield self._start(plate, recut.printers, cut=True)
 
     def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates that wait for one kind of printer and are to be sliced for another kind.
+        """Yield the plates that wait for one kind of printer and are sliced for another kind.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class ReplanCoordinator:
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation
     ) -> ev.PlateReplaced | None:
-        """Return the event of a finished replan; None if the plate stays as it is.
+        """Return the event of a finished replan; None if the plate is not replaced.
 
         Parameters
         ----------
@@ -164,7 +164,7 @@ class ReplanCoordinator:
         result
             The replacement, or the error that prevents it.
         situation
-            The plates available for assignment now, with those that are being cut.
+            The plates available for assignment now, including those that are being cut.
         """
         replan = self._running.pop(name, None)
         plate = books.plates[name]

@@ -35,7 +35,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     Raises
     ------
     FarmError
-        `no_fit` if cutting saves no time, else as in `decompose_job`.
+        `no_fit` if cutting saves no time; see also `decompose_job`.
     """
     with translate_errors():
         resources = find_resources()
@@ -67,7 +67,7 @@ def cut_part(task: ReplanTask) -> Pieces:
 
 
 def read_taken_mm(task: ReplanTask) -> tuple[float, ...]:
-    """Read the distances between the pins of the job's parts, which new pairs must not have."""
+    """Read the distances between the pins of the job's parts, in mm, which new pairs of pins must avoid."""
     reports = ((task.files / name).read_text(encoding="utf-8") for name in task.reports)
     return tuple(mm for report in reports for mm in read_pair_distances_mm(json.loads(report)))
 
@@ -110,6 +110,6 @@ def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
 
 
 def _make_drawn(files: Path, part: Part) -> Drawn:
-    """Convert a recorded part to one for the picture."""
+    """Convert the record of a part to a part for the picture."""
     to_model = np.reshape(part.geometry.to_model, (4, 4))
     return Drawn(Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, "")

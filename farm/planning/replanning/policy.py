@@ -24,9 +24,9 @@ from farm.scheduling import (
 )
 
 MARGIN = 0.2
-"""Least share of the time until the part ends that replanning must save."""
+"""Least share of the remaining time of a part that replanning must save."""
 MIN_GAIN_S = 1800.0
-"""Least time that replanning must save: a new plan costs time itself."""
+"""Least time that replanning must save, as a new plan takes time too."""
 JOIN_S = 336.0
 """Manual work for each additional piece: removing it from its bed (2 min) and gluing it (3.6 min)."""
 SLICING_S, CUTTING_S = 120.0, 300.0
@@ -50,7 +50,7 @@ _REASONS_OF_KIND = (
 
 @dataclass(frozen=True, slots=True)
 class Reslice:
-    """Instruction to slice a waiting plate's part for this printer."""
+    """Instruction to slice a waiting plate's part for a printer."""
 
     plate: str
     printer: str
@@ -58,7 +58,7 @@ class Reslice:
 
 @dataclass(frozen=True, slots=True)
 class Recut:
-    """Instruction to cut a failed plate's part for these printers."""
+    """Instruction to cut a failed plate's part for some printers."""
 
     plate: str
     printers: tuple[str, ...]
@@ -70,16 +70,16 @@ def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
 
 
 class ExpectedEnds:
-    """Ends of the waiting plates of a situation, forecast once on first use.
+    """Expected ends of the waiting plates of a situation, forecast on first use.
 
-    Printers that a person has to inspect count only if attended hours are known.
+    Printers that need inspection count only if fleet.yaml has attended hours.
     """
 
     def __init__(self, situation: Situation) -> None:
         self._situation = situation
 
     def find(self, plate: WaitingPlate) -> float:
-        """Return the time at which a plate ends, in the queue with all others; infinity if unknown."""
+        """Return the expected end of a plate in the queue with all others; infinity if unknown."""
         return self._ends_s.get(plate.id, float("inf"))
 
     @cached_property
@@ -95,12 +95,12 @@ class ExpectedEnds:
 
 
 def compute_expected_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return the time at which a waiting plate ends, in the queue with all others; infinity if unknown."""
+    """Return the expected end of a waiting plate in the queue with all others; infinity if unknown."""
     return ExpectedEnds(situation).find(plate)
 
 
 def compute_one_piece_end_s(plate: WaitingPlate, situation: Situation) -> float:
-    """Return the time at which a waiting plate's part ends in one piece, resliced if that is sooner."""
+    """Return the expected end of a waiting plate's part in one piece, resliced if that is sooner."""
     other = _find_best_printer(plate, situation.free, situation)
     as_planned_s = compute_expected_end_s(plate, situation)
     return (
@@ -116,16 +116,16 @@ def choose_reslice(
     free: Sequence[FleetPrinter],
     ends: ExpectedEnds | None = None,
 ) -> Reslice | None:
-    """Choose the printer of another kind on which a waiting plate finishes sooner by the margin, if any.
+    """Choose a printer of another kind on which a waiting plate ends sooner by the margin; or None.
 
     Parameters
     ----------
     plate
-        A waiting plate of the situation that no printer takes now.
+        A waiting plate of the situation that is not assigned now.
     situation
         The current situation.
     free
-        The printers that no other plate takes now.
+        The printers to which no other plate is assigned now.
     ends
         The expected ends of the waiting plates, if already computed.
     """
@@ -139,10 +139,10 @@ def choose_reslice(
 
 
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
-    """Choose the printers on which a failed plate's part, once cut, finishes sooner by the margin, if any.
+    """Choose the printers on which a failed plate's part, once cut, ends sooner by the margin; or None.
 
-    Candidates are the free printers that the other waiting plates do not need. Pieces are taken as equal;
-    the actual cut is compared before it is used.
+    Candidates are the free printers that the other waiting plates do not need. The estimate assumes equal
+    pieces; the actual cut is compared before it is used.
 
     Parameters
     ----------
@@ -192,13 +192,13 @@ def _has_same_filament(plate: WaitingPlate, printer: FleetPrinter) -> bool:
 
 
 def is_other_kind(demand: Demand, kind: Capabilities) -> bool:
-    """Return whether a printer has the filament of a plate, but is not of the kind it was sliced for."""
+    """Return whether a printer has the filament of a plate, but is not of the kind of its slice."""
     material, colour, _, _, allowed_printers = demand
     return kind.meets((material, colour, None, None, allowed_printers)) and not kind.meets(demand)
 
 
 def _differs_in_kind(plate: WaitingPlate, printer: FleetPrinter) -> bool:
-    """Return whether a plate fits a printer in everything but the printer kind it was sliced for."""
+    """Return whether a plate matches a printer, except for the kind of printer for which it was sliced."""
     box, kind = plate.requirements.box, printer.capabilities
     return is_other_kind(plate.demand, kind) and (box is None or kind.holds(box))
 
@@ -228,9 +228,9 @@ def _estimate_resliced_end_s(plate: WaitingPlate, printer: FleetPrinter, situati
 
 
 def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Return the seconds of a plate sliced for that printer: a finer nozzle prints finer lines.
+    """Estimate the seconds of a plate if it is sliced for another printer.
 
-    A coarser nozzle is not assumed to be faster.
+    A finer nozzle takes longer, as it prints finer lines; a coarser one is not assumed to be faster.
     """
     finer = 1.0
     if plate.requirements.nozzle_mm is not None:

@@ -20,7 +20,7 @@ from farm.state.storage import store_file
 
 @dataclass(frozen=True, slots=True)
 class ReplanTask:
-    """A plate with one part that is to be replanned for these printers.
+    """Task to replan a plate with one part for some printers.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class ReplanTask:
     time_factors
         Time factors of the printers, by name; 1 if there is none.
     others
-        The other parts of its copy of the model, for the picture.
+        The other parts of the same copy of the model, for the picture.
     reports
         Reports on the decomposition and on earlier cuts of its job, in the file store.
     """
@@ -49,7 +49,7 @@ class ReplanTask:
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Pieces of a part, in its job's model frame, with their report and instructions.
+    """Pieces of a part, in the frame of the job's model, with their report and instructions.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True)
 class ReplannedPlate:
-    """Parts and plates that replace a plate, and new files in the file store, if any; see `Pieces`."""
+    """Parts and plates that replace a plate, and the names of new files in the store; see `Pieces`."""
 
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
@@ -92,12 +92,12 @@ def copy_part(task: ReplanTask) -> DecomposedPart:
 
 
 def book_resliced(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
-    """Record the same part on a new plate.
+    """Record a resliced part on a new plate.
 
     Raises
     ------
     FarmError
-        `slice` if walls are too thin for this printer but were not for the first.
+        `slice` if walls are too thin for this printer that were not too thin for the first.
     """
     thin_walls = sliced_part.result.unprinted
     if len(thin_walls) > len(task.plate.warnings):

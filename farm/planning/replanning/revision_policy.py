@@ -1,8 +1,7 @@
 """Policy of plan revisions: decides whether a job that has not started is planned for other printers. Pure.
 
-A job is planned as soon as it is submitted, for the printers that it could have then. When it could start,
-there may be more free printers than it has parts, or too few. Another plan is made then if it ends sooner by
-a margin.
+A job is planned as soon as it is submitted, for the printers that are available then. When it can start, the
+number of free printers may have changed. It is then planned again if the new plan ends sooner by a margin.
 """
 
 from __future__ import annotations
@@ -17,29 +16,29 @@ from farm.scheduling import Requirements, Situation, WaitingPlate, compute_secon
 MAX_REVISIONS = 3
 """Largest number of plans that replace the first one."""
 CUT_GROWTH_SHARE = 0.15
-"""Share by which the printing time of all parts grows if a model is cut into more of them, at most."""
+"""Largest share by which the printing time of all parts grows if a model is cut into more parts."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedJob:
-    """A planned job of which nothing has started.
+    """Planned job without a started plate.
 
     Attributes
     ----------
     number
-        The job.
+        Number of the job.
     plates
         Its waiting plates, at least one.
     planned_for
         The printers that its plan could use.
     requirements
-        Requirements on each printer, whatever the plan.
+        Requirements on each printer, independent of the plan.
     planning_s
         Farm seconds that another plan takes.
     done_by_s
-        Time at which it has to end; None for no limit.
+        Time by which it must end; None for no limit.
     end_s
-        Time at which it ends if all of its plates start now; None if they do not.
+        Time at which it ends if all of its plates start now; None if some do not.
     """
 
     number: int
@@ -52,7 +51,7 @@ class PlannedJob:
 
 
 def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]) -> bool:
-    """Return whether `choose_revision` needs forecasts, which take long; if not, the plan stays."""
+    """Return whether `choose_revision` needs forecasts, which take long; if not, the plan is kept."""
     if job.end_s is None:
         return any(_differs(job, names) for names in candidates)
     if job.done_by_s is not None and job.end_s <= job.done_by_s:
@@ -63,19 +62,19 @@ def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Seque
 def choose_revision(
     job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]
 ) -> tuple[str, ...] | None:
-    """Choose the printers for which a job is planned again; None if its plan stays.
+    """Choose the printers for which a job is planned again; None if its plan is kept.
 
-    The plan also stays if the new one would be revised again at once: estimates assume equal parts, which the
-    model may not allow.
+    The plan is also kept if the new plan would be revised again at once: estimates assume equal parts, which
+    the model may not allow.
 
     Parameters
     ----------
     job
         A job whose plates wait in the situation.
     situation
-        The present situation.
+        The current situation.
     candidates
-        Sets of printers that it could be planned for.
+        Sets of printers for which it could be planned.
     """
     sets = list(dict.fromkeys(tuple(names) for names in candidates))
     best = _find_best(job, situation, sets)
@@ -93,11 +92,11 @@ def choose_revision(
 def _find_best(
     job: PlannedJob, situation: Situation, candidates: Sequence[tuple[str, ...]]
 ) -> tuple[str, ...] | None:
-    """Find the set of printers for which another plan ends soonest; None if none saves enough."""
+    """Find the set of printers whose plan ends soonest; None if no plan saves enough."""
     if not may_revise(job, situation, candidates):
         return None
     plate_ids = {plate.id for plate in job.plates}
-    # Later jobs do not delay this one; without them the forecast is quick.
+    # Later jobs do not delay this job; without them the forecast is fast.
     earlier_jobs = replace(situation, waiting=situation.waiting.up_to(job.plates[0].queue_rank))
     before_s = find_end_s(plate_ids, earlier_jobs) if job.end_s is None else job.end_s
     if job.done_by_s is not None and before_s <= job.done_by_s:
@@ -116,7 +115,7 @@ def _find_best(
 
 
 def _may_save(job: PlannedJob, names: Sequence[str], before_s: float, situation: Situation) -> bool:
-    """Return whether a plan for these printers saves enough if its plates start now, on the fastest one."""
+    """Return whether a plan for some printers saves enough if its plates start now on the fastest printer."""
     if not _may_help(job, names, before_s):
         return False
     plate = estimate_plates(job, names)[0]
@@ -125,7 +124,7 @@ def _may_save(job: PlannedJob, names: Sequence[str], before_s: float, situation:
 
 
 def _find_additional_s(job: PlannedJob, names: Sequence[str]) -> float:
-    """Return the seconds that another plan takes, and that its additional parts take to be joined."""
+    """Return the seconds to make another plan, and to join its additional parts."""
     return JOIN_S * max(0, len(names) - len(job.plates)) + job.planning_s
 
 
@@ -134,21 +133,21 @@ def _differs(job: PlannedJob, names: Sequence[str]) -> bool:
 
 
 def _may_help(job: PlannedJob, names: Sequence[str], before_s: float) -> bool:
-    """Return whether a plan for these printers may differ from the present one and be better."""
+    """Return whether a plan for some printers may differ from the current plan and be better."""
     if not _differs(job, names):
         return False
     if math.isinf(before_s):
         return True
     if len(job.plates) > len(job.planned_for):  # in rounds: it cannot be cut into fewer parts
         return len(names) >= len(job.plates)
-    # A plan that did not use all of its printers would not use these, either.
+    # If the plan did not use all of its printers, a plan for more printers would not use them either.
     if len(names) > len(job.plates):
         return len(job.plates) >= len(job.planned_for)
     return len(names) < len(job.plates)
 
 
 def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate, ...]:
-    """Estimate the plates of a plan for these printers: equal parts, one for each."""
+    """Estimate the plates of a plan for some printers: equal parts, one for each printer."""
     first = job.plates[0]
     layers_s = sum((p.expected_s - p.heating_s) / p.time_factor for p in job.plates)
     work_ratio = 1.0 + CUT_GROWTH_SHARE if len(names) > len(job.plates) else 1.0
@@ -166,6 +165,6 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
 
 
 def find_end_s(plates: set[str], situation: Situation) -> float:
-    """Return the time at which the last of these plates ends; infinity if one of them never starts."""
+    """Return the expected end of the last of some plates; infinity if one of them never starts."""
     slots = {slot.plate: slot.ends_s for slot in forecast_prints(situation, has_bound=False).slots}
     return max((slots.get(plate, math.inf) for plate in plates), default=situation.now_s)

@@ -1,4 +1,4 @@
-"""Plans that are made again, for other printers, before anything of their job has started."""
+"""Revisions of plans, for other printers, before any plate of their job has started."""
 
 from __future__ import annotations
 
@@ -41,25 +41,25 @@ from farm.state.transitions import apply
 log = logging.getLogger(__name__)
 
 PATIENCE = 3.0
-"""Multiple of the expected planning time after which a job starts with its present plan."""
+"""Multiple of the expected planning time after which a job starts with its current plan."""
 MAX_FORECAST = 1000
-"""Printers and plates in the forecasts of one run, beyond which jobs are examined in the next run."""
+"""Number of printers and plates in the forecasts of one run above which jobs wait for the next run."""
 _Key = tuple[int, str | None, frozenset[str], frozenset[str]]
 
 
 class PlanRevisions:
-    """Decision on the jobs that are planned again, and on the use of the new plan.
+    """Decisions on the jobs that are planned again, and on the use of their new plans.
 
-    A job is examined when its first plate could start, and when a printer of its plan is no longer available;
-    its plates do not start while another plan is made. State is kept in memory only: after a restart the jobs
-    are examined again.
+    A job is examined when its first plate could start, and when a printer of its plan is no longer available.
+    Its plates do not start while another plan is made. The state is in memory only: after a restart, jobs are
+    examined again.
 
     Attributes
     ----------
     has_more
-        The last run has left jobs for the next one, which begins at once.
+        True if jobs remain for the next run, which begins at once.
     postponed
-        Those of their plates that could start, and do not start before they are examined.
+        Plates of these jobs that could start, but wait until their job is examined.
     """
 
     def __init__(self) -> None:
@@ -86,12 +86,11 @@ class PlanRevisions:
 
     @property
     def next_change_s(self) -> float:
-        """Return the time at which the plates of a job no longer wait for its new plan; infinity if none
-        waits."""
+        """Return the time at which the next job stops waiting for its new plan; infinity if none waits."""
         return min(self._held_until_s.values(), default=math.inf)
 
     def holds(self, books: Books, now_s: float) -> dict[str, Hold]:
-        """Return a hold for each plate whose job is being planned again, unless that takes too long."""
+        """Return a hold for each plate whose job is being planned again, until that takes too long."""
         return {
             plate: Hold(
                 code=HoldCode.BEING_REPLANNED,
@@ -109,7 +108,7 @@ class PlanRevisions:
         assignments: Iterable[Assignment],
         find_reservations: Callable[[], Mapping[str, str]],
     ) -> Iterator[StartPlanning]:
-        """Yield the jobs that are planned again from now on.
+        """Yield the instructions to plan jobs again.
 
         Parameters
         ----------
@@ -142,7 +141,7 @@ class PlanRevisions:
                 if use not in own_uses
             }
             idle, coming_printers = candidates.choose(job, taken_printers)
-            # A job that does not start yet is examined again when it does: idle printers come and go.
+            # Idle printers change often: a job that cannot start yet is examined again when it can.
             key = (number, job.plan, frozenset(idle if starts else ()), frozenset(coming_printers))
             if key in self._examined_keys:
                 continue
@@ -180,7 +179,7 @@ class PlanRevisions:
     def finish(
         self, number: int, result: Plan | FarmError, books: Books, situation: Situation
     ) -> ev.PlanRevised | None:
-        """Return the event of a plan that replaces the earlier one; None if that one stays.
+        """Return the event of a plan that replaces the earlier plan; None if the earlier plan is kept.
 
         Parameters
         ----------
@@ -226,7 +225,7 @@ def _find_unstarted(
 
 
 def _may_change(books: Books, job: Job) -> bool:
-    """Return whether a job's plan may change: nothing has started, no person has approved or changed it."""
+    """Return whether a job's plan may change: no plate has started, and nobody has approved or changed it."""
     if job.state is not JobState.PRINTING or not job.planned_for or job.revisions >= MAX_REVISIONS:
         return False
     if job.own_gcode is not None or job.options.copies > 1:
@@ -240,18 +239,18 @@ def _may_change(books: Books, job: Job) -> bool:
 
 
 class _Candidates:
-    """Printers that jobs could use; those of jobs with the same requirements are listed once."""
+    """Printers that jobs could use, found once for all jobs with the same requirements."""
 
     def __init__(self, situation: Situation) -> None:
         self._situation = situation
         self._coming: dict[Hashable, dict[str, FleetPrinter]] = {}
 
     def has_all(self, job: Job, names: Iterable[str]) -> bool:
-        """Return whether a job could use all of these printers without a repair."""
+        """Return whether a job could use all of some printers without a repair."""
         return self._find_coming(job).keys() >= frozenset(names)
 
     def choose(self, job: Job, taken_printers: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Choose among the printers that a job could use now, and among all without a repair."""
+        """Choose printers for a job: from those that are idle now, and from all that need no repair."""
         request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
         coming_printers = list(self._find_coming(job).values())
         idle = [p for p in coming_printers if p.obstacle() is None and p.name not in taken_printers]
@@ -276,7 +275,7 @@ def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tupl
 def _find_end_s(
     plates: Sequence[WaitingPlate], plate_by_printer: Mapping[str, str], situation: Situation
 ) -> float | None:
-    """Return the end of plates that all start now, as in a forecast; None if one of them does not."""
+    """Return the end of plates that all start now, as in a forecast; None if any of them does not."""
     printers = {plate: situation.fleet[name] for name, plate in plate_by_printer.items()}
     if not all(plate.id in printers for plate in plates):
         return None
@@ -298,7 +297,7 @@ def _describe(
 
 
 def _ends_sooner(event: ev.PlanRevised, books: Books, situation: Situation) -> bool:
-    """Return whether the plates of a new plan end before those of the present one."""
+    """Return whether the plates of a new plan end before those of the current plan."""
     changed_books, _ = apply(event, books)
     job = changed_books.job(event.job)
     new = tuple(describe_plates(changed_books.plates_of(job), changed_books))

@@ -28,7 +28,7 @@ OnReplan = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
 class ReplanWorker:
-    """Replans plates concurrently.
+    """Worker that replans plates concurrently.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class ReplanWorker:
         self._running: set[asyncio.Task[None]] = set()
 
     def start(self, task: ReplanTask, cut: bool) -> None:
-        """Start replanning a plate; returns at once."""
+        """Start replanning a plate, in the background."""
         task_run = asyncio.get_running_loop().create_task(self._run(task, cut))
         self._running.add(task_run)
         task_run.add_done_callback(self._running.discard)

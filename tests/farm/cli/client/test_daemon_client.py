@@ -153,7 +153,7 @@ class SlowDaemon(Client):
         super().__init__(path, answer_s=10.0)
         self.answers, self.polled = list(answers), threading.Event()
 
-    def _call(self, method, path, **options):
+    def _send(self, method, path, **options):
         if path == "/jobs":
             assert self.polled.wait(60.0)
             return {"job": 7, "again": False}

@@ -84,9 +84,9 @@ def test_invalid_request_is_refused_without_a_call_to_the_daemon(arguments):
 @pytest.mark.parametrize(
     ("url", "expected_text"),
     [
-        ("farm.lab:8467", "is no address"),
-        ("ftp://farm", "is no address"),
-        ("https://user:word@farm", "is no address"),
+        ("farm.lab:8467", "is not the address"),
+        ("ftp://farm", "is not the address"),
+        ("https://user:word@farm", "is not the address"),
     ],
 )
 def test_wrong_url_is_named(tmp_path, url, expected_text):

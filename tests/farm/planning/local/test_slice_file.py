@@ -86,7 +86,7 @@ def test_output_over_the_model_is_refused(box, tmp_path):
 
 
 def test_output_below_a_file_is_refused(box):
-    assert "is no folder" in str(read_refusal(box, box / "deep" / "out.gcode"))
+    assert "is not a folder" in str(read_refusal(box, box / "deep" / "out.gcode"))
 
 
 def test_model_in_inches_or_metres_is_refused_with_scales(tmp_path):
