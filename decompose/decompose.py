@@ -61,13 +61,13 @@ def decompose_model(
     problem = Problem(model, tuple(printers), cost, options, executor)
     serial = problem.start(partial(estimate_serial_s, vertices, faces, cost, options.fit_first_layer))
     serial_s = perf_counter() - began_s
-    by_engine = partial(_run_engine, serial=serial)
+    by_engine = partial(run_engine, serial=serial)
     partition = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
     stages = partition.compute_s | {"serial": serial_s, "total": perf_counter() - began_s}
     return replace(partition, compute_s=stages)
 
 
-def _run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:
+def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> Decomposition:
     """Run the engine that the options name, and check its result; `serial` returns `estimate_serial_s`."""
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:

@@ -55,9 +55,13 @@ class BestOptions:
     budget_s
         Work that may be done, counted in seconds of one core of a typical machine (`problem.Effort`): once it
         is spent, no engine is started and no search continued.
+    pauses
+        Return before a round of several attempts, for the caller to make them side by side
+        (`decompose.paused_search`).
     """
 
     budget_s: float = BUDGET_S
+    pauses: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,12 +65,13 @@ class SearchState:
             result = outcome.result
             state = SearchState(
                 (*state.attempts, outcome.attempt),
-                result if result is not None and state._is_beaten_by(result) else state.best,
+                result if result is not None and state.is_beaten_by(result) else state.best,
                 state.failure or outcome.error,
             )
         return state
 
-    def _is_beaten_by(self, result: Decomposition) -> bool:
+    def is_beaten_by(self, result: Decomposition) -> bool:
+        """Check whether a result is better than the best one so far."""
         if self.best is None:
             return True
         if result.yaw_deg and not self.yaw_deg:

@@ -26,8 +26,23 @@ def find_best(problem: Problem, by_engine: ByEngine) -> Decomposition:
     NoFit, GeometryError, ModelNotSolid
         Error of the first engine, if no engine has a result.
     """
-    state = SearchState()
+    return continue_rounds(problem, by_engine, SearchState())
+
+
+def continue_rounds(problem: Problem, by_engine: ByEngine, state: SearchState) -> Decomposition:
+    """Make the rounds that follow those of a state, as `find_best`.
+
+    With `BestOptions.pauses`, it ends before a round of several attempts once there is a sound result, which
+    has `open_printers` then.
+    """
     while trials := plan_next_round(problem, state):
+        if problem.options.best.pauses and len(trials) > 1 and state.best and state.has_sound_result:
+            return replace(
+                state.best,
+                options=problem.options,
+                attempts=state.attempts,
+                open_printers=problem.printers,
+            )
         state = state.add(_make_round(problem, by_engine, state, trials))
     return _choose_result(problem, state)
 
@@ -56,4 +71,5 @@ def _choose_result(problem: Problem, state: SearchState) -> Decomposition:
         assert state.failure is not None  # the first engine is always tried
         raise state.failure
     attempts = (*state.attempts, *list_open_attempts(problem, state))
-    return replace(state.best, options=problem.options, attempts=attempts)
+    options = replace(problem.options, best=replace(problem.options.best, pauses=False))
+    return replace(state.best, options=options, attempts=attempts, open_printers=())

@@ -217,6 +217,8 @@ class Decomposition:
         Angle by which `best` turned the model about z before it was cut.
     attempts
         Attempts of `best`, in order; empty for a single engine.
+    open_printers
+        Printers of a search that has paused before a round of several attempts; empty if it has ended.
     compute_s
         Wall time by stage of the engine of the result; ``total`` includes all attempts of `best`.
     """
@@ -243,6 +245,7 @@ class Decomposition:
     faults: tuple[Fault, ...] = ()
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
+    open_printers: tuple[PrinterRoom, ...] = ()
 
     def compute_possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
         """Compute the share of the makespan that a perfect balance of the same total work would save.

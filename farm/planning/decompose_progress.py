@@ -28,6 +28,23 @@ class DecomposeProgress(BaseModel):
     remaining_s: float | None = None
 
 
+class ProgressRate:
+    """Rate of a decomposition since its first report above 0."""
+
+    def __init__(self) -> None:
+        self._first: tuple[float, float] | None = None  # share and time of that report
+
+    def measure(self, share: float, now_s: float) -> DecomposeProgress:
+        """Return the progress with its remaining time; see `ProgressFile.report`."""
+        if self._first is None and share > 0.0:
+            self._first = share, now_s
+        if self._first is None or share <= self._first[0]:
+            return DecomposeProgress(share=share)
+        first_share, began_s = self._first
+        remaining_s = (now_s - began_s) * (1.0 - share) / (share - first_share)
+        return DecomposeProgress(share=share, remaining_s=remaining_s)
+
+
 class ProgressFile:
     """Writer of the progress of a decomposition, with an estimate of the remaining wall seconds.
 
@@ -39,7 +56,7 @@ class ProgressFile:
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / PROGRESS
-        self._first: tuple[float, float] | None = None  # share and time of the first report above 0
+        self._rate = ProgressRate()
         self._due_s = -math.inf
 
     def report(self, share: float, now_s: float) -> None:
@@ -52,16 +69,11 @@ class ProgressFile:
         now_s
             Seconds of a monotonic clock.
         """
-        if share > 0.0 and self._first is None:
-            self._first = share, now_s
+        progress = self._rate.measure(share, now_s)
         if now_s < self._due_s:
             return
         self._due_s = now_s + _INTERVAL_S
-        remaining_s = None
-        if self._first is not None and share > self._first[0]:
-            first_share, began_s = self._first
-            remaining_s = (now_s - began_s) * (1.0 - share) / (share - first_share)
-        text = DecomposeProgress(share=share, remaining_s=remaining_s).model_dump_json()
+        text = progress.model_dump_json()
         new_file = self._path.with_suffix(".new")
         with suppress(OSError):  # on a full disk the decomposition itself may still succeed
             new_file.write_text(text)

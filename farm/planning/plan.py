@@ -101,6 +101,8 @@ class DecomposeTask:
         Ratio of reported to expected times of assembly.
     budget_s
         Budget of the search for parts; None for the decomposition's default.
+    side_by_side
+        Return a `PausedJob` before a round of several attempts of the search.
     """
 
     job: int
@@ -113,6 +115,26 @@ class DecomposeTask:
     within_s: float | None = None
     assembly_ratio: float = 1.0
     budget_s: float | None = None
+    side_by_side: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PausedJob:
+    """A job whose search for parts has paused before a round of attempts (farm.planning.parts.paused_job).
+
+    Attributes
+    ----------
+    record
+        File with the best result so far.
+    attempt_count
+        Number of attempts of the round, which may be made side by side.
+    spent_share
+        Share of the budget that is spent, 0 to 1.
+    """
+
+    record: Path
+    attempt_count: int
+    spent_share: float
 
 
 @dataclass(frozen=True, slots=True)

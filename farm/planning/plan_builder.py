@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +15,13 @@ from farm.errors import FarmError
 from farm.model import PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.planning.booking import book_plan
-from farm.planning.decompose_progress import read_progress
 from farm.planning.part_records import SliceBatch
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.parts.drawings import Drawings
+from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
 from farm.planning.slice_batch import slice_batch
-from farm.planning.tasks import decompose_job, plan_gcode, relevel_parts
+from farm.planning.tasks import plan_gcode, relevel_parts
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:
@@ -78,18 +79,19 @@ class PlanBuilder:
 
     async def _decompose(self) -> DecomposedJob:
         self._on_progress(PlanProgress(step=PlanStep.WAITING))
-        watch_task = asyncio.get_running_loop().create_task(self._watch_decomposition())
+        rounds = SearchRounds(self._workers, self.task)
+        watch_task = asyncio.get_running_loop().create_task(self._watch_decomposition(rounds))
         try:
-            return await self._workers.run(decompose_job, self.task, limit=DECOMPOSING)
+            return await rounds.run()
         finally:
             watch_task.cancel()
 
-    async def _watch_decomposition(self) -> None:
-        """Report each change of the progress that the worker writes."""
+    async def _watch_decomposition(self, rounds: SearchRounds) -> None:
+        """Report each change of the progress that the workers write."""
         last_progress: PlanProgress | None = None
         while True:
             await asyncio.sleep(_POLL_S)
-            progress = await asyncio.to_thread(read_progress, self.task.folder)
+            progress = await asyncio.to_thread(rounds.read_progress, time.monotonic())
             if progress is None:
                 continue
             share = progress.share or None

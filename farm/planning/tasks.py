@@ -23,6 +23,17 @@ def list_decompose_files(task: DecomposeTask) -> TaskFiles:
     return TaskFiles(reads=(task.model,), folders=(task.folder,), live=(task.folder / PROGRESS,))
 
 
+def list_attempt_files(task: DecomposeTask, record: Path, _number: int, folder: Path) -> TaskFiles:
+    """List the files of `try_grid`: the model, the record of the search, the folder of the attempt."""
+    return TaskFiles(reads=(task.model, record), folders=(folder,), live=(folder / PROGRESS,))
+
+
+def list_continue_files(task: DecomposeTask, record: Path, outcomes: Sequence[Path | str]) -> TaskFiles:
+    """List the files of `continue_job`: those of `decompose_job`, the record, the outcomes of the round."""
+    reads = (task.model, record, *(file for file in outcomes if isinstance(file, Path)))
+    return TaskFiles(reads=reads, folders=(task.folder,), live=(task.folder / PROGRESS,))
+
+
 def list_overview_files(drawing_record: Path, out: Path) -> TaskFiles:
     """List the files of `draw_overview`: the record of the parts, and the picture."""
     return TaskFiles(reads=(drawing_record,), writes=(out,))
@@ -65,11 +76,13 @@ if TYPE_CHECKING:
     from farm.planning.inspection.own_gcode import plan_gcode
     from farm.planning.parts.decompose_job import decompose_job, warm
     from farm.planning.parts.draw_job import draw_job, draw_overview, draw_some_steps
+    from farm.planning.parts.paused_job import continue_job, try_grid
     from farm.planning.parts.relevel_parts import relevel_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
 else:
     inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
+    continue_job = Deferred("farm.planning.parts.paused_job:continue_job", list_continue_files)
     decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job", list_decompose_files)
     draw_job = Deferred("farm.planning.parts.draw_job:draw_job", list_draw_files)
     draw_overview = Deferred("farm.planning.parts.draw_job:draw_overview", list_overview_files)
@@ -77,10 +90,12 @@ else:
     relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
     warm = Deferred("farm.planning.parts.decompose_job:warm")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
+    try_grid = Deferred("farm.planning.parts.paused_job:try_grid", list_attempt_files)
     slice_part = Deferred("farm.planning.parts.slice_part:slice_part", list_slice_files)
     cut_part = Deferred("farm.planning.replanning.cut_part:cut_part", list_cut_files)
 
 __all__ = [
+    "continue_job",
     "cut_part",
     "decompose_job",
     "draw_job",
@@ -90,5 +105,6 @@ __all__ = [
     "plan_gcode",
     "relevel_parts",
     "slice_part",
+    "try_grid",
     "warm",
 ]

@@ -114,10 +114,10 @@ def test_second_relevel_continues_from_the_first(decomposition: Decomposition, c
 
 
 def test_rotated_model_is_relevelled_in_its_own_frame(cost: CostModel) -> None:
-    from decompose.decompose import _run_engine
+    from decompose.decompose import run_engine
 
     task = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
-    decomposition = _run_engine(task, serial=lambda: (1.0, 1.0))
+    decomposition = run_engine(task, serial=lambda: (1.0, 1.0))
     new_result = relevel_planes(MODEL, pass_to_process(decomposition), make_times_s(decomposition, 1), cost)
     assert new_result is not None
     assert sum(p.solid.volume_mm3 for p in new_result.parts) == pytest.approx(MODEL.solid.volume_mm3)

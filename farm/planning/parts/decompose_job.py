@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -17,6 +18,7 @@ from decompose.export import write_parts
 from decompose.geometry import Model, Solid
 from decompose.jit import is_compiled
 from decompose.options import BestOptions, Engine, Options
+from decompose.paused_search import PausedSearch
 from decompose.print_time import CostModel, Recipe
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
@@ -31,7 +33,7 @@ from farm.planning.parts.copies import choose_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.draw_job import write_drawing_record
 from farm.planning.parts.pricing import build_decompose_options, price_rooms
-from farm.planning.plan import DecomposedJob, DecomposeTask, TooFewPrinters
+from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
 
@@ -45,8 +47,13 @@ def warm(report: Callable[[str], object]) -> None:
     decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
 
 
-def decompose_job(task: DecomposeTask) -> DecomposedJob:
+def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     """Cut a job's model for its printers, and write the parts into the task's folder.
+
+    Returns
+    -------
+    DecomposedJob | PausedJob
+        A paused job with `DecomposeTask.side_by_side` alone.
 
     Raises
     ------
@@ -61,7 +68,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     model = read_inspected(task.model)
     options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
-        options = replace(options, best=BestOptions(task.budget_s))
+        pauses = task.side_by_side and not task.options.dry_run
+        options = replace(options, best=BestOptions(task.budget_s, pauses))
     progress = ProgressFile(task.folder)
     progress.report(0.0, time.monotonic())
     try:
@@ -82,8 +90,8 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
                 decomposition = cutter.cut_for_all()
             if task.options.dry_run and task.options.printers is None and task.options.copies == 1:
                 decomposition = cutter.add_curve(decomposition)
-        assigned_parts = replace(decomposition, parts=_reassign_parts(decomposition.parts, task))
-        return write_decomposed(assigned_parts, model, task.folder)
+            search = PausedSearch(decomposition, model, cost, threads)
+        return finish_job(search, task)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
             raise TooFewPrinters(str(error), error.printers_needed) from error
@@ -91,6 +99,20 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob:
     except Exception:
         with translate_errors():
             raise
+
+
+def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedJob:
+    """Write the parts of a search into the folder of the task; its record, if it has paused.
+
+    The record is a pickle of the best result, for workers of the same version.
+    """
+    best = search.best
+    if best.open_printers:
+        record = task.folder / f"search-{len(best.attempts)}.pickle"
+        record.write_bytes(pickle.dumps(best))
+        return PausedJob(record, len(search.plan_round()), search.spent_share)
+    assigned_parts = replace(best, parts=_reassign_parts(best.parts, task))
+    return write_decomposed(assigned_parts, search.model, task.folder)
 
 
 def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:

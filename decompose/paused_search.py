@@ -1,0 +1,98 @@
+"""Search of the engine `best` that has paused: the attempts of its next round, and how it goes on.
+
+`decompose_model` returns such a search with `BestOptions.pauses`; see `Decomposition.open_printers`. The
+attempts of a round may be made anywhere, in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+from decompose.best import Outcome, SearchState, Trial, continue_rounds, make_attempt, plan_next_round
+from decompose.decompose import run_engine
+from decompose.geometry import Model
+from decompose.print_time import CostModel
+from decompose.problem import Problem
+from decompose.progress import report_progress
+from decompose.results import Attempt, Decomposition
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PausedSearch:
+    """Search that has paused before a round of several attempts.
+
+    Attributes
+    ----------
+    best
+        Best result so far, with all attempts.
+    model, cost, executor
+        As in `decompose.decompose_model`.
+    """
+
+    best: Decomposition
+    model: Model
+    cost: CostModel
+    executor: Executor | None = None
+
+    @property
+    def spent_share(self) -> float:
+        """Share of the budget that its attempts have spent."""
+        remaining_s = sum(trial.effort_s for trial in self.plan_round())
+        return 1.0 - remaining_s / self.best.options.best.budget_s
+
+    def plan_round(self) -> tuple[Trial, ...]:
+        """Plan the attempts of the next round."""
+        return plan_next_round(self._problem, self._state)
+
+    def make_attempt(self, number: int) -> Outcome:
+        """Make one attempt of the next round, without its result if that is worse than the best so far.
+
+        It reports the share of the whole budget that it spends; see `decompose.progress`.
+        """
+        budget_s = self.best.options.best.budget_s
+        outcome = make_attempt(
+            self._problem,
+            self._run_engine,
+            self.plan_round()[number],
+            self._state.best_known_s,
+            lambda spent_s: report_progress(min(1.0, spent_s / budget_s)),
+        )
+        is_better = outcome.result is not None and self._state.is_beaten_by(outcome.result)
+        return replace(outcome, result=outcome.result if is_better else None, error=None)
+
+    def fail_attempt(self, number: int, reason: str) -> Outcome:
+        """Return the outcome of an attempt that could not be made; its share of the budget is spent."""
+        trial = self.plan_round()[number]
+        attempt = Attempt(
+            trial.engine,
+            trial.granularity,
+            trial.yaw_deg,
+            effort_s=trial.effort_s,
+            finished=False,
+            reason=reason,
+        )
+        return Outcome(attempt)
+
+    def resume(self, outcomes: Sequence[Outcome]) -> Decomposition:
+        """Add the outcomes of the round, in its order, and go on; the result may be a paused search again."""
+        result = continue_rounds(self._problem, self._run_engine, self._state.add(outcomes))
+        later_attempts = result.attempts[len(self.best.attempts) :]
+        total_s = self.best.compute_s["total"] + sum(attempt.compute_s for attempt in later_attempts)
+        compute_s = result.compute_s | {"serial": self.best.compute_s["serial"], "total": total_s}
+        return replace(result, curve=self.best.curve, compute_s=compute_s)
+
+    @property
+    def _problem(self) -> Problem:
+        best = self.best
+        return Problem(self.model, best.open_printers, self.cost, best.options, self.executor)
+
+    @property
+    def _state(self) -> SearchState:
+        return SearchState(self.best.attempts, self.best)
+
+    @property
+    def _run_engine(self) -> Callable[[Problem], Decomposition]:
+        serial = (self.best.serial_s, self.best.serial_as_is_s)
+        return lambda problem: run_engine(problem, lambda: serial)

@@ -1,0 +1,99 @@
+"""Job whose search for parts has paused: an attempt of its next round, and the rest. Runs in a worker."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from decompose.paused_search import PausedSearch
+from decompose.progress import listen_to_progress
+from decompose.results import Decomposition
+from farm.planning.decompose_progress import ProgressFile
+from farm.planning.error_translation import translate_errors
+from farm.planning.inspection.inspect_submission import read_inspected
+from farm.planning.parts.decompose_job import finish_job
+from farm.planning.parts.pricing import price_rooms
+from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
+from slicing.settings import find_resources
+
+OUTCOME = "outcome.pickle"
+
+
+def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Path:
+    """Make one attempt of the next round of a paused job.
+
+    Parameters
+    ----------
+    record
+        See `PausedJob`.
+    number
+        Number of the attempt in its round.
+    folder
+        Folder for its progress and its outcome.
+
+    Returns
+    -------
+    Path
+        File with its outcome.
+
+    Raises
+    ------
+    FarmError
+        `settings` or `model`, with the reason. An attempt without a result is no error.
+    """
+    folder.mkdir(exist_ok=True)
+    with _open_search(task, record, folder) as search:
+        outcome = search.make_attempt(number)
+    path = folder / OUTCOME
+    path.write_bytes(pickle.dumps(outcome))
+    return path
+
+
+def continue_job(
+    task: DecomposeTask, record: Path, outcomes: Sequence[Path | str]
+) -> DecomposedJob | PausedJob:
+    """Go on with a paused job after a round of attempts, and write its parts.
+
+    Parameters
+    ----------
+    record
+        See `PausedJob`.
+    outcomes
+        For each attempt of the round its file, or the reason why there is none.
+
+    Raises
+    ------
+    FarmError
+        As in `decompose_job`.
+    """
+    with _open_search(task, record, task.folder) as search:
+        best = search.resume(
+            [
+                search.fail_attempt(number, outcome)
+                if isinstance(outcome, str)
+                else pickle.loads(outcome.read_bytes())
+                for number, outcome in enumerate(outcomes)
+            ]
+        )
+        return finish_job(replace(search, best=best), task)
+
+
+@contextmanager
+def _open_search(task: DecomposeTask, record: Path, folder: Path) -> Iterator[PausedSearch]:
+    """Read a paused job, with threads, and write the progress of its search into a folder."""
+    progress = ProgressFile(folder)
+    with (
+        translate_errors(),
+        listen_to_progress(lambda share: progress.report(share, time.monotonic())),
+        ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,
+    ):
+        resources = find_resources()
+        _, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources, task.rounds)
+        best: Decomposition = pickle.loads(record.read_bytes())
+        yield PausedSearch(best, read_inspected(task.model), cost, threads)

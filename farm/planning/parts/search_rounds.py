@@ -1,0 +1,91 @@
+"""Rounds of a search for parts in the workers: the attempts of each side by side, then the next round."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from pathlib import Path
+
+from farm.compute import DECOMPOSING, PoolShare
+from farm.errors import ErrorCode, FarmError
+from farm.planning.decompose_progress import DecomposeProgress, ProgressRate, read_progress
+from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
+from farm.planning.tasks import continue_job, decompose_job, try_grid
+
+log = logging.getLogger(__name__)
+
+
+class SearchRounds:
+    """Search for the parts of a job, a task for each attempt of a round.
+
+    Parameters
+    ----------
+    workers
+        The job's share of the workers.
+    task
+        The job, its printers, and a scratch folder.
+    """
+
+    def __init__(self, workers: PoolShare, task: DecomposeTask) -> None:
+        self._workers, self._task = workers, task
+        self._spent_share = 0.0
+        self._folders: list[Path] = []  # of the attempts of the last round
+        self._rate = ProgressRate()
+
+    async def run(self) -> DecomposedJob:
+        """Search for parts. Raises FarmError; see `decompose_job`."""
+        answer: DecomposedJob | PausedJob = await self._workers.run(
+            decompose_job, self._task, limit=DECOMPOSING
+        )
+        while isinstance(answer, PausedJob):
+            outcomes = await self._make_attempts(answer)
+            answer = await self._workers.run(
+                continue_job, self._task, answer.record, outcomes, limit=DECOMPOSING
+            )
+        return answer
+
+    def read_progress(self, now_s: float) -> DecomposeProgress | None:
+        """Read the progress of all tasks; None if none has started.
+
+        Parameters
+        ----------
+        now_s
+            Seconds of a monotonic clock.
+        """
+        progress = read_progress(self._task.folder)
+        if not self._folders:
+            return progress
+        attempts = [read_progress(folder) for folder in self._folders]
+        share = self._spent_share + sum(attempt.share for attempt in attempts if attempt is not None)
+        if progress is not None:  # after the round
+            share = max(share, progress.share)
+        return self._rate.measure(min(1.0, share), now_s)
+
+    async def _make_attempts(self, paused_job: PausedJob) -> tuple[Path | str, ...]:
+        """Make the attempts of a round; return the file of each outcome, or the limit that it exceeded."""
+        self._spent_share = paused_job.spent_share
+        folders = [paused_job.record.with_suffix(f".{number}") for number in range(paused_job.attempt_count)]
+        attempts = [
+            asyncio.ensure_future(self._make_attempt(paused_job.record, number, folder))
+            for number, folder in enumerate(folders)
+        ]
+        self._folders = folders
+        try:
+            return tuple(await asyncio.gather(*attempts))
+        finally:
+            for attempt in attempts:
+                attempt.cancel()
+            await asyncio.gather(*attempts, return_exceptions=True)  # until their workers have ended
+
+    async def _make_attempt(self, record: Path, number: int, folder: Path) -> Path | str:
+        """Make an attempt; one that exceeds a limit has no result, as there is one already."""
+        try:
+            outcome: Path = await self._workers.run(
+                try_grid, self._task, record, number, folder, limit=DECOMPOSING
+            )
+        except FarmError as error:
+            if error.code is not ErrorCode.LIMIT:
+                raise
+            log.warning("job %d: an attempt failed: %s", self._task.job, error, extra={"job": self._task.job})
+            return str(error)
+        return outcome

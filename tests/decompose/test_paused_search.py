@@ -1,0 +1,91 @@
+"""Searches that pause before a round of attempts: same result, wherever and whenever the attempts end."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decompose.decompose import decompose_model
+from decompose.geometry import Model, Solid
+from decompose.options import BestOptions, Options
+from decompose.paused_search import PausedSearch
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.progress import listen_to_progress
+from decompose.results import Decomposition
+
+L_SHAPE = Model(
+    Solid.union([Solid.box((0, 0, 0), (150, 40, 30)), Solid.box((0, 0, 0), (40, 110, 60))]), (), 1.0
+)
+ROOMS = [PrinterRoom(name, ((120.0, 120.0, 120.0),)) for name in "abcd"]
+BEST = BestOptions(12.0)  # a round of several attempts, and one that is alone
+
+
+@pytest.fixture(scope="module")
+def whole(cost: CostModel) -> Decomposition:
+    """Search without a pause."""
+    return decompose_model(L_SHAPE, ROOMS, Options(best=BEST, prove=False), cost)
+
+
+@pytest.fixture(scope="module")
+def paused(cost: CostModel) -> PausedSearch:
+    """Search until the first round of several attempts."""
+    options = Options(best=replace(BEST, pauses=True), prove=False)
+    best = decompose_model(L_SHAPE, ROOMS, options, cost)
+    return PausedSearch(best, L_SHAPE, cost)
+
+
+def drop_times(result: Decomposition) -> list[object]:
+    return [replace(attempt, compute_s=0.0) for attempt in result.attempts]
+
+
+def test_attempts_in_any_order_have_the_result_of_one_process(
+    whole: Decomposition, paused: PausedSearch
+) -> None:
+    """Make the attempts of each round in reverse order, each as if in a process of its own."""
+    search, rounds = paused, 0
+    while search.best.open_printers:
+        numbers = range(len(search.plan_round()))
+        assert len(numbers) > 1
+        outcomes = {number: pickle.dumps(search.make_attempt(number)) for number in reversed(numbers)}
+        best = search.resume([pickle.loads(outcomes[number]) for number in numbers])
+        search, rounds = replace(search, best=pickle.loads(pickle.dumps(best))), rounds + 1
+    assert rounds == 1
+    assert search.best.yaw_deg
+    result = search.best
+    assert drop_times(result) == drop_times(whole)
+    assert (result.makespan_s, result.sum_s, result.yaw_deg) == (whole.makespan_s, whole.sum_s, whole.yaw_deg)
+    assert result.options == whole.options
+    for part, other in zip(result.parts, whole.parts, strict=True):
+        assert (part.id, part.printer, part.price_s) == (other.id, other.printer, other.price_s)
+        np.testing.assert_array_equal(part.solid.bounds_mm, other.solid.bounds_mm)
+        np.testing.assert_array_equal(part.to_model, other.to_model)
+
+
+def test_search_pauses_once_it_has_a_result(paused: PausedSearch) -> None:
+    best = paused.best
+    assert best.open_printers == tuple(ROOMS)
+    assert len(best.attempts) == 1
+    assert paused.spent_share == pytest.approx(best.attempts[0].effort_s / BEST.budget_s)
+
+
+def test_attempt_that_failed_leaves_the_best_result(paused: PausedSearch) -> None:
+    count = len(paused.plan_round())
+    outcomes = [paused.fail_attempt(number, "its worker had no memory") for number in range(count)]
+    search = replace(paused, best=paused.resume(outcomes))
+    made = search.best.attempts[1 : 1 + count]
+    assert {attempt.reason for attempt in made} == {"its worker had no memory"}
+    assert not any(attempt.finished for attempt in made)
+    assert search.best.makespan_s == paused.best.makespan_s
+    assert sum(attempt.effort_s for attempt in search.best.attempts) <= BEST.budget_s * (1.0 + 1e-9)
+
+
+def test_attempt_reports_its_own_share_of_the_budget(paused: PausedSearch) -> None:
+    shares: list[float] = []
+    with listen_to_progress(shares.append):
+        outcome = paused.make_attempt(0)
+    assert shares == sorted(shares)
+    assert shares[-1] == pytest.approx(outcome.attempt.effort_s / BEST.budget_s)
