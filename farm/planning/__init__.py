@@ -5,7 +5,8 @@ In the order of the work:
 1. `inspection`: read and check a submission, before its job is accepted.
 2. `job_planner`: plan several jobs concurrently, on the event loop. `plan_builder` runs the steps of one
    plan. The functions in `tasks` run in workers.
-3. `parts.decompose_job`: cut the model for its printers.
+3. `parts.decompose_job`: cut the model for its printers. With a large budget, `parts.search_rounds` makes
+   attempts side by side.
 4. `slice_batch`, `parts.slice_part`: slice every part.
 5. `parts.relevel_parts`: move the cuts if the slices show that one part is too slow.
 6. `booking`: put the files into the store; `planned_event`: the event that commits the plan.

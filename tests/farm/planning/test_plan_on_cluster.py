@@ -1,13 +1,16 @@
 """A job planned by one worker, by two, and on a cluster without a shared disk: same parts, bytes and plan."""
 
 import asyncio
+import json
+from collections import Counter
 from dataclasses import replace
+from typing import ClassVar
 
 import pytest
 import trimesh
 
 from dask_cluster import cluster
-from farm.compute import Workers
+from farm.compute import DECOMPOSING, Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
@@ -17,21 +20,23 @@ from farm.planning.parts import drawings
 from farm.planning.plan import PlanRequest
 
 MODEL = "ultimaker2_plus"
+GUILLOTINE = JobOptions(engine="guillotine")
+ROUNDS_BUDGET_S = 10.0
+"""Budget of a search that makes a round of several attempts of the bar."""
 FLEET = Fleet.model_validate(
     {"printers": [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "abc"]}
 )
 
 
-async def plan(state, job, pool):
+async def plan(state, job, pool, budget_s=5.0):
     future = asyncio.get_running_loop().create_future()
-    planner = JobPlanner(state, pool, 5.0, lambda _, result: future.set_result(result), lambda *_: None)
+    planner = JobPlanner(state, pool, budget_s, lambda _, result: future.set_result(result), lambda *_: None)
     planner.start(PlanRequest(job, FLEET.printers))
     return await future
 
 
-def make_job(state, path):
+def make_job(state, path, options=GUILLOTINE):
     state.make()
-    options = JobOptions(engine="guillotine")
     model = inspect_model(path, "bar.stl", options, state.files)
     return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
 
@@ -101,3 +106,62 @@ def test_a_plan_is_the_same_here_and_on_a_cluster(planned, bar, tmp_path):
     assert remote == replace(local, decomposition=remote.decomposition)
     assert list_stored(local_state) == list_stored(remote_state)
     assert not list(remote_state.work.iterdir()) and not list(remote_state.slices.iterdir())
+
+
+class CountingWorkers(Workers):
+    """Workers that count their tasks, and those that run at the same time on all of them."""
+
+    running_tasks: ClassVar[Counter[str]] = Counter()
+    most_at_once: ClassVar[Counter[str]] = Counter()
+
+    async def run(self, work, *args, limit=None, group=None):
+        cls = CountingWorkers
+        cls.running_tasks[limit.what] += 1
+        cls.most_at_once[limit.what] = max(cls.most_at_once[limit.what], cls.running_tasks[limit.what])
+        try:
+            return await super().run(work, *args, limit=limit, group=group)
+        finally:
+            cls.running_tasks[limit.what] -= 1
+
+
+def read_attempts(state, result):
+    attempts = json.loads((state.files / result.decomposition).read_text())["attempts"]
+    return [{key: value for key, value in attempt.items() if key != "compute_s"} for attempt in attempts]
+
+
+def test_attempts_side_by_side_have_the_plan_of_one_worker(bar, tmp_path):
+    """Use a budget for a round of three attempts, on one worker and on a cluster of two."""
+    options = JobOptions(printers=3)
+
+    async def plan_by_one(state):
+        workers = CountingWorkers(tmp_path / "workers", 1)
+        try:
+            return await plan(state, make_job(state, bar, options), workers, ROUNDS_BUDGET_S)
+        finally:
+            workers.close()
+
+    async def plan_by_two(state):
+        job = make_job(state, bar, options)
+        pools = {name: CountingWorkers(tmp_path / f"pool-{name}", 1) for name in ("w1", "w2")}
+        try:
+            async with cluster(tmp_path / "cluster", list(pools), pools) as (pool, _):
+                result = await plan(state, job, pool, ROUNDS_BUDGET_S)
+                assert pool.own.calls == []
+            return result
+        finally:
+            for workers in pools.values():
+                workers.close()
+
+    states, plans, most_at_once = [], [], []
+    for name, make_plan in (("by one", plan_by_one), ("by two", plan_by_two)):
+        CountingWorkers.most_at_once.clear()
+        states.append(StateFolder(tmp_path / name))
+        plans.append(asyncio.run(make_plan(states[-1])))
+        most_at_once.append(CountingWorkers.most_at_once[DECOMPOSING.what])
+    by_one, by_two = plans
+    assert by_two == replace(by_one, decomposition=by_two.decomposition)
+    assert list_stored(states[0]) == list_stored(states[1])
+    assert most_at_once[1] == 2
+    attempts = read_attempts(states[0], by_one)
+    assert sum(attempt["finished"] for attempt in attempts) >= 3
+    assert read_attempts(states[1], by_two) == attempts
