@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from decompose.connectors.coupon import Coupon, make_coupon
-from decompose.connectors.faces import Blank, polygons_of, rings_of
+from decompose.connectors.faces import LEVEL_SIN, Blank, polygons_of, rings_of
 from decompose.connectors.pins import pairs_of
 from decompose.connectors.plan import drill, plan_connectors
 from decompose.connectors.records import Connectors, Mark, Pin, Tool, distance_mm
 from decompose.connectors.report import describe_connectors, list_cuts, read_pair_distances_mm
 
 __all__ = [
+    "LEVEL_SIN",
     "Blank",
     "Connectors",
     "Coupon",

@@ -14,6 +14,7 @@ from decompose.geometry import Solid
 from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
+SLAB_MM = 8.0  # depth to which gaps below a face are found at once; few tools reach deeper
 SKIN_MM = 0.05  # depth at which the examination of a part begins: at the face itself rounding leaves films
 LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
 
@@ -95,6 +96,7 @@ class Room:
 
     blanks: Sequence[Blank]
     tools: list[Tool] = field(default_factory=list)
+    _gaps: dict[tuple[int, int], Solid] = field(default_factory=dict)
     _solid_at: dict[tuple[int, float, int], shapely.Geometry] = field(default_factory=dict)
 
     def is_level(self, side: Side) -> bool:
@@ -134,20 +136,31 @@ class Room:
     def _find_solid(self, side: Side, depth_mm: float) -> shapely.Geometry:
         key = (side.part, round(depth_mm, 3), id(side.face))
         if key not in self._solid_at:
-            self._solid_at[key] = _solid_below(self.blanks[side.part].solid, side, depth_mm)
+            outline = side.face.outline
+            gaps = self._find_gaps(side, depth_mm)
+            frame = np.vstack([side.face.axes, side.face.normal])
+            self._solid_at[key] = outline if gaps.is_empty else outline - polygons_of(gaps.project(frame))
         return self._solid_at[key]
 
+    def _find_gaps(self, side: Side, depth_mm: float) -> Solid:
+        """Find what is not solid below a face, to a depth.
 
-def _solid_below(solid: Solid, side: Side, depth_mm: float) -> shapely.Geometry:
-    """Find the area of a face below which a solid has no gap: a slab without the outline of its gaps."""
-    outline = side.face.outline
+        The part, with all its triangles, is cut once for each face, and then only its gaps.
+        """
+        solid = self.blanks[side.part].solid
+        if depth_mm > SLAB_MM:
+            return _build_slab(side, depth_mm).subtract(solid)
+        key = (side.part, id(side.face))
+        if key not in self._gaps:
+            self._gaps[key] = _build_slab(side, SLAB_MM).subtract(solid)
+        return self._gaps[key].split_by_plane(side.into, side.sign * side.face.offset_mm + depth_mm)[0]
+
+
+def _build_slab(side: Side, depth_mm: float) -> Solid:
+    """Build the space below a face, to a depth."""
     frame = np.vstack([side.face.axes, side.face.normal])
     ends = side.face.offset_mm + side.sign * np.array([SKIN_MM, depth_mm])
-    slab = Solid.prism(rings_of(outline), frame, float(ends.min()), float(ends.max()))
-    gaps = slab.subtract(solid)
-    if gaps.is_empty:
-        return outline
-    return outline - polygons_of(gaps.project(frame))
+    return Solid.prism(rings_of(side.face.outline), frame, float(ends.min()), float(ends.max()))
 
 
 def erode(area: shapely.Geometry, shape: shapely.Polygon) -> shapely.Geometry:

@@ -7,19 +7,22 @@ from collections import Counter
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.connectors import Connectors
+from decompose.connectors import LEVEL_SIN, Connectors
 from decompose.options import THIN_FILAMENT_MM
 
-LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
 PRICES_S = {
     "groove upright": 2.0,
-    "groove level": 18.0,
+    "groove top": 18.0,
+    "groove bed": 18.0,
     "groove upright thin": 1.5,  # for thin filament
-    "groove level thin": 16.0,
+    "groove top thin": 16.0,
+    "groove bed thin": 16.0,
     "hole upright": 35.0,
-    "hole level": 35.0,
+    "hole top": 35.0,
+    "hole bed": 35.0,
     "mark upright": 2.6,
-    "mark level": 5.4,
+    "mark top": 5.4,
+    "mark bed": 5.4,
     "gutter mm": 0.45,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
@@ -40,7 +43,9 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     """
 
     def name_price(kind: str, into: Floats, suffix: str = "") -> str:
-        return f"{kind} {'level' if abs(float(into @ up)) > LEVEL_SIN else 'upright'}{suffix}"
+        rise = float(into @ up)
+        place = "upright" if abs(rise) < LEVEL_SIN else "bed" if rise > 0.0 else "top"
+        return f"{kind} {place}{suffix}"
 
     amounts = Counter(
         name_price("hole", hole.into)
