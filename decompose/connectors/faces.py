@@ -153,7 +153,7 @@ class Room:
         key = (side.part, id(side.face))
         if key not in self._gaps:
             self._gaps[key] = _build_slab(side, SLAB_MM).subtract(solid)
-        return self._gaps[key].split_by_plane(side.into, side.sign * side.face.offset_mm + depth_mm)[0]
+        return self._gaps[key].keep_below(side.into, side.sign * side.face.offset_mm + depth_mm)
 
 
 def _build_slab(side: Side, depth_mm: float) -> Solid:

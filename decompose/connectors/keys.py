@@ -350,8 +350,10 @@ class KeyPlacer:
         return 1.0 - LEVEL_LOSS * np.array([is_level(site.moved) + is_level(site.fixed) for site in sites])
 
     def _is_free(self, apart_mm: Floats) -> Bools:
-        taken_mm = np.array([-1e3, *self.taken_mm])
-        return np.asarray(np.abs(apart_mm[..., None] - taken_mm).min(axis=-1) > self.distinct_mm)
+        is_free = np.ones(apart_mm.shape, dtype=np.bool_)
+        for taken_mm in self.taken_mm:
+            is_free &= np.abs(apart_mm - taken_mm) > self.distinct_mm
+        return is_free
 
     def _flatten(self, places: Sequence[KeyPlace]) -> Floats:
         return self._flat(_list_points(places))

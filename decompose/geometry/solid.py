@@ -178,6 +178,13 @@ class Solid:
             _check_status(manifold_above, "cutting a solid")
         )
 
+    def keep_below(self, normal: Floats, at_mm: float) -> Solid:
+        """Cut off what is above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        if self.is_empty:  # its bounds are infinite
+            return self
+        below = self.manifold.trim_by_plane(tuple((-normal).tolist()), -at_mm)
+        return Solid(_check_status(below, "cutting a solid"))
+
     def section(self, frame: Floats, at_mm: float) -> list[Floats]:
         """Cut at a plane, and return the outlines (n, 2) there: counter-clockwise, clockwise around holes.
 

@@ -28,6 +28,7 @@ SWELL_MM = 0.005  # by which tools are larger in the check that nothing else was
 THIN_MM = 0.05  # what is thinner is an error of the operation where faces of tools nearly coincide
 KEY_END_MM = 0.25  # free at each end of a key
 KEY_RIM_MM = 0.75  # least wall around the groove of a key
+ARC_SEGMENTS = 4  # lines of a quarter of a circle, which is drawn outside of it
 COAXIAL = 1.0 - 1e-9
 LEVEL = 1e-6
 FAR_MM = 2000.0  # beyond all parts
@@ -82,7 +83,8 @@ class DrilledParts:
         undrilled, drilled = self.blanks[part].solid, self.drilled[part]
         tools = [Solid.union([Solid.hull(tool.points_mm) for tool in group.tools]) for group in groups]
         removed_solid = undrilled.subtract(drilled)
-        if _is_thick(drilled.subtract(undrilled)):
+        added_mm3 = drilled.volume_mm3 - undrilled.volume_mm3 + removed_solid.volume_mm3
+        if added_mm3 > EPS_MM3 and _is_thick(drilled.subtract(undrilled)):
             yield Rule.DRILLED, "material was added"
         if _is_thick(
             removed_solid.subtract(Solid.union([_swell(t) for group in groups for t in group.tools]))
@@ -223,7 +225,8 @@ class _Group:
     def _draw_outline(self) -> shapely.Geometry:
         across = choose_plane_axes(self.tools[0].into)
         hulls = [shapely.MultiPoint(tool.points_mm @ across.T).convex_hull for tool in self.tools]
-        return shapely.union_all(hulls).buffer(self.rim_mm)
+        around_mm = self.rim_mm / math.cos(math.pi / 4.0 / ARC_SEGMENTS)  # arcs are inside of their lines
+        return shapely.union_all(hulls).buffer(around_mm, quad_segs=ARC_SEGMENTS)
 
     @property
     def rim_mm(self) -> float:

@@ -53,3 +53,12 @@ def test_simplify_removes_short_edges_only() -> None:
     assert simple.volume_mm3 == pytest.approx(1000.0, rel=1e-6)
     assert len(simple.arrays()[1]) <= len(notched_box.arrays()[1])
     assert np.isfinite(simple.arrays()[0]).all()
+
+
+def test_solid_is_cut_off_above_a_plane() -> None:
+    box = Solid.box((0, 0, 0), (10, 20, 30))
+    normal = np.array([0.0, 0.0, 1.0])
+    assert box.keep_below(normal, 12.0).bounds_mm == pytest.approx(np.array([[0, 0, 0], [10, 20, 12]]))
+    assert box.keep_below(-normal, -12.0).bounds_mm == pytest.approx(np.array([[0, 0, 12], [10, 20, 30]]))
+    assert box.keep_below(normal, -1.0).is_empty
+    assert box.subtract(box).keep_below(normal, 12.0).is_empty
