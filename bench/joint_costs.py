@@ -3,7 +3,7 @@
 Models are cut by the engine `guillotine` and drilled. The first parts are sliced as they were cut, and again
 with their keys, pins, marks and gutters alone. What each kind adds is fitted by its count, and for gutters by
 their length, on upright faces, on those on top, and on those that look to the bed. Errors count relative to
-the print time of the bare part, so that small parts count as much as large ones. Parts that get support are
+the print time of the bare part, and each model counts as much as the others. Parts that get support are
 left out. --fit fits the samples of several runs with --json as one. These are the prices in
 `decompose.results.connector_prices`.
 
@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -29,7 +29,7 @@ from bench.joints import cut_case
 from decompose.connectors import Blank, Connectors, drill
 from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
-from decompose.results.connector_prices import count_tools
+from decompose.results.connector_prices import count_tools, scale_price
 
 SUPPORT_MM3 = 1.0  # of support added: that part's figure is left out, as it is not the price of a groove
 
@@ -42,6 +42,11 @@ class Sample:
     bare_s: float
     added_s: float
     amounts: dict[str, float]
+
+    @property
+    def model(self) -> str:
+        """Name of the model of the part."""
+        return self.part.rpartition(" ")[0]
 
 
 def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
@@ -75,10 +80,14 @@ def fit_prices(samples: list[Sample]) -> dict[str, float]:
     prices: dict[str, float] = {}
     for own in by_kinds.values():
         names = sorted({name for sample in own for name in sample.amounts})
-        rows = np.array([[sample.amounts.get(name, 0.0) for name in names] for sample in own])
-        bare_s = np.array([sample.bare_s for sample in own])
-        added = np.array([sample.added_s for sample in own]) / bare_s
-        prices |= dict(zip(names, nnls(rows / bare_s[:, None], added)[0].tolist(), strict=True))
+        models = Counter(sample.model for sample in own)
+        weights = np.array([models[sample.model] ** -0.5 / sample.bare_s for sample in own])
+        rows = np.array(
+            [[sample.amounts.get(n, 0.0) * scale_price(n, sample.bare_s) for n in names] for sample in own]
+        )
+        added_s = np.array([sample.added_s for sample in own])
+        fitted = nnls(rows * weights[:, None], added_s * weights)[0]
+        prices |= dict(zip(names, fitted.tolist(), strict=True))
     return prices
 
 

@@ -34,7 +34,6 @@ from decompose.options import FILAMENT_MM, ConnectorOptions, Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition, connect_parts
-from decompose.results.connector_prices import price_connectors
 
 ROOM_SIZES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 ALL_CONNECTORS = ConnectorOptions(FILAMENT_MM, marks=True)
@@ -118,7 +117,7 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
         compute_s=compute_s,
         price_share=max(p.price_s for p in drilled.parts) / max(p.price_s for p in cut.parts) - 1.0,
     )
-    return replace(row, sliced=slice_parts(drilled, slices)) if slices else row
+    return replace(row, sliced=slice_parts(cut, drilled, slices)) if slices else row
 
 
 def measure_near_glue(result: Decomposition) -> float:
@@ -137,8 +136,8 @@ def measure_near_glue(result: Decomposition) -> float:
     return near_mm2 / total_mm2 if total_mm2 else 1.0
 
 
-def slice_parts(result: Decomposition, count: int) -> SlicedFigures:
-    """Slice the first parts of a result without and with their holes and marks, and read both back."""
+def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> SlicedFigures:
+    """Slice the first parts of a result, as they were cut and drilled, and read both back."""
     pairs = []
     illegible: list[str] = []
     marks = 0
@@ -154,10 +153,8 @@ def slice_parts(result: Decomposition, count: int) -> SlicedFigures:
         parts=len(pairs),
         bare_s=sum(bare.sliced_s for bare, _ in pairs),
         drilled_s=sum(drilled.sliced_s for _, drilled in pairs),
-        priced_added_s=sum(
-            price_connectors(result.connectors, number, part.rotation[2])
-            for number, part in enumerate(result.parts[:count])
-        ),
+        priced_added_s=sum(p.price_s for p in result.parts[:count])
+        - sum(p.price_s for p in cut.parts[:count]),
         support_mm3=sum(bare.support_mm3 for bare, _ in pairs),
         support_added_mm3=sum(drilled.support_mm3 - bare.support_mm3 for bare, drilled in pairs),
         marks=marks,

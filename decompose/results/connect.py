@@ -63,7 +63,11 @@ def connect_parts(decomposition: Decomposition) -> Decomposition:
         decomposition,
         connectors=connectors,
         parts=tuple(
-            replace(part, drilled=solid, price_s=part.price_s + price_connectors(connectors, i, blanks[i].up))
+            replace(
+                part,
+                drilled=solid,
+                price_s=part.price_s + price_connectors(connectors, i, blanks[i].up, part.price_s),
+            )
             if i in cut_parts
             else part
             for i, (part, solid) in enumerate(zip(decomposition.parts, drilled, strict=True))

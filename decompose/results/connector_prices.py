@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -10,19 +11,20 @@ from decompose.arrays import Floats
 from decompose.connectors import LEVEL_SIN, Connectors
 from decompose.options import THIN_FILAMENT_MM
 
+REFERENCE_S = 5_000.0  # print time of the part on which a mark takes its price
 PRICES_S = {
-    "groove upright": 2.0,
-    "groove top": 18.0,
-    "groove bed": 18.0,
-    "groove upright thin": 1.5,  # for thin filament
-    "groove top thin": 16.0,
-    "groove bed thin": 16.0,
+    "groove upright": 3.9,
+    "groove top": 11.0,
+    "groove bed": 11.0,
+    "groove upright thin": 2.1,  # for thin filament
+    "groove top thin": 5.0,
+    "groove bed thin": 22.0,
     "hole upright": 35.0,
     "hole top": 35.0,
     "hole bed": 35.0,
-    "mark upright": 2.6,
-    "mark top": 5.4,
-    "mark bed": 5.4,
+    "mark upright": 3.3,
+    "mark top": 12.0,
+    "mark bed": 8.7,
     "gutter mm": 0.45,
     "sliding mm": 0.6,  # groove of a key that slides, beyond the length of the key
 }
@@ -70,6 +72,18 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     return amounts + Counter({"gutter mm": round(length_mm), "sliding mm": round(sliding_mm)})
 
 
-def price_connectors(connectors: Connectors, part: int, up: Floats) -> float:
-    """Price the connectors of a part, in seconds of print time; parameters as of `count_tools`."""
-    return sum(PRICES_S[name] * amount for name, amount in count_tools(connectors, part, up).items())
+def scale_price(name: str, bare_s: float) -> float:
+    """Compute the factor of a price on a part that takes `bare_s` without connectors.
+
+    Seams gather in the strokes of a mark, and the head travels to them in each layer: further on large parts.
+    """
+    return math.sqrt(bare_s / REFERENCE_S) if name.startswith("mark") else 1.0
+
+
+def price_connectors(connectors: Connectors, part: int, up: Floats, bare_s: float) -> float:
+    """Price the connectors of a part, in seconds of print time.
+
+    `bare_s` is the print time of the part without them; the other parameters are those of `count_tools`.
+    """
+    amounts = count_tools(connectors, part, up)
+    return sum(PRICES_S[name] * scale_price(name, bare_s) * amount for name, amount in amounts.items())

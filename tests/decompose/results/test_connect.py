@@ -29,6 +29,7 @@ from decompose.results.connector_rules import DrilledParts, find_wrong_fits
 
 ALL_CONNECTORS = ConnectorOptions(2.85, 0.4, marks=True)
 UP_AXIS = np.array([0.0, 0.0, 1.0])
+BARE_S = 5_000.0
 LEANING_AXIS = np.array([0.0, 0.6, -0.8])  # level faces take holes in this pose, but no grooves
 
 
@@ -147,10 +148,9 @@ def test_parts_are_written_with_their_holes_and_the_report_lists_them(
         assert part.printed.volume_mm3 < part.solid.volume_mm3 - 50.0
         write_stl(tmp_path / f"{part.id}.stl", part.build_stl_triangles())
         check_stl(tmp_path / f"{part.id}.stl", part)
-    assert [part.price_s - old.price_s for part, old in zip(stored.parts, halves.parts, strict=True)] == [
-        pytest.approx(price_connectors(stored.connectors, number, halves.parts[number].rotation[2]))
-        for number in range(2)
-    ]
+    for number, (part, old) in enumerate(zip(stored.parts, halves.parts, strict=True)):
+        added_s = price_connectors(stored.connectors, number, old.rotation[2], old.price_s)
+        assert part.price_s - old.price_s == pytest.approx(added_s)
     report_object = json.loads(json.dumps(stored.as_dict()))
     [step], report = report_object["assembly"]["steps"], report_object["connectors"]
     assert step["pins"] == [pin["id"] for pin in report["pins"]] == [1, 2]
@@ -186,14 +186,19 @@ def test_fit_of_a_blank_is_that_of_its_printer(halves: Decomposition) -> None:
 
 def test_prices_grow_with_the_tools_of_a_part_alone(drilled_parts: DrilledParts) -> None:
     connectors = drilled_parts.connectors
-    prices_s = [price_connectors(connectors, n, blank.up) for n, blank in enumerate(drilled_parts.blanks)]
+    ups = [blank.up for blank in drilled_parts.blanks]
+    prices_s = [price_connectors(connectors, n, up, BARE_S) for n, up in enumerate(ups)]
     fewer = replace(connectors, pins=connectors.pins[1:])
-    less_s = [price_connectors(fewer, n, blank.up) for n, blank in enumerate(drilled_parts.blanks)]
+    less_s = [price_connectors(fewer, n, up, BARE_S) for n, up in enumerate(ups)]
     cut_parts = {hole.part for hole in connectors.pins[0].holes}
     assert [less < price for less, price in zip(less_s, prices_s, strict=True)] == [
         n in cut_parts for n in range(3)
     ]
-    assert price_connectors(Connectors(), 0, UP_AXIS) == 0.0
+    assert price_connectors(Connectors(), 0, UP_AXIS, BARE_S) == 0.0
+    only_marks = replace(connectors, pins=(), gutters=())
+    assert price_connectors(only_marks, 0, ups[0], 4.0 * BARE_S) == pytest.approx(
+        2.0 * price_connectors(only_marks, 0, ups[0], BARE_S)
+    )
 
 
 def test_part_that_is_cut_again_keeps_its_holes_and_codes(halves: Decomposition) -> None:
