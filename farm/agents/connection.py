@@ -115,7 +115,7 @@ class AgentConnection:
         self._client = AgentClient(self._folder, open_route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
-        self._pending: set[tuple[str, str]] = set()  # requests in flight, so that none is sent twice at once
+        self._pending: set[tuple[str, str]] = set()  # requests in flight, which must not be sent again
         self._unsupported: set[tuple[str, str]] = set()  # requests that its older agent does not support
         self._cancelled: set[str] = set()  # prints that must no longer start
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -192,7 +192,7 @@ class AgentConnection:
                     if report is None:
                         break
                     self._offset_s = compute_clock_offset_s(report, self._clock) - self._clock.ahead_s
-                    if self._has_configured_port(report):
+                    if self._check_port(report):
                         report = await self._import_journal(report)
                         self._report(self._convert_snapshot(report))
                 if time.monotonic() - connected_s > _STABLE_S:
@@ -242,8 +242,8 @@ class AgentConnection:
         is_cleared = _CLEARED in self._pending
         return to_trusted_snapshot(report, self._clock, self._name, is_simulated, is_cleared)
 
-    def _has_configured_port(self, report: m.Snapshot) -> bool:
-        """Return whether the agent uses the port of `fleet.yaml`; otherwise replace it once it is idle."""
+    def _check_port(self, report: m.Snapshot) -> bool:
+        """Return whether to use the agent's reports; end an idle agent that has another model or port."""
         section = self._section
         if section is None or (report.model, report.port) == (section.model, section.port):
             return True

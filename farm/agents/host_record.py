@@ -10,7 +10,7 @@ from drivers.host import AgentPhase, HostState, Update, UpdatePhase
 LOST_S = 10.0
 """Wall seconds without a connection after which a host is lost; shorter interruptions are not reported."""
 FIRST_LOST_S = 45.0
-"""The same before the first connection: the services of many hosts start at once, over ssh."""
+"""As `LOST_S`, before the first connection: the services of many hosts start at the same time, over ssh."""
 
 
 class HostChange(StrEnum):

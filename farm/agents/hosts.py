@@ -86,7 +86,7 @@ class HostConnection:
         self._request, self._command, self._log_file, self._clock = request, command, log_file, clock
         self._mux: MuxConnection | None = None
         self._connected = asyncio.Event()
-        self._heard_s = 0.0
+        self._last_message_s = 0.0
         self._task: asyncio.Task[None] | None = None
 
     @property
@@ -182,7 +182,7 @@ class HostConnection:
 
     async def _watch(self, carry_task: asyncio.Task[None]) -> None:
         """Send the heartbeat until the connection ends or the host is silent. Raises AgentError."""
-        started_s = self._heard_s = time.monotonic()
+        started_s = self._last_message_s = time.monotonic()
         while True:
             done_tasks, _ = await asyncio.wait([carry_task], timeout=STATE_S)
             if done_tasks:
@@ -190,13 +190,13 @@ class HostConnection:
                 raise AgentError(_read_last_line(self._log_file))
             now_s = time.monotonic()
             limit_s = SILENCE_S if self._connected.is_set() else FIRST_LOST_S
-            if now_s - max(self._heard_s, started_s) > limit_s:
+            if now_s - max(self._last_message_s, started_s) > limit_s:
                 raise AgentError(f"no message for {limit_s:g} s")
             if self._connected.is_set():
                 self.send(HostMessage(do="ping"))
 
     def _on_message(self, data: bytes) -> None:
-        self._heard_s = time.monotonic()
+        self._last_message_s = time.monotonic()
         try:
             state = HostState.model_validate_json(data)
         except ValueError as error:
@@ -222,7 +222,7 @@ class Hosts:
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, listener: HostListener) -> None:
         self._listener, self._clock = listener, clock
         self._connections: dict[str, HostConnection] = {}
-        self._of_printer: dict[str, HostConnection] = {}
+        self._by_printer: dict[str, HostConnection] = {}
         self._rollout: tuple[str, ...] | None = (
             None  # the hosts on which it has begun; None if there is no update
         )
@@ -238,11 +238,11 @@ class Hosts:
                 clock,
             )
             self._connections[host] = connection
-            self._of_printer |= dict.fromkeys((section.name for section in sections), connection)
+            self._by_printer |= dict.fromkeys((section.name for section in sections), connection)
 
     @property
     def records(self) -> list[HostRecord]:
-        """Return the record of each host, in the order of their names."""
+        """Record of each host, in the order of their names."""
         return [self._connections[host].record for host in sorted(self._connections)]
 
     def start(self, lost_hosts: Collection[str] = ()) -> None:
@@ -253,7 +253,7 @@ class Hosts:
 
     def find(self, printer: str) -> HostConnection | None:
         """Return the connection to the host of a printer; None if its host has no such service."""
-        return self._of_printer.get(printer)
+        return self._by_printer.get(printer)
 
     def watch(self) -> None:
         """Record hosts that were lost or connected again, with retries; continue an update."""

@@ -14,7 +14,7 @@ from drivers.remote import NO_AGENT, AgentClient, Route, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
 from farm.agents.hosts import Hosts
 from farm.agents.protocol_adapter import make_agent_request
-from farm.agents.remote import delete_route, load_route, without_start
+from farm.agents.remote import delete_route, load_route, remove_start
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
@@ -58,7 +58,7 @@ class AgentManager:
         for folder in sorted((self._state.root / "agents").glob("*/")):
             if folder.name in self._connections:
                 continue
-            route = without_start(load_route(folder, None, "", self._clock))
+            route = remove_start(load_route(folder, None, "", self._clock))
             if route is not None or is_alive(folder):
                 await self._end_orphan(folder, route)
 

@@ -30,7 +30,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     return build_ssh_command(section.host, section.host_command), request.serialise()
 
 
-def without_start(route: Route | None) -> Route | None:
+def remove_start(route: Route | None) -> Route | None:
     """Return a route without the instruction to start an agent."""
     if route is None:
         return None

@@ -50,7 +50,7 @@ class StopEnd(_Line):
 
 
 Report = Callable[[StopReport], None]
-_answer_line: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
+_ANSWER_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
 
 
 def find_estop_socket(places: Places) -> Path | None:
@@ -65,8 +65,8 @@ def find_estop_socket(places: Places) -> Path | None:
     """
     path = places.socket.with_name("estop.sock")
     owners = {owner for socket in (path, places.socket) if (owner := _find_owner(socket)) is not None}
-    named_by_root = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
-    if named_by_root or owners <= {os.geteuid()}:
+    is_named_by_root = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
+    if is_named_by_root or owners <= {os.geteuid()}:
         return None
     if _find_owner(path) is None:
         raise FarmError(
@@ -99,7 +99,7 @@ def request_stop(path: Path, printers: list[str], report: Report) -> None:
             connection.sendall(StopRequest(printers=printers).model_dump_json().encode() + b"\n")
             with connection.makefile("r", encoding="utf-8") as lines:
                 for line in lines:
-                    answer = _answer_line.validate_json(line)
+                    answer = _ANSWER_LINE.validate_json(line)
                     if isinstance(answer, StopEnd):
                         if answer.error is not None:
                             raise FarmError(answer.error, answer.code)

@@ -149,7 +149,7 @@ class Submitter:
 
 
 def expand_patterns(models: Iterable[Path]) -> list[Path]:
-    """Replace each pattern by the matching files, in alphabetical order; existing paths are no patterns."""
+    """Replace each pattern by the matching files, in alphabetical order; existing paths are not patterns."""
     paths: list[Path] = []
     for model in models:
         matches: list[Path] = []

@@ -21,12 +21,12 @@ class Pool(Protocol):
 
     @property
     def starting(self) -> str | None:
-        """Step of the start of the workers on this computer, in words, while none of them is ready."""
+        """Step of the start of the workers on this computer, as text; None once one of them is ready."""
         ...
 
     @property
     def has_idle(self) -> bool:
-        """True if a task that is not urgent would start at once."""
+        """True if a task that is not urgent would start immediately."""
         ...
 
     async def run(
@@ -70,7 +70,7 @@ class PoolShare:
 
     @property
     def has_idle(self) -> bool:
-        """True if a task would start at once; see `Pool.has_idle`."""
+        """True if a task would start immediately; see `Pool.has_idle`."""
         return self._pool.has_idle
 
     async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:

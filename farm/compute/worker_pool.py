@@ -81,7 +81,7 @@ class Workers:
     ) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._scratch = scratch
-        self._memory = compute_memory_per_worker(count, memory_gb)
+        self._memory_bytes = compute_memory_per_worker(count, memory_gb)
         self._warm = warm
         self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
@@ -103,17 +103,17 @@ class Workers:
     @property
     def memory_bytes(self) -> int:
         """Memory that each worker may use, in bytes."""
-        return self._memory
+        return self._memory_bytes
 
     @property
     def starting(self) -> str | None:
-        """Step of the start of the workers, in words, while none of them is ready; else None."""
+        """Step of the start of the workers, as text; None once one of them is ready."""
         steps = [worker.starting for worker in self._alive]
         return steps[0] if steps and all(steps) else None
 
     @property
     def has_idle(self) -> bool:
-        """True if a task would start at once; see `Pool.has_idle`."""
+        """True if a task would start immediately; see `Pool.has_idle`."""
         return any(worker is not self._urgent_worker for worker in self._idle)
 
     async def run(
@@ -124,13 +124,13 @@ class Workers:
         group = object() if group is None else group
         for _ in range(_TRIES):
             worker = await self._acquire_worker(group, limit.urgent)
-            fit = False
+            is_reusable = False
             self._running[group] += 1
             try:
                 async with asyncio.timeout(limit.seconds):
                     loop = asyncio.get_running_loop()
                     answer = await loop.run_in_executor(self._threads, worker.call, work, args)
-                fit = not isinstance(answer, MemoryError)
+                is_reusable = not isinstance(answer, MemoryError)
             except TimeoutError:
                 raise FarmError(
                     f"{limit.what} did not end within {limit.seconds / 60:g} min: scale the model down or "
@@ -145,10 +145,11 @@ class Workers:
                 continue
             finally:
                 self._running -= Counter([group])
-                self._release(worker, fit)
+                self._release(worker, is_reusable)
             if isinstance(answer, MemoryError):
                 raise FarmError(
-                    f"not enough memory for {limit.what} (a worker may use {self._memory / _GB:.1f} GB): "
+                    f"not enough memory for {limit.what} (a worker may use "
+                    f"{self._memory_bytes / _GB:.1f} GB): "
                     "scale the model down, simplify its mesh, or raise `memory_gb` in fleet.yaml",
                     ErrorCode.LIMIT,
                 )
@@ -173,7 +174,7 @@ class Workers:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _start(self) -> None:
-        worker = Worker(self._scratch, self._memory, self._warm)
+        worker = Worker(self._scratch, self._memory_bytes, self._warm)
         self._alive.add(worker)
         self._assign_worker(worker)
 
@@ -214,7 +215,7 @@ class Workers:
         if self._urgent_worker is not None or self._is_closed:
             return
         try:
-            worker = self._urgent_worker = Worker(self._scratch, self._memory, self._warm)
+            worker = self._urgent_worker = Worker(self._scratch, self._memory_bytes, self._warm)
         except OSError as error:
             log.error("no worker for urgent tasks can be started: %s", error)
             return
@@ -232,11 +233,11 @@ class Workers:
         self._waiting.remove(first)
         first.slot.set_result(worker)
 
-    def _release(self, worker: Worker, fit: bool) -> None:
+    def _release(self, worker: Worker, is_reusable: bool) -> None:
         """Return a worker to the pool, or replace it if it cannot take more work."""
         if self._is_closed:
             return
-        if fit:
+        if is_reusable:
             self._assign_worker(worker)
             return
         worker.end()

@@ -196,7 +196,7 @@ class JobCommands:
         """Convert a dry run to a job that is held until its plan is approved."""
         job = self._controller.books.job(number)
         if not job.options.dry_run or job.state.ended:
-            raise Refused(f"job {number} is no dry run to keep: it is {job.state}")
+            raise Refused(f"job {number} is not a dry run that can be kept: it is {job.state}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.JobReleased(at_s=at_s, job=number, by=by, hold=True))
 
@@ -263,7 +263,7 @@ def find_successor(order: Sequence[int], number: int, move: api.QueueMove) -> in
     other_jobs = [entry for entry in order if entry != number]
     if move.before is not None:
         if move.before not in other_jobs:
-            raise Refused(f"job {move.before} is no other job in the queue: `farm queue` lists it")
+            raise Refused(f"job {move.before} is not another job in the queue: `farm queue` lists it")
         return move.before
     places = {
         api.QueuePlace.UP: place - 1,

@@ -63,7 +63,7 @@ class Scheduler:
 
     @property
     def has_later_starts(self) -> bool:
-        """Return whether starts of the last run remain."""
+        """True if starts of the last run remain."""
         return bool(self._later_starts)
 
     def run(self) -> Iterator[Effect]:

@@ -70,7 +70,7 @@ class Situations:
 
     @property
     def books(self) -> Books:
-        """Return the committed books."""
+        """Committed books."""
         return self._farm.books
 
     @property

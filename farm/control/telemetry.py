@@ -104,7 +104,7 @@ class TemperatureRecord:
 
     @property
     def readings(self) -> Sequence[Temperatures]:
-        """Return the readings, oldest first."""
+        """Readings, oldest first."""
         return tuple(self._readings)
 
     def add(self, snapshot: AgentSnapshot, now_s: float) -> None:

@@ -243,14 +243,14 @@ def _find_user(fleet: Fleet | None, state: StateFolder) -> UserFacts:
     for gid in {*os.getgroups(), os.getgid()}:
         with suppress(KeyError):
             groups.add(grp.getgrgid(gid).gr_name)
-    users = set()
+    known_groups = set()
     for name in {fleet.fleet.group, fleet.fleet.operators} if fleet is not None else ():
         with suppress(KeyError):
-            users.add(grp.getgrnam(name or "").gr_name)
+            known_groups.add(grp.getgrnam(name or "").gr_name)
     owner = None
     with suppress(OSError, KeyError):
         owner = pwd.getpwuid(state.root.stat().st_uid).pw_name
-    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(users), owner)
+    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(known_groups), owner)
 
 
 def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:

@@ -27,7 +27,7 @@ class JobState(StrEnum):
 
     @property
     def ended(self) -> bool:
-        """Return whether the job has ended: nothing more is printed unless a person requests it."""
+        """True if the job has ended: nothing more is printed unless a person requests it."""
         return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
@@ -140,7 +140,7 @@ class Job(Entity):
 
     @property
     def priority(self) -> int:
-        """Return the priority of the job in the queue."""
+        """Priority of the job in the queue."""
         return self.options.priority if self.moved_priority is None else self.moved_priority
 
     def compute_print_deadline_s(self, ratio: float) -> float | None:
@@ -157,17 +157,17 @@ class Job(Entity):
 
     @property
     def assembled_s(self) -> float | None:
-        """Return the time at which a person reported that its parts are glued; None before."""
+        """Time at which a person reported that its parts are glued; None before."""
         return None if self.gluing is None else self.gluing.at_s
 
     @property
     def gluing_s(self) -> float | None:
-        """Return the time that a person reported for gluing its parts; None before."""
+        """Time that a person reported for gluing its parts; None before."""
         return None if self.gluing is None else 60.0 * self.gluing.minutes
 
     @property
     def queue_rank(self) -> tuple[int, float, int]:
-        """Return the sort key of the queue: the smallest is served first."""
+        """Sort key of the queue: the smallest is served first."""
         return -self.priority, self.id if self.moved_rank is None else self.moved_rank, self.id
 
 

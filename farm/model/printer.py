@@ -59,7 +59,7 @@ class Printer(Entity):
 
 
 class Outage(Entity):
-    """Loss of several printers at once. No print starts until a person has confirmed it."""
+    """Loss of several printers at the same time. No print starts until a person has confirmed it."""
 
     id: int
     at_s: float

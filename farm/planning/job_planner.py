@@ -88,7 +88,7 @@ class JobPlanner:
         """Plan a job; after an error while the disk is full, retry once there is space."""
         while isinstance(result := await self._build_plan(job, builder), FarmError) and self._is_disk_full():
             log.error(
-                "job %d: %s; it is planned when %s has space",
+                "job %d: %s; it will be planned once %s has free space",
                 job.id,
                 result,
                 self._state.root,

@@ -33,7 +33,7 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     for which no waiting plate was planned, then the one with the lowest build height. If all of these are
     taken, an earlier plate moves to another matching printer (an augmenting path), so the order leaves no
     printer idle. A plate returns to a printer on which it failed only if no other is free. A job never
-    prints on more printers at once than it requested.
+    prints on more printers at the same time than it requested.
 
     Parameters
     ----------

@@ -170,7 +170,7 @@ class _Group:
     busy
         Hold for busy printers; None if none is busy.
     first
-        Reason of the first printer that cannot take a plate; None if all can.
+        Obstacle of the first printer that cannot take a plate; None if all can.
     """
 
     names: frozenset[str]
@@ -191,7 +191,7 @@ class HoldReasons:
     spare_printers
         Free printers that are kept as spares for failed plates.
     heating_limit
-        Limit on printers that heat at once, if it is reached; else None.
+        Limit on printers that heat at the same time, if it is reached; else None.
     """
 
     def __init__(

@@ -114,9 +114,9 @@ def _find_next(now: datetime, day: str | None, hour: int, minute: int) -> dateti
     """Return the next occurrence of a local time, which daylight saving may repeat."""
     moment = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
-        second = moment.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped
+        repeated = moment.replace(fold=1)  # an hour later if it occurs twice, earlier if it is skipped
         if day is None or DAYS[moment.weekday()] == day:
-            for candidate in (moment, second) if second.timestamp() > moment.timestamp() else (moment,):
+            for candidate in (moment, repeated) if repeated.timestamp() > moment.timestamp() else (moment,):
                 if candidate.timestamp() > now.timestamp():
                     return candidate
         moment += timedelta(days=1)

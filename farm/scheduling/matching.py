@@ -150,7 +150,7 @@ class Requirements:
 
     @property
     def demand(self) -> Demand:
-        """Return the requirements without the size."""
+        """Requirements without the size."""
         return self.material, self.colour, self.nozzle_mm, self.family, self.only
 
     def matches(self, kind: Capabilities) -> bool:
@@ -224,7 +224,7 @@ class WaitingPlate:
 
     @cached_property
     def demand(self) -> Demand:
-        """Return its requirements without the size; thousands of plates have few distinct demands."""
+        """Its requirements without the size; thousands of plates have few distinct demands."""
         return self.requirements.demand
 
     @cached_property

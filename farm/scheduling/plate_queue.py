@@ -30,12 +30,12 @@ class JobPlates:
 
     @cached_property
     def rank(self) -> QueueRank:
-        """Return the rank of the job."""
+        """Rank of the job."""
         return self.plates[0].queue_rank
 
     @property
     def job(self) -> int:
-        """Return the number of the job."""
+        """Number of the job."""
         return self.plates[0].job
 
     @cached_property
@@ -44,27 +44,27 @@ class JobPlates:
 
     @cached_property
     def planned(self) -> frozenset[str]:
-        """Return the printers for which the plates were planned."""
+        """Printers for which the plates were planned."""
         return frozenset({plate.planned for plate in self.plates})
 
     @cached_property
     def demands(self) -> frozenset[Demand]:
-        """Return the distinct demands of the plates."""
+        """Distinct demands of the plates."""
         return frozenset({plate.demand for plate in self.plates})
 
     @cached_property
     def starts_s(self) -> frozenset[float]:
-        """Return the earliest start times of the plates that have one."""
+        """Earliest start times of the plates that have one."""
         return frozenset({plate.not_before_s for plate in self.plates if plate.not_before_s is not None})
 
     @cached_property
     def repeats(self) -> tuple[WaitingPlate, ...]:
-        """Return the plates that were printed before."""
+        """Plates that were printed before."""
         return tuple(plate for plate in self.plates if plate.is_repeat)
 
     @cached_property
     def places(self) -> dict[int, int]:
-        """Return the number of additional printers for the job, by its number; empty for no limit."""
+        """Number of additional printers for the job, by its number; empty for no limit."""
         return {plate.job: plate.places for plate in self.plates if plate.places is not None}
 
 
@@ -122,25 +122,25 @@ class PlateQueue(Collection[WaitingPlate]):
 
     @cached_property
     def planned(self) -> frozenset[str]:
-        """Return the printers for which the plates were planned."""
+        """Printers for which the plates were planned."""
         return frozenset().union(*(job.planned for job in self.jobs))
 
     @cached_property
     def demands(self) -> frozenset[Demand]:
-        """Return the distinct demands of the plates."""
+        """Distinct demands of the plates."""
         return frozenset().union(*(job.demands for job in self.jobs))
 
     @cached_property
     def starts_s(self) -> frozenset[float]:
-        """Return the earliest start times of the plates that have one."""
+        """Earliest start times of the plates that have one."""
         return frozenset().union(*(job.starts_s for job in self.jobs))
 
     @property
     def repeats(self) -> Iterator[WaitingPlate]:
-        """Yield the plates that were printed before."""
+        """Plates that were printed before."""
         return chain.from_iterable(job.repeats for job in self.jobs)
 
     @property
     def places(self) -> dict[int, int]:
-        """Return the number of additional printers that each job may use; jobs without a limit are absent."""
+        """Number of additional printers that each job may use; jobs without a limit are absent."""
         return dict(chain.from_iterable(job.places.items() for job in self.jobs))

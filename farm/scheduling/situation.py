@@ -22,7 +22,7 @@ class Situation:
     printers
         The fleet, in any order.
     rules
-        Hours, and the limit on printers that heat at once.
+        Hours, and the limit on printers that heat at the same time.
     now_s
         Farm time, seconds since the epoch.
     time_scale
@@ -41,17 +41,17 @@ class Situation:
 
     @cached_property
     def fleet(self) -> dict[str, FleetPrinter]:
-        """Return the printers by name, in the order of their names."""
+        """Printers by name, in the order of their names."""
         return {printer.name: printer for printer in sorted(self.printers, key=lambda p: p.name)}
 
     @cached_property
     def free(self) -> tuple[FleetPrinter, ...]:
-        """Return the printers that are idle and clear, by name."""
+        """Printers that are idle and clear, by name."""
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
 
     @cached_property
     def spare_printers(self) -> frozenset[str]:
-        """Return the free printers that are kept for plates that failed elsewhere."""
+        """Free printers that are kept for plates that failed elsewhere."""
         if not self.spares or self.rules.is_attended(self.now_s):
             return frozenset()
         return choose_spares(self.printers, self.waiting.planned, max(self.spares.values()))

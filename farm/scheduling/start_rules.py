@@ -36,7 +36,7 @@ class Start:
     at_s
         Seconds since the epoch; None for never.
     reason
-        Reason to wait until then; None if it may start at once.
+        Reason to wait until then; None if it may start immediately.
     """
 
     at_s: float | None
@@ -79,7 +79,7 @@ class StartWindow:
 
 @dataclass(frozen=True, slots=True)
 class StartRules:
-    """Rules of `fleet.yaml`: attended hours, quiet hours, first layers, and printers that heat at once."""
+    """Rules of `fleet.yaml`: attended hours, quiet hours, first layers, and the limit on heating printers."""
 
     attended: Hours
     quiet: Hours

@@ -56,12 +56,12 @@ class Books:
 
     @property
     def outage(self) -> Outage | None:
-        """Return the outage that has not been confirmed; None if there is none."""
+        """Outage that has not been confirmed; None if there is none."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     @property
     def lost_hosts(self) -> frozenset[str]:
-        """Return the hosts whose loss is recorded."""
+        """Hosts whose loss is recorded."""
         losses = (printer.host_loss for printer in self.printers.values())
         return frozenset(loss.host for loss in losses if loss is not None)
 
@@ -136,7 +136,7 @@ class Books:
 
     @property
     def next_number(self) -> int:
-        """Return the number of the next print."""
+        """Number of the next print."""
         return len(self.prints) + 1
 
     def last_print_on(self, printer: str) -> Print | None:

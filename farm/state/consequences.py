@@ -98,7 +98,7 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """Record the loss of a printer; several losses at once are an outage, and their failures do not count."""
+    """Record the loss of a printer; simultaneous losses are an outage, whose failures do not count."""
     books = put(books, replace_fields(books.printer(name), disconnected_at_s=disconnected_at_s))
     lost_names = find_common_losses(name, books.printers.values(), books.outage_window_s)
     if len(lost_names) < 2:

@@ -67,7 +67,7 @@ READ_UPKEEP = (
     f"AND kind IN ({', '.join(repr(kind) for kind in _UPKEEP)}) AND json_extract(body, '$.printer') = ? "
     "ORDER BY seq DESC LIMIT ?"
 )
-"""Query for events on the upkeep of a printer, the newest first, among the last 20,000 of all."""
+"""Query for events on the upkeep of a printer, the newest first, among the last 20,000 events."""
 
 
 def make_row(values: Sequence[Any]) -> EventRow:

@@ -1,4 +1,4 @@
-"""Outages: several printers lost at once by a common cause (power, hub or host). Pure."""
+"""Outages: several printers lost at the same time by a common cause (power, hub or host). Pure."""
 
 from __future__ import annotations
 

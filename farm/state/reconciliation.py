@@ -218,7 +218,7 @@ def import_agent_journal(
     """
     name, unknown = snapshot.printer, 0
 
-    def applied(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
+    def apply_each(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
         nonlocal books
         for event in events:
             books, _ = apply(event, books)
@@ -226,7 +226,7 @@ def import_agent_journal(
 
     open_print = books.open_print_on(name)
     if open_print is not None and open_print.id not in {report.print_id for report in prints}:
-        yield from applied(reconcile_print(open_print, snapshot.model_copy(update={"print": None}), now_s))
+        yield from apply_each(reconcile_print(open_print, snapshot.model_copy(update={"print": None}), now_s))
     for report in prints:
         attempt = books.prints.get(report.print_id)
         if attempt is None or attempt.printer != name:
@@ -238,10 +238,12 @@ def import_agent_journal(
             print_found = ev.PrintFound(
                 at_s=report.started_s or now_s, plate=plate.id, printer=name, print_id=report.print_id
             )
-            yield from applied([print_found])
+            yield from apply_each([print_found])
             attempt = books.prints[report.print_id]
         if not attempt.state.ended:
-            yield from applied(reconcile_print(attempt, snapshot.model_copy(update={"print": report}), now_s))
+            yield from apply_each(
+                reconcile_print(attempt, snapshot.model_copy(update={"print": report}), now_s)
+            )
     yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown)
 
 
@@ -269,5 +271,5 @@ def _is_waiting(books: Books, plate: Plate) -> bool:
 
 def _may_be_waiting(books: Books, plate: Plate) -> bool:
     """Return whether a plate may wait again: no agent has confirmed its open prints since the restore."""
-    are_restored = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
-    return books.plate_state(plate) is PlateState.PRINTING and all(are_restored)
+    restored_flags = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
+    return books.plate_state(plate) is PlateState.PRINTING and all(restored_flags)

@@ -109,7 +109,7 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
 
 
 def _run_stops(targets: Mapping[str, Target], report: Report) -> Iterator[StopResult]:
-    """Stop printers in parallel, those of a host service over one connection; yield each result at once."""
+    """Stop printers in parallel, those of a host service over one connection; yield each result."""
     by_host: dict[tuple[str, str, str], list[StartFile]] = {}
     results: Queue[StopResult] = Queue()
     with ThreadPoolExecutor(max_workers=max(1, len(targets))) as pool:
@@ -162,11 +162,11 @@ def serialise_reports(report: Report) -> Report:
     """Return `report` with a lock, for calls from several threads."""
     lock = Lock()
 
-    def locked(line: StopReport) -> None:
+    def report_with_lock(line: StopReport) -> None:
         with lock:
             report(line)
 
-    return locked
+    return report_with_lock
 
 
 @dataclass(frozen=True, slots=True)

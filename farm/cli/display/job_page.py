@@ -75,7 +75,7 @@ def render_job(view: api.JobView, width: int | None = None) -> RenderableType:
     view
         The job.
     width
-        Columns of the terminal; None for as wide as the texts.
+        Columns of the terminal; None for no limit.
     """
     now = view.now
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING)]

@@ -129,7 +129,12 @@ def _list_briefs(items: Iterable[api.Todo]) -> list[str]:
 
 
 def _fold_texts(
-    label: str, texts: Sequence[str], separator: str, width: int | None, style: str = HEADING, body: str = ""
+    label: str,
+    texts: Sequence[str],
+    separator: str,
+    width: int | None,
+    label_style: str = HEADING,
+    text_style: str = "",
 ) -> list[Text]:
     """Join texts into as few lines as possible, and wrap those that are longer than a line."""
     lines: list[str] = []
@@ -143,7 +148,9 @@ def _fold_texts(
         line
         for line_head, text in zip(line_heads, lines, strict=False)
         for line in wrap_text(
-            Text.assemble((line_head.ljust(_INDENT), style), (text.rstrip(), body)), width, _INDENT
+            Text.assemble((line_head.ljust(_INDENT), label_style), (text.rstrip(), text_style)),
+            width,
+            _INDENT,
         )
     ]
 
@@ -189,10 +196,10 @@ def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Te
     submitter = f" by {job.submitted_by}" if job.submitted_by else ""
     facts = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
-    style, body = (NOTE, NOTE) if _is_over(job) else (HEADING, "")
-    lines = _fold_texts(f"JOB {job.id}", texts, " ", width, style, body)
+    label_style, text_style = (NOTE, NOTE) if _is_over(job) else (HEADING, "")
+    lines = _fold_texts(f"JOB {job.id}", texts, " ", width, label_style, text_style)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
-        lines += _fold_texts("", [job.reason], "", width, body=ERROR)
+        lines += _fold_texts("", [job.reason], "", width, text_style=ERROR)
     return lines
 
 

@@ -50,7 +50,7 @@ def lay_out_table(columns: Sequence[Column], rows: Sequence[Sequence[str]], widt
     rows
         The cells of each row, one for each column.
     width
-        Width of the terminal; None for as wide as the texts.
+        Width of the terminal; None for no limit.
     """
     full = [
         max(cell_len(text) for text in (column.heading, *(row[i] for row in rows)))

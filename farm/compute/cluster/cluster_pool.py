@@ -28,7 +28,7 @@ from farm.compute.cluster.remote_task import (
     InputFile,
     RemoteAnswer,
     RemoteTask,
-    read_files,
+    hash_files,
     write_files,
 )
 from farm.compute.cluster.security import check_cluster
@@ -85,13 +85,13 @@ class ClusterPool:
         connect: Connect,
         read_clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._own, self._scheduler, self._installation = own, scheduler, installation
+        self._local_pool, self._scheduler, self._installation = own, scheduler, installation
         self._read_clock_s = read_clock_s
         self._slot_queue = SlotQueue()
         self._workers: tuple[ClusterWorker, ...] = ()
         self._lost_since_s: float | None = read_clock_s()
         self._running: dict[str, tuple[RunningTask, RemoteTask]] = {}
-        self._here = 0
+        self._local_count = 0
         self._sent_hashes: set[str] = set()  # hashes of files that the cluster was sent before
         self._close_event = asyncio.Event()  # set while the cluster gets no work
         self._link = connect(self._on_workers, self._on_message)
@@ -100,17 +100,21 @@ class ClusterPool:
     @property
     def memory_bytes(self) -> int:
         """Memory that each worker on this computer may use, in bytes."""
-        return self._own.memory_bytes
+        return self._local_pool.memory_bytes
 
     @property
     def starting(self) -> str | None:
         """Step of the start of the workers on this computer; see `Workers.starting`."""
-        return self._own.starting
+        return self._local_pool.starting
 
     @property
     def has_idle(self) -> bool:
-        """True if a task would start at once; see `Pool.has_idle`."""
-        return self._own.has_idle if choose_place(self._lost_s()) is Place.HERE else self._slot_queue.has_free
+        """True if a task would start immediately; see `Pool.has_idle`."""
+        return (
+            self._local_pool.has_idle
+            if choose_place(self._lost_s()) is Place.HERE
+            else self._slot_queue.has_free
+        )
 
     @property
     def state(self) -> ClusterState:
@@ -123,7 +127,7 @@ class ClusterPool:
             self._workers,
             tasks,
             self._slot_queue.waiting,
-            self._here,
+            self._local_count,
             lost_s,
         )
 
@@ -136,7 +140,7 @@ class ClusterPool:
     ) -> T:
         """Run a function on the cluster, or here; see `Pool.run`."""
         if not isinstance(work, Deferred) or work.list_files is None:
-            return await self._own.run(work, *args, limit=limit, group=group)
+            return await self._local_pool.run(work, *args, limit=limit, group=group)
         group = object() if group is None else group
         files = work.list_files(*args)
         task = RemoteTask(
@@ -144,7 +148,7 @@ class ClusterPool:
             call=dump((Deferred(work.target), args)),
             limit=limit,
             installation=self._installation,
-            reads=await asyncio.to_thread(read_files, files),
+            reads=await asyncio.to_thread(hash_files, files),
             folders=tuple(map(str, files.folders)),
             writes=tuple(map(str, files.writes)),
             caches=tuple(map(str, files.caches)),
@@ -163,17 +167,17 @@ class ClusterPool:
                 raise answer.error
             await asyncio.to_thread(write_files, task, answer.files)
             return load(answer.result or b"")  # type: ignore[no-any-return]
-        self._here += 1
+        self._local_count += 1
         try:
-            return await self._own.run(work, *args, limit=limit, group=group)
+            return await self._local_pool.run(work, *args, limit=limit, group=group)
         finally:
-            self._here -= 1
+            self._local_count -= 1
 
     def close(self) -> None:
         """Abandon all work, and end every worker on this computer; see `wait_closed`."""
         if self._watch_task is not None:
             self._watch_task.cancel()
-        self._own.close()
+        self._local_pool.close()
 
     async def wait_closed(self) -> None:
         """Wait until the connection of a closed pool has ended: its tasks are then cancelled."""

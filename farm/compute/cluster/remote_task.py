@@ -84,14 +84,14 @@ class RemoteAnswer:
     files: dict[str, bytes] = field(default_factory=dict)
 
 
-def read_files(files: TaskFiles) -> tuple[InputFile, ...]:
+def hash_files(files: TaskFiles) -> tuple[InputFile, ...]:
     """Hash the files that a task reads. Raises OSError if one of them cannot be read."""
-    contents = []
+    hashed_files = []
     for path in dict.fromkeys(files.reads):
         with path.open("rb") as source:
             sha256 = hashlib.file_digest(source, "sha256").hexdigest()
-        contents.append(InputFile(str(path), sha256, path.stat().st_size))
-    return tuple(contents)
+        hashed_files.append(InputFile(str(path), sha256, path.stat().st_size))
+    return tuple(hashed_files)
 
 
 def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
@@ -107,7 +107,7 @@ def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
     for name, content in files.items():
         path = Path(name)
         if ".." in path.parts or not (name in task.writes or _is_below(name, task.folders)):
-            raise ValueError(f"the worker wrote {name}, which is no file of its task")
+            raise ValueError(f"the worker wrote {name}, which is not a file of its task")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.new")
         partial.write_bytes(content)

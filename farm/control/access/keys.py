@@ -119,7 +119,7 @@ class KeyCommands:
         return api.NewKey(id=name, text=text, role=key.role)
 
     def revoke(self, name: str, by: str) -> None:
-        """Revoke a key, or end a session, at once.
+        """Revoke a key, or end a session, immediately.
 
         Raises
         ------

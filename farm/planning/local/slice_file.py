@@ -149,7 +149,7 @@ def _find_room(name: str, model: Model, settings: EngineSettings, profile: Profi
 
 
 def _compute_printed_size_mm(model: Model, settings: EngineSettings) -> tuple[float, float, float]:
-    """Return the size (x, y, z) of a model as it is printed: enlarged to compensate for shrinkage."""
+    """Return the printed size (x, y, z) of a model, which is enlarged to compensate for shrinkage."""
     x, y, z = map(float, model.extents_mm)
     return x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z
 
@@ -234,7 +234,7 @@ def check_writable(out: Path, model: Path) -> None:
 
 
 def _write_output(gcode: Path, out: Path) -> None:
-    """Replace the output file atomically; write into a device or a pipe."""
+    """Replace the output file atomically; write directly into a device or a pipe."""
     try:
         if out.exists() and not out.is_file():
             shutil.copyfile(gcode, out)

@@ -60,7 +60,7 @@ class PartSlicer:
     cache: Path | None
 
     def slice_parts(self, decomposition: Decomposition, folder: Path) -> SlicedParts:
-        """Write a decomposition into a folder, and slice its parts side by side.
+        """Write a decomposition into a folder, and slice its parts in parallel.
 
         Raises
         ------

@@ -64,8 +64,8 @@ def choose_revision(
 ) -> tuple[str, ...] | None:
     """Choose the printers for which a job is planned again; None if its plan is kept.
 
-    The plan is also kept if the new plan would be revised again at once: estimates assume equal parts, which
-    the model may not allow.
+    The plan is also kept if the new plan would be revised again immediately: estimates assume equal parts,
+    which the model may not allow.
 
     Parameters
     ----------

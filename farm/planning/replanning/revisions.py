@@ -57,7 +57,7 @@ class PlanRevisions:
     Attributes
     ----------
     has_more
-        True if jobs remain for the next run, which begins at once.
+        True if jobs remain for the next run, which begins immediately.
     postponed
         Plates of these jobs that could start, but wait until their job is examined.
     """
@@ -86,7 +86,7 @@ class PlanRevisions:
 
     @property
     def next_change_s(self) -> float:
-        """Return the time at which the next job stops waiting for its new plan; infinity if none waits."""
+        """Time at which the next job stops waiting for its new plan; infinity if none waits."""
         return min(self._held_until_s.values(), default=math.inf)
 
     def holds(self, books: Books, now_s: float) -> dict[str, Hold]:

@@ -58,15 +58,15 @@ class Lifecycle:
     Attributes
     ----------
     entity
-        Its name: job, plate, print or printer.
+        Name of the kind: job, plate, print or printer.
     key
         The field of an event that names the entity.
     states
-        All of its states.
+        All states of the entity.
     transitions
         Events about the entity itself; all others are errors.
     consequences
-        Events about another entity that change this one's state.
+        Events about another entity that change the state of this entity.
     find_state
         Returns the state of an entity in the books; NEW if it is not in them.
     """

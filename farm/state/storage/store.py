@@ -231,7 +231,7 @@ class Store:
 
     @property
     def copied_s(self) -> float | None:
-        """Return the time up to which these books are complete; None if they are complete.
+        """Time up to which these books are complete; None if they are complete.
 
         A backup, and books that lost events, are incomplete until a `BooksRestored` is committed.
         """

@@ -72,7 +72,7 @@ def test_kept_dry_run_is_held_until_its_plan_is_approved(tmp_path):
     assert (job.options.dry_run, job.options.hold) == (False, True)
     DryRuns(farm.controller).cancel_abandoned(1e9)
     assert not farm.controller.books.job(number).state.ended
-    with pytest.raises(Refused, match="is no dry run"):
+    with pytest.raises(Refused, match="is not a dry run"):
         farm.jobs.keep_dry_run(number, "ann")
 
 

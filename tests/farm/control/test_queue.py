@@ -55,7 +55,7 @@ def test_impossible_move_is_refused_with_the_reason(farm):
         with pytest.raises(Refused, match="already"):
             move(farm, number, place)
     for before in (1, 9):
-        with pytest.raises(Refused, match="no other job in the queue"):
+        with pytest.raises(Refused, match="not another job in the queue"):
             move(farm, 1, before=before)
     with pytest.raises(NoSuchThing):
         move(farm, 9, "up")

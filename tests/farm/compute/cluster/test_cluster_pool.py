@@ -223,5 +223,5 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
 @pytest.mark.parametrize("name", ["/etc/passwd", "/farm/job-1/../other", "/farm/job-10/p.stl", "/farm/job-1"])
 def test_a_worker_writes_no_other_files(name):
     task = RemoteTask("t", b"", CHECKING, INSTALLATION, folders=("/farm/job-1",))
-    with pytest.raises(ValueError, match="no file of its task"):
+    with pytest.raises(ValueError, match="not a file of its task"):
         write_files(task, RemoteAnswer("w", files={name: b"x"}).files)
