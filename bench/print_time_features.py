@@ -25,7 +25,15 @@ from bench.print_time_parts import PRINTER, make_recipe
 from bench.unseen import KINDS, draw_model
 from decompose.arrays import Bools, Floats, Ints
 from decompose.geometry import write_stl
-from decompose.print_time import FACTORS, CostModel, Pose, Recipe, find_best_pose, measure_pose
+from decompose.print_time import (
+    GROUPS,
+    CostModel,
+    Pose,
+    Recipe,
+    build_group_cost,
+    find_best_pose,
+    measure_pose,
+)
 from drivers.printers import BEDS
 from farm.planning.parts.pricing import build_recipe
 from farm.planning.printer_settings import build_slicing_printer
@@ -35,23 +43,6 @@ from slicing.settings import PartSettings, SettingsRequest, find_engine, find_re
 
 SIDE_MM = 180.0
 CORNER_SHARE = 0.45  # of each side
-GROUPS = {
-    "walls": ("walls",),
-    "infill": ("infill", "connections", "steep tops"),
-    "skins": ("skin", "skin rim", "rims", "thin walls", "thin sheets"),
-    "supports": ("support", "support sides"),
-    "brim": ("brim",),
-    "travel": (
-        "slope ends",
-        "infill ends",
-        "travel",
-        "islands",
-        "island paths",
-        "holes",
-        "rim ends",
-        "rings",
-    ),
-}
 LINES = {
     "walls": ("WALL-OUTER", "WALL-INNER"),
     "infill": ("FILL",),
@@ -105,9 +96,9 @@ def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache:
                     yield Posed(cache_file.stem, arrays["corners"], arrays["cut"])
 
 
-def cut_piece(kind: str, seed: int, corner: str, cost: CostModel) -> Posed:
+def cut_piece(kind: str, seed: int, corner: str, cost: CostModel, side_mm: float = SIDE_MM) -> Posed:
     """Cut a corner off an unseen model, across its two longest axes, and put it in its best pose."""
-    solid = draw_model(kind, seed, SIDE_MM).solid
+    solid = draw_model(kind, seed, side_mm).solid
     lo, hi = solid.bounds_mm
     planes: list[tuple[int, float]] = []
     if corner != "whole":
@@ -165,9 +156,8 @@ def price_features_s(posed_part: Posed, pose: Pose, recipe: Recipe) -> dict[str,
         recipe, min_layer_s=0.0, brim_mm=recipe.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm
     )
     parts = {}
-    for group, names in GROUPS.items():
-        factors = {name: FACTORS[name] if name in names else 0.0 for name in FACTORS}
-        cost = CostModel.from_recipe(fast, factors)
+    for group in GROUPS:
+        cost = build_group_cost(fast, group)
         parts[group] = price_part(posed_part, cost, fits=False).price_s
     return parts | {"slow": pose.price_s - sum(parts.values())}
 

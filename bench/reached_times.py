@@ -21,8 +21,8 @@ import numpy as np
 from farm.model import PrintState
 from farm.paths import StateFolder
 from farm.state import Books
+from farm.state.printer_speed import shows_speed, update_time_factor
 from farm.state.storage import Store
-from farm.state.transitions.prints import MAX_STARVED_SHARE, MIN_LEARNED_S, update_time_factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def list_rows(books: Books) -> Iterator[Row]:
             if attempt.started_s is None or attempt.ended_s is None:
                 continue
             reached_s = attempt.ended_s - attempt.started_s - plate.prelude_s
-            if plate.sliced_s < MIN_LEARNED_S or attempt.starved_s > MAX_STARVED_SHARE * reached_s:
+            if not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
                 continue
             ratios.append(reached_s / plate.sliced_s)
             factors_before.append(factor)

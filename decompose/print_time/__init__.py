@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, price
+from decompose.print_time.feature_shares import GROUPS, build_group_cost, estimate_feature_shares
 from decompose.print_time.hidden_faces import SEEN_MM2
 from decompose.print_time.pose_prices import POSE_ROTATIONS, price_axis_poses_s, sum_pose_features
 from decompose.print_time.poses import (
@@ -22,6 +23,7 @@ __all__ = [
     "ADDITIVE",
     "FACTORS",
     "FEATURES",
+    "GROUPS",
     "MAX_INSET_SHARE",
     "POSE_ROTATIONS",
     "REFERENCE_SHRINKAGE",
@@ -33,6 +35,8 @@ __all__ = [
     "Pose",
     "Prices",
     "Recipe",
+    "build_group_cost",
+    "estimate_feature_shares",
     "find_best_pose",
     "find_steady_pose",
     "measure_columns",

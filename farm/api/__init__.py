@@ -39,8 +39,10 @@ from farm.api.keys import KeyView as KeyView
 from farm.api.keys import LoginLink as LoginLink
 from farm.api.keys import NetworkView as NetworkView
 from farm.api.keys import NewKey as NewKey
+from farm.api.prints import FeatureFactorsView as FeatureFactorsView
 from farm.api.prints import History as History
 from farm.api.prints import HistoryRow as HistoryRow
+from farm.api.prints import PrinterSpeed as PrinterSpeed
 from farm.api.prints import PrintRow as PrintRow
 from farm.api.prints import Prints as Prints
 from farm.api.prints import PrintView as PrintView

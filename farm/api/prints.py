@@ -46,12 +46,33 @@ class HistoryRow(PrintView):
     assembly_s: float | None = None  # the time that it took
 
 
+class FeatureFactorsView(View):
+    """Actual over sliced time of the layers by what they print, learned from finished prints."""
+
+    walls: float
+    infill: float
+    skins: float
+    supports: float  # the brim too
+    travel: float  # retractions too
+    prints: int  # number of prints from which they were learned
+    own: bool  # of this printer alone; else of all printers of its family
+
+
+class PrinterSpeed(View):
+    """Speed of a printer, learned from its finished prints."""
+
+    printer: str
+    time_factor: float  # actual over expected time of its layers
+    feature_factors: FeatureFactorsView | None  # null until enough prints have ended
+
+
 class History(View):
     model_config = ConfigDict(populate_by_name=True)
 
     schema_: int = Field(default=SCHEMA, alias="schema")
     now: str
     prints: list[HistoryRow]  # oldest first
+    speeds: list[PrinterSpeed] = Field(default_factory=list)  # of the printers of these prints
 
 
 class PrintRow(HistoryRow):

@@ -8,6 +8,7 @@ from drivers.messages import PrinterReadings, PrintReadings
 from farm.api.base import SCHEMA, View
 from farm.api.cluster import ClusterView
 from farm.api.jobs import JobSummary, JobView
+from farm.api.prints import FeatureFactorsView
 from farm.model import Bed, FilamentState, Hold, PrintState, TextTime, Verdict
 
 
@@ -59,6 +60,7 @@ class PrinterView(PrinterReadings, View):
     bed_c: float | None
     targets: Targets
     time_factor: float  # actual over expected time of its layers, learned from its prints
+    feature_factors: FeatureFactorsView | None = None  # the same by feature, once enough prints have ended
     print: PrintProgress | None
     last: LastPrint | None
     look: str | None

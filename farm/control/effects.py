@@ -65,7 +65,7 @@ class FarmEffects:
             job=job,
             printers=tuple(fleet.printer(name) for name in order.printers),
             rounds=order.rounds,
-            time_factors={name: books.printer(name).time_factor for name in order.printers},
+            time_factors={name: books.printer(name).time_factors for name in order.printers},
             within_s=None if limit_s is None else max(0.0, limit_s - begins_s),
             assembly_ratio=compute_assembly_ratio(books.jobs.values()),
             quick=order.quick,
@@ -83,7 +83,7 @@ class FarmEffects:
             printers=tuple(fleet.printer(name) for name in order.printers),
             files=self._state.files,
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
-            time_factors={name: books.printer(name).time_factor for name in order.printers},
+            time_factors={name: books.printer(name).time_factors for name in order.printers},
             others=tuple(
                 job_part
                 for job_part in map(books.parts.__getitem__, job.parts)

@@ -20,17 +20,39 @@ from farm.model.job import (
     compute_assembly_ratio,
 )
 from farm.model.key import Key, KeyKind, Role
-from farm.model.plate import DEFAULT_PRINT_OPTIONS, Part, PartGeometry, PartPrintOptions, Plate
+from farm.model.plate import (
+    DEFAULT_PRINT_OPTIONS,
+    NOMINAL_TIME_FACTORS,
+    FeatureFactors,
+    FeatureSeconds,
+    Part,
+    PartGeometry,
+    PartPrintOptions,
+    Plate,
+    Shares,
+    TimeFactors,
+)
 from farm.model.print import Moment, Print, PrintState, Still, Verdict
-from farm.model.printer import Bed, FilamentState, HostLoss, Outage, Printer, Reel, Temperatures
+from farm.model.printer import (
+    Bed,
+    FilamentState,
+    HostLoss,
+    Outage,
+    Printer,
+    Reel,
+    Temperatures,
+)
 
 __all__ = [
     "DEFAULT_PRINT_OPTIONS",
     "FORMER_NAMES",
+    "NOMINAL_TIME_FACTORS",
     "AgentPrint",
     "AgentSnapshot",
     "Bed",
     "Entity",
+    "FeatureFactors",
+    "FeatureSeconds",
     "FilamentState",
     "Gluing",
     "Hold",
@@ -58,10 +80,12 @@ __all__ = [
     "Reel",
     "Reopening",
     "Role",
+    "Shares",
     "ShortReel",
     "Still",
     "Temperatures",
     "TextTime",
+    "TimeFactors",
     "Verdict",
     "compute_assembly_ratio",
     "share_field_set",

@@ -1,7 +1,9 @@
-"""Parts of a job, and the plates that print them."""
+"""Parts of a job, the plates that print them, and the time of their layers by feature."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from operator import mul
 from typing import Any
 
 from pydantic import model_validator
@@ -74,6 +76,65 @@ class Part(Entity):
         return nested_fields
 
 
+Shares = tuple[float, ...]
+"""Shares of walls, infill, skins, supports and travel in the time of the layers; they sum to 1."""
+
+
+class FeatureSeconds(Entity):
+    """Sliced seconds of a plate's layers by what they print; the supports with the brim.
+
+    Travel is all that extrudes nothing, retractions included.
+    """
+
+    walls_s: float
+    infill_s: float
+    skins_s: float
+    supports_s: float
+    travel_s: float
+
+    @property
+    def shares(self) -> Shares | None:
+        """Share of each feature in the time of all; None if all are 0."""
+        seconds = (self.walls_s, self.infill_s, self.skins_s, self.supports_s, self.travel_s)
+        total_s = sum(seconds)
+        return tuple([value_s / total_s for value_s in seconds]) if total_s > 0.0 else None
+
+
+class FeatureFactors(Entity):
+    """Actual over sliced time of each feature of the layers, learned from finished prints."""
+
+    walls: float
+    infill: float
+    skins: float
+    supports: float
+    travel: float
+    prints: int  # number of finished prints from which they were learned
+    own: bool  # of this printer alone; else of all printers of its family
+
+    @property
+    def factors(self) -> tuple[float, ...]:
+        """Factors in the order of `Shares`."""
+        return self.walls, self.infill, self.skins, self.supports, self.travel
+
+
+@dataclass(frozen=True, slots=True)
+class TimeFactors:
+    """Actual over sliced time of a printer's layers: of all, and by feature once enough prints have ended."""
+
+    overall: float = 1.0
+    by_feature: tuple[float, ...] | None = None  # in the order of `Shares`
+
+    def compute_factor(self, shares: Shares | None) -> float:
+        """Compute the factor of layers with these features; the overall one if either is unknown."""
+        if self.by_feature is None or shares is None:
+            return self.overall
+        return float(sum(map(mul, shares, self.by_feature)))
+
+
+NOMINAL_TIME_FACTORS = TimeFactors()
+"""Those of a printer before its first print."""
+
+
 class Plate(Entity):
     id: str  # "3/01"
     job: int
@@ -81,6 +142,7 @@ class Plate(Entity):
     gcode: str
     sha256: str
     sliced_s: float  # time of its layers, by CuraEngine; of own G-code, by the firmware's planner
+    features: FeatureSeconds | None = None  # of `sliced_s`; None: not known, as of own G-code
     expected_s: float  # with heat-up, start and end code, at the printer's factor
     grams: float
     filament_mm: float
@@ -113,10 +175,15 @@ class Plate(Entity):
         return self.expected_s - self.sliced_s * self.time_factor
 
     @property
+    def feature_shares(self) -> Shares | None:
+        """Shares of the features in the time of its layers; None if they are not known."""
+        return None if self.features is None else self.features.shares
+
+    @property
     def first_layer_s(self) -> float:
         """Expected time until the first layer is done, which prints at half speed, in seconds."""
         return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
-    def compute_expected_s(self, time_factor: float) -> float:
-        """Return the expected time on a printer with this time factor, in seconds."""
-        return self.prelude_s + self.sliced_s * time_factor
+    def compute_expected_s(self, time_factors: TimeFactors) -> float:
+        """Return the expected time on a printer with these time factors, in seconds."""
+        return self.prelude_s + self.sliced_s * time_factors.compute_factor(self.feature_shares)

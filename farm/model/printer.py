@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from farm.model.entity import Entity
+from farm.model.plate import FeatureFactors, TimeFactors
 
 
 class Bed(StrEnum):
@@ -56,6 +57,13 @@ class Printer(Entity):
     unreported_since_s: float | None = None  # time of the backup since which its agent has not reported
     reel: Reel | None = None  # None: the reel in fleet.yaml
     time_factor: float = 1.0  # actual over expected time of its layers, learned from its prints
+    feature_factors: FeatureFactors | None = None  # the same by feature; None: too few prints
+
+    @property
+    def time_factors(self) -> TimeFactors:
+        """Factors from which the time of any plate on it follows."""
+        by_feature = None if self.feature_factors is None else self.feature_factors.factors
+        return TimeFactors(self.time_factor, by_feature)
 
 
 class Outage(Entity):

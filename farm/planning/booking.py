@@ -8,7 +8,7 @@ from pathlib import Path
 
 from decompose.files.names import ASSEMBLY, INSTRUCTIONS, PICTURE, REPORT
 from drivers.printers import PROFILES
-from farm.model import Job, Part, Plate
+from farm.model import Job, Part, Plate, TimeFactors
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.planning.plan import Plan, SlicedJob
 from farm.planning.plate_times import compute_prelude_seconds
@@ -45,17 +45,17 @@ def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: Pa
     )
 
 
-def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factor: float, files: Path) -> Plate:
+def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factors: TimeFactors, files: Path) -> Plate:
     """Put a slice's G-code into the store and return the record of its plate.
 
     Parameters
     ----------
-    time_factor
-        Time factor of the printer, learned from its prints (`update_time_factor`).
+    time_factors
+        Time factors of the printer, learned from its prints.
     files
         The store.
     """
-    section, result = sliced_part.printer, sliced_part.result
+    section, result, features = sliced_part.printer, sliced_part.result, sliced_part.features
     warnings = () if sliced_part.part.print_options.stands else (MAY_FALL_WARNING,)
     return Plate(
         id=names.plate,
@@ -64,7 +64,8 @@ def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factor: float, f
         gcode=store_file(files, result.gcode),
         sha256=result.sha256,
         sliced_s=result.sliced_s,
-        expected_s=sliced_part.expected_s(time_factor),
+        features=features,
+        expected_s=sliced_part.expected_s(time_factors),
         grams=result.grams,
         filament_mm=result.filament_mm,
         price=section.price(result.grams),
@@ -75,7 +76,7 @@ def book_plate(names: PlateNames, sliced_part: SlicedPart, time_factor: float, f
         nozzle_mm=section.nozzle_mm,
         family=PROFILES[section.model].family,
         printer=section.name,
-        time_factor=time_factor,
+        time_factor=time_factors.compute_factor(features.shares),
         cached=result.cached,
         warnings=(*warnings, *map(str, result.unprinted[:MAX_WARNINGS])),
     )
@@ -88,7 +89,7 @@ def book_plan(sliced_job: SlicedJob, files: Path) -> Plan:
     for number, part in enumerate(sliced_job.parts, 1):
         names = PlateNames(task.job, f"{task.job}/{part.part.id}", f"{task.job}/{number:02d}")
         parts.append(book_part(names, part.part, files))
-        plates.append(book_plate(names, part, task.time_factors.get(part.printer.name, 1.0), files))
+        plates.append(book_plate(names, part, task.time_factors_of(part.printer.name), files))
     return Plan(
         parts=tuple(parts),
         plates=tuple(plates),

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.printers import PROFILES, RoomBox
 from farm.config import PrinterSection
-from farm.model import DEFAULT_PRINT_OPTIONS, PartGeometry, PartPrintOptions
+from farm.model import (
+    DEFAULT_PRINT_OPTIONS,
+    NOMINAL_TIME_FACTORS,
+    FeatureSeconds,
+    PartGeometry,
+    PartPrintOptions,
+    TimeFactors,
+)
 from farm.planning.plate_times import compute_plate_seconds
 from slicing.settings import EngineSettings, Resources, SettingsRequest
 
@@ -134,7 +141,12 @@ class SlicedPart:
     task: SliceTask
     result: PlateResult
 
-    def expected_s(self, time_factor: float = 1.0) -> float:
+    @property
+    def features(self) -> FeatureSeconds:
+        """Sliced seconds of each feature of its layers."""
+        return FeatureSeconds(**asdict(self.result.features))
+
+    def expected_s(self, time_factors: TimeFactors = NOMINAL_TIME_FACTORS) -> float:
         """Return the seconds from the first command of its print to the last; see `compute_plate_seconds`."""
         settings = self.task.settings
         return compute_plate_seconds(
@@ -142,5 +154,5 @@ class SlicedPart:
             self.result.sliced_s,
             settings.nozzle_c,
             settings.bed_c,
-            time_factor,
+            time_factors.compute_factor(self.features.shares),
         )

@@ -12,7 +12,16 @@ from typing import Any
 
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import Job, JobOptions, ModelSize, OwnGcode, Part, Plate
+from farm.model import (
+    NOMINAL_TIME_FACTORS,
+    Job,
+    JobOptions,
+    ModelSize,
+    OwnGcode,
+    Part,
+    Plate,
+    TimeFactors,
+)
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
@@ -76,7 +85,7 @@ class PlanRequest:
     job: Job
     printers: tuple[PrinterSection, ...]
     rounds: int = 1
-    time_factors: Mapping[str, float] = field(default_factory=dict)
+    time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
     within_s: float | None = None
     assembly_ratio: float = 1.0
     quick: bool = False
@@ -111,11 +120,15 @@ class DecomposeTask:
     printers: tuple[PrinterSection, ...]
     rounds: int
     folder: Path
-    time_factors: Mapping[str, float] = field(default_factory=dict)
+    time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
     within_s: float | None = None
     assembly_ratio: float = 1.0
     budget_s: float | None = None
     side_by_side: bool = False
+
+    def time_factors_of(self, printer: str) -> TimeFactors:
+        """Return the time factors of a printer."""
+        return self.time_factors.get(printer, NOMINAL_TIME_FACTORS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +191,7 @@ class SlicedJob:
         busy: dict[str, float] = {}
         for part in self.parts:
             name = part.printer.name
-            busy[name] = busy.get(name, 0.0) + part.expected_s(self.task.time_factors.get(name, 1.0))
+            busy[name] = busy.get(name, 0.0) + part.expected_s(self.task.time_factors_of(name))
         return busy
 
     def makespan_s(self) -> float:

@@ -274,7 +274,8 @@ def make_idle(printer: FleetPrinter) -> FleetPrinter:
 def compute_seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
     """Return the seconds that a plate takes on a printer, by the time factors of that and the planned one."""
     layers_s = plate.expected_s - plate.heating_s
-    return plate.heating_s + layers_s * printer.time_factor / plate.time_factor
+    factor = printer.time_factors.compute_factor(plate.feature_shares)
+    return plate.heating_s + layers_s * factor / plate.time_factor
 
 
 def _find_ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from farm.model import Bed, FilamentState, Hold, HoldCode, Link
+from farm.model import NOMINAL_TIME_FACTORS, Bed, FilamentState, Hold, HoldCode, Link, Shares, TimeFactors
 
 Demand = tuple[str | None, str | None, float | None, str | None, tuple[str, ...]]
 """Material, colour, nozzle in mm, printer family and printers that a plate requires; None or empty: any."""
@@ -92,7 +92,7 @@ class FleetPrinter:
     heats_until_s: float | None = None  # expected end of its heat-up
     grams: float | None = None  # on its reel, minus those needed by its open print; None: unknown
     reel_uncertain: bool = False  # `grams` may be too high
-    time_factor: float = 1.0  # learned from its prints
+    time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     unattended: bool = True  # may print while nobody is present
     why_attended: str = ""  # why it may not print unattended
 
@@ -205,7 +205,8 @@ class WaitingPlate:
     rank: float | None = None  # among jobs of equal priority; None: the job's number
     grams: float = 0.0
     heating_s: float = 0.0  # of `expected_s`: everything but the layers
-    time_factor: float = 1.0  # of the planned printer, in `expected_s`
+    time_factor: float = 1.0  # of the plate on the planned printer, in `expected_s`
+    feature_shares: Shares | None = None  # of its layers
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
     is_repeat: bool = False  # printed before: that failed, or its part is bad

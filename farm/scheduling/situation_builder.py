@@ -22,6 +22,7 @@ from farm.model import (
     Print,
     Printer,
     PrintState,
+    TimeFactors,
 )
 from farm.scheduling.holds import may_hold_back
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
@@ -55,14 +56,14 @@ def _describe_printer(
         attention_reason=attention_reason,
         maintenance=entry.maintenance,
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
-        free_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factor),
+        free_s=None if attempt is None else _compute_expected_end_s(books, attempt, entry.time_factors),
         job=None if attempt is None else attempt.job,
         heats_until_s=None
         if attempt is None
         else _find_start_s(attempt) + books.plates[attempt.plate].prelude_s,
         grams=_compute_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
-        time_factor=entry.time_factor,
+        time_factors=entry.time_factors,
         unattended=not why_attended,
         why_attended=why_attended,
     )
@@ -101,16 +102,14 @@ def _find_start_s(attempt: Print) -> float:
     return attempt.started_s if attempt.started_s is not None else attempt.assigned_s
 
 
-def _compute_expected_end_s(books: Books, attempt: Print, factor: float) -> float:
+def _compute_expected_end_s(books: Books, attempt: Print, time_factors: TimeFactors) -> float:
     """Return the expected end of a print, rounded up to whole minutes."""
-    return (
-        math.ceil((_find_start_s(attempt) + books.plates[attempt.plate].compute_expected_s(factor)) / 60)
-        * 60.0
-    )
+    expected_s = books.plates[attempt.plate].compute_expected_s(time_factors)
+    return math.ceil((_find_start_s(attempt) + expected_s) / 60) * 60.0
 
 
 def estimate_remaining_s(
-    attempt: Print, plate: Plate, report: AgentPrint | None, time_factor: float, now_s: float
+    attempt: Print, plate: Plate, report: AgentPrint | None, time_factors: TimeFactors, now_s: float
 ) -> float:
     """Estimate the remaining time of an open print, in seconds.
 
@@ -124,14 +123,15 @@ def estimate_remaining_s(
         Its plate.
     report
         Report of the printer's agent on this print; None without one.
-    time_factor
-        Time factor of the printer.
+    time_factors
+        Time factors of the printer.
     now_s
         Farm time, seconds since the epoch.
     """
     if report is not None and report.progress_s > 0:
-        return max(0.0, plate.sliced_s - report.progress_s) * time_factor
-    return max(0.0, plate.compute_expected_s(time_factor) - (now_s - (attempt.started_s or now_s)))
+        factor = time_factors.compute_factor(plate.feature_shares)
+        return max(0.0, plate.sliced_s - report.progress_s) * factor
+    return max(0.0, plate.compute_expected_s(time_factors) - (now_s - (attempt.started_s or now_s)))
 
 
 def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, AgentSnapshot]) -> Situation:
@@ -154,8 +154,8 @@ def update_ends(situation: Situation, books: Books, snapshots: Mapping[str, Agen
         if attempt is None:
             return printer
         report = None if snapshot is None else snapshot.find_print(attempt.id)
-        plate, factor = books.plates[attempt.plate], printer.time_factor
-        remaining_s = estimate_remaining_s(attempt, plate, report, factor, situation.now_s)
+        plate, factors = books.plates[attempt.plate], printer.time_factors
+        remaining_s = estimate_remaining_s(attempt, plate, report, factors, situation.now_s)
         return replace(printer, free_s=situation.now_s + remaining_s)
 
     return situation.with_printers(tuple([update(printer) for printer in situation.printers]))
@@ -314,6 +314,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             grams=plate.grams,
             heating_s=plate.prelude_s,
             time_factor=plate.time_factor,
+            feature_shares=plate.feature_shares,
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
             places=None if printers is None else max(0, printers - sum(1 for _ in books.open_prints(job.id))),

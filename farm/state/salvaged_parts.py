@@ -47,7 +47,8 @@ def find_possibly_complete_print(books: Books, printer: str) -> Print | None:
     if attempt.started_s is None or attempt.ended_s is None:
         return None
     plate = books.plates[attempt.plate]
-    soonest_s = _MIN_TIME_SHARE * plate.sliced_s * books.printer(printer).time_factor
+    factor = books.printer(printer).time_factors.compute_factor(plate.feature_shares)
+    soonest_s = _MIN_TIME_SHARE * plate.sliced_s * factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
     is_missing = any(

@@ -13,7 +13,7 @@ from farm.views.job_cache import JobCache
 from farm.views.jobs import describe_job, describe_jobs, describe_timeline, group_waits, summarise_jobs
 from farm.views.keys import list_keys
 from farm.views.notices import Notice, list_due_notices
-from farm.views.printers import describe_printer
+from farm.views.printers import describe_printer, list_speeds
 from farm.views.tasks import list_tasks
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "list_jobs",
     "list_keys",
     "list_prints",
+    "list_speeds",
     "list_tasks",
     "select_shown_jobs",
     "summarise_jobs",

@@ -64,5 +64,5 @@ class ViewContext:
 
     def remaining_s(self, attempt: Print) -> float:
         """Estimate the remaining time of an open print, in seconds, as `estimate_remaining_s` does."""
-        plate, factor = self.books.plates[attempt.plate], self.books.printer(attempt.printer).time_factor
-        return estimate_remaining_s(attempt, plate, self.reported_print(attempt), factor, self.now_s)
+        plate, factors = self.books.plates[attempt.plate], self.books.printer(attempt.printer).time_factors
+        return estimate_remaining_s(attempt, plate, self.reported_print(attempt), factors, self.now_s)

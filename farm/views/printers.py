@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from drivers.messages import PrintReadings
 from farm import api
 from farm.config import PrinterSection
@@ -38,6 +40,7 @@ def describe_printer(
         bed_c=snapshot.bed_c,
         targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
         time_factor=entry.time_factor,
+        feature_factors=describe_feature_factors(entry),
         print=_describe_progress(context, attempt) if attempt else None,
         last=_describe_last_print(context, section.name),
         look=entry.attention_reason
@@ -47,6 +50,26 @@ def describe_printer(
         kept_for=kept_for,
         camera=section.camera is not None,
     )
+
+
+def describe_feature_factors(entry: Printer) -> api.FeatureFactorsView | None:
+    """Describe the time factors of a printer by feature; None before enough prints have ended."""
+    factors = entry.feature_factors
+    return None if factors is None else api.FeatureFactorsView(**dict(factors))
+
+
+def list_speeds(context: ViewContext, rows: Iterable[api.HistoryRow]) -> list[api.PrinterSpeed]:
+    """List the speeds of the printers of some prints, by name."""
+    printers = context.books.printers
+    names = sorted({row.printer for row in rows} & printers.keys())
+    return [
+        api.PrinterSpeed(
+            printer=entry.name,
+            time_factor=entry.time_factor,
+            feature_factors=describe_feature_factors(entry),
+        )
+        for entry in map(printers.__getitem__, names)
+    ]
 
 
 def _describe_last_print(context: ViewContext, printer: str) -> api.LastPrint | None:

@@ -6,6 +6,7 @@ from farm.planning.part_records import SliceBatch, SlicedPart
 from farm.planning.plan import DecomposeTask, SlicedJob
 from farm.planning.plate_times import compute_prelude_seconds
 from farm.planning.slice_batch import build_slice_tasks
+from slicing.checks import FeatureTimes
 
 MODEL = "ultimaker2_plus"
 
@@ -32,6 +33,7 @@ class FakeSliceResult:
 
     def __init__(self, sliced_s):
         self.sliced_s = sliced_s
+        self.features = FeatureTimes(0.5 * sliced_s, 0.2 * sliced_s, 0.1 * sliced_s, 0.0, 0.2 * sliced_s)
 
 
 def slice_tasks(work, decomposition):

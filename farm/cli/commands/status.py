@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
-from rich.console import RenderableType
+from rich.console import Console, RenderableType
 from rich.live import Live
 
+from farm import api
 from farm.cli import completion
 from farm.cli.client import Client, connect
 from farm.cli.display import (
@@ -52,6 +54,16 @@ _HOSTS = (
     Column("AGENTS", rank=2),
     Column("PORTS", rank=5),
     Column("WAITS FOR", rank=1, min_width=16),
+)
+_SPEEDS = (
+    Column("PRINTER"),
+    Column("FACTOR"),
+    Column("WALLS", rank=1),
+    Column("INFILL", rank=2),
+    Column("SKINS", rank=1),
+    Column("SUPPORTS", rank=3),
+    Column("TRAVEL", rank=1),
+    Column("LEARNED FROM", rank=1),
 )
 _NOTE = Column("NOTE", rank=7, min_width=10)
 
@@ -147,6 +159,25 @@ def history(
         f"{format_count(len(answer.prints), 'print')}, {len(wasted_rows)} of them wasted: "
         f"{format_duration(sum(row.took_s for row in wasted_rows))}, {format_mass(grams)}"
     )
+    _show_speeds(answer.speeds, screen)
+
+
+def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
+    """Show the speed of printers by feature; nothing before one of them has enough prints."""
+    rows = []
+    for speed in speeds:
+        factors = speed.feature_factors
+        if factors is not None:
+            values = (factors.walls, factors.infill, factors.skins, factors.supports, factors.travel)
+            source = "" if factors.own else " of its family"
+            learned_from = f"{format_count(factors.prints, 'print')}{source}"
+            rows.append(
+                (speed.printer, f"{speed.time_factor:.2f}", *(f"{v:.2f}" for v in values), learned_from)
+            )
+    if rows:
+        screen.print("\nactual over sliced time, learned from finished prints:")
+        for line in lay_out_table(_SPEEDS, rows, read_terminal_width(screen)):
+            screen.print(line)
 
 
 @with_farm

@@ -21,6 +21,7 @@ from farm.views import (
     list_history,
     list_jobs,
     list_prints,
+    list_speeds,
     list_tasks,
     select_shown_jobs,
     summarise_jobs,
@@ -77,9 +78,9 @@ def list_routes(services: Services) -> APIRouter:
         if printer is not None:
             controller.books.printer(printer)
         context = controller.build_view_context(services.state)
-        return api.History(
-            now=context.format_time(context.now_s) or "", prints=list_history(context, job, printer, last)
-        )
+        prints = list_history(context, job, printer, last)
+        now = context.format_time(context.now_s) or ""
+        return api.History(now=now, prints=prints, speeds=list_speeds(context, prints))
 
     @router.get("/prints")
     async def prints(

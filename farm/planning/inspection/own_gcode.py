@@ -96,7 +96,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         task.printers,
         key=lambda section: (
             PROFILES[section.model].height_mm,
-            task.time_factors.get(section.name, 1.0),
+            task.time_factors_of(section.name).overall,
             section.name,
         ),
     )
@@ -120,7 +120,7 @@ def _book_gcode(
     settings = _resolve_material(section)
     filament_mm3 = accepted_gcode.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
-    profile, time_factor = PROFILES[section.model], task.time_factors.get(section.name, 1.0)
+    profile, time_factor = PROFILES[section.model], task.time_factors_of(section.name).overall
     part = Part(
         id=f"{task.job}/p01",
         job=task.job,

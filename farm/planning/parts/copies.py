@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import Part, Plate
+from farm.model import Part, Plate, TimeFactors
 from farm.planning.plan import DecomposeTask, Plan
 from farm.planning.printer_settings import list_bed_boxes
 from farm.scheduling import derive_plate_requirements, describe_capabilities
@@ -106,7 +106,7 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
     plates: dict[str, Plate] = {}
     for plate in sorted(plan.plates, key=lambda plate: (-plate.sliced_s, plate.id)):
         candidates = [section for section in printers if _can_print(section, plate)]
-        choices = [_move_plate(plate, s, task.time_factors.get(s.name, 1.0)) for s in candidates] or [plate]
+        choices = [_move_plate(plate, s, task.time_factors_of(s.name)) for s in candidates] or [plate]
         for number in range(1, task.options.copies + 1):
             busy_printer = min(
                 choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
@@ -129,13 +129,13 @@ def _can_print(section: PrinterSection, plate: Plate) -> bool:
     return derive_plate_requirements(plate).matches(describe_capabilities(section, list_bed_boxes))
 
 
-def _move_plate(plate: Plate, section: PrinterSection, time_factor: float) -> Plate:
+def _move_plate(plate: Plate, section: PrinterSection, time_factors: TimeFactors) -> Plate:
     """Return a plate planned for another printer that can print its G-code."""
     return plate.model_copy(
         update={
             "printer": section.name,
-            "time_factor": time_factor,
-            "expected_s": plate.compute_expected_s(time_factor),
+            "time_factor": time_factors.compute_factor(plate.feature_shares),
+            "expected_s": plate.compute_expected_s(time_factors),
             "price": section.price(plate.grams),
         }
     )

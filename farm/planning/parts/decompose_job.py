@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem
 from decompose.progress import listen_to_progress
 from decompose.results import Decomposition, Part
+from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
@@ -32,7 +33,7 @@ from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.copies import choose_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.draw_job import write_drawing_record
-from farm.planning.parts.pricing import build_decompose_options, price_rooms
+from farm.planning.parts.pricing import build_decompose_options, estimate_time_factors, price_rooms
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob, TooFewPrinters
 from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
@@ -64,8 +65,9 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     """
     with translate_errors():
         resources = find_resources()
-    rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources, task.rounds)
-    model = read_inspected(task.model)
+    model, quality = read_inspected(task.model), task.options.quality
+    time_factors = estimate_time_factors(task.printers, task.time_factors, model.solid, quality, resources)
+    rooms, cost = price_rooms(task.printers, time_factors, quality, resources, task.rounds)
     options = build_decompose_options(task.options, task.printers)
     if task.budget_s is not None:
         pauses = task.side_by_side and not task.options.dry_run
@@ -111,7 +113,10 @@ def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | Pau
         record = task.folder / f"search-{len(best.attempts)}.pickle"
         record.write_bytes(pickle.dumps(best))
         return PausedJob(record, len(search.plan_round()), search.spent_share)
-    assigned_parts = replace(best, parts=_reassign_parts(best.parts, task))
+    time_factors = estimate_time_factors(
+        task.printers, task.time_factors, search.model.solid, task.options.quality, find_resources()
+    )
+    assigned_parts = replace(best, parts=_reassign_parts(best.parts, task.printers, time_factors))
     return write_decomposed(assigned_parts, search.model, task.folder)
 
 
@@ -150,13 +155,15 @@ def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -
     )
 
 
-def _reassign_parts(parts: Sequence[Part], task: DecomposeTask) -> tuple[Part, ...]:
+def _reassign_parts(
+    parts: Sequence[Part], printers: Sequence[PrinterSection], time_factors: Mapping[str, float]
+) -> tuple[Part, ...]:
     """Exchange loads among printers that differ only in speed, so that the fastest have the largest."""
     loads_s: dict[str, float] = {}
     for part in parts:
         loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.price_s
-    kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in task.printers}
-    new_printers = reassign_loads(loads_s, kinds, task.time_factors)
+    kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in printers}
+    new_printers = reassign_loads(loads_s, kinds, time_factors)
     return tuple(replace(part, printer=new_printers[part.printer]) for part in parts)
 
 

@@ -18,8 +18,9 @@ from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.decompose_job import finish_job
-from farm.planning.parts.pricing import price_rooms
+from farm.planning.parts.pricing import build_printer_cost
 from farm.planning.plan import DecomposedJob, DecomposeTask, PausedJob
+from farm.planning.printer_settings import resolve_printer_settings
 from slicing.settings import find_resources
 
 OUTCOME = "outcome.pickle"
@@ -93,7 +94,9 @@ def _open_search(task: DecomposeTask, record: Path, folder: Path) -> Iterator[Pa
         listen_to_progress(lambda share: progress.report(share, time.monotonic())),
         ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,
     ):
-        resources = find_resources()
-        _, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources, task.rounds)
+        first = task.printers[0]
+        cost = build_printer_cost(
+            first, resolve_printer_settings(first, task.options.quality, find_resources())
+        )
         best: Decomposition = pickle.loads(record.read_bytes())
         yield PausedSearch(best, read_inspected(task.model), cost, threads)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from decompose.geometry import Solid
 from decompose.options import ConnectorOptions, Options
-from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
+from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe, estimate_feature_shares
 from decompose.printers import PrinterRoom
 from farm.config import PrinterSection
-from farm.model import JobOptions
+from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Shares, TimeFactors
 from farm.planning.plate_times import compute_prelude_seconds
 from farm.planning.printer_settings import find_printer_room, list_model_sizes, resolve_printer_settings
 from slicing.settings import FARM_QUALITIES, EngineSettings, Resources
@@ -28,18 +29,18 @@ def price_rooms(
     printers
         The printers; parts are priced with the settings of the first.
     time_factors
-        Time factors of the printers, learned from their prints, by name; 1 if there is none.
+        Factor of each printer's time for the parts of the model, by name (`estimate_time_factors`).
     rounds
         Number of times that each printer is repeated in the list.
     """
     settings = {section.name: resolve_printer_settings(section, quality, resources) for section in printers}
     costs = [build_printer_cost(section, settings[section.name]) for section in printers]
     times = {
-        section.name: time_factors.get(section.name, 1.0) * compute_time_ratio(cost, costs[0])
+        section.name: time_factors[section.name] * compute_time_ratio(cost, costs[0])
         for section, cost in zip(printers, costs, strict=True)
     }
     # Sorted without the effect of the nozzle: a coarser one is faster, but must not be preferred.
-    fastest = sorted(printers, key=lambda section: time_factors.get(section.name, 1.0))
+    fastest = sorted(printers, key=lambda section: time_factors[section.name])
     rooms = [
         PrinterRoom(section.name, list_model_sizes(room, settings[section.name]), times[section.name])
         for _ in range(rounds)
@@ -47,6 +48,34 @@ def price_rooms(
         for room in (find_printer_room(section, settings[section.name].brim_width_mm),)
     ]
     return rooms, costs[0]
+
+
+def estimate_time_factors(
+    printers: Sequence[PrinterSection],
+    time_factors: Mapping[str, TimeFactors],
+    solid: Solid,
+    quality: str,
+    resources: Resources,
+) -> dict[str, float]:
+    """Estimate the time factor of each printer for the parts of a model, before it is cut.
+
+    A partition has one speed for each printer: that for the features of the whole model.
+
+    Parameters
+    ----------
+    time_factors
+        Time factors of the printers, learned from their prints, by name; nominal if there are none.
+    solid
+        The model.
+    """
+    factors = {section.name: time_factors.get(section.name, NOMINAL_TIME_FACTORS) for section in printers}
+    shares: Shares | None = None
+    if any(factor.by_feature is not None for factor in factors.values()):
+        recipe = build_recipe(resolve_printer_settings(printers[0], quality, resources), prelude_s=0.0)
+        share = estimate_feature_shares(*solid.arrays(), recipe)
+        supports = share["supports"] + share["brim"]
+        shares = share["walls"], share["infill"], share["skins"], supports, share["travel"]
+    return {name: factor.compute_factor(shares) for name, factor in factors.items()}
 
 
 def build_decompose_options(options: JobOptions, printers: Sequence[PrinterSection] = ()) -> Options:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple
 from pathlib import Path
 
 from decompose.relevel import relevel_planes
+from farm.model import FeatureSeconds, TimeFactors
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.cut_record import read_cut_record
@@ -51,7 +53,8 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
     }
     cost = costs[task.printers[0].name]  # parts are priced with it, as in `price_rooms`
     part_times_s = [
-        part.expected_s() / compute_time_ratio(costs[part.printer.name], cost) for part in sliced_job.parts
+        part_s / compute_time_ratio(costs[part.printer.name], cost)
+        for part, part_s in zip(sliced_job.parts, _compute_times_s(sliced_job), strict=True)
     ]
     model = read_inspected(task.model)
     with translate_errors(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
@@ -59,3 +62,19 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         if new_decomposition is None:
             return None
         return write_decomposed(new_decomposition, model, folder)
+
+
+def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
+    """Compute the time of each part at its printer's factor for its own features, relative to the job's.
+
+    The planes are moved with one speed for each printer, which is that for the features of the job.
+    """
+    parts = sliced_job.parts
+    totals_s = map(sum, zip(*(astuple(part.result.features) for part in parts), strict=True))
+    job_shares = FeatureSeconds(**dict(zip(FeatureSeconds.model_fields, totals_s, strict=True))).shares
+    times_s = []
+    for part in parts:
+        factors = sliced_job.task.time_factors_of(part.printer.name)
+        relative = factors.compute_factor(part.features.shares) / factors.compute_factor(job_shares)
+        times_s.append(part.expected_s(TimeFactors(relative)))
+    return times_s

@@ -24,7 +24,7 @@ from farm.model import Part
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import DecomposedPart
 from farm.planning.parts.bed_places import find_beds, place_on
-from farm.planning.parts.pricing import build_decompose_options, price_rooms
+from farm.planning.parts.pricing import build_decompose_options, estimate_time_factors, price_rooms
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
 
@@ -39,11 +39,12 @@ def cut_part(task: ReplanTask) -> Pieces:
     """
     with translate_errors():
         resources = find_resources()
-    rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources)
     job_options = build_decompose_options(task.options, task.printers)
     connectors = replace(job_options.connectors, taken_mm=read_taken_mm(task))
     options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # no hollows
-    whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
+    whole, quality = Model(_read_solid(task.files / task.part.file), (), 1.0), task.options.quality
+    time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
+    rooms, cost = price_rooms(task.printers, time_factors, quality, resources)
     try:
         decomposition = decompose_auto(whole, rooms, options, cost)
         if len(decomposition.parts) < 2:

@@ -166,10 +166,11 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     max_pieces = min(len(free), MAX_PIECES, len(free) if plate.places is None else plate.places)
     if max_pieces < 2:
         return None
-    free.sort(key=lambda p: (p.name in plate.failed_on, p.time_factor, -p.capabilities.height_mm, p.name))
+    factors = {p.name: p.time_factors.compute_factor(plate.feature_shares) for p in free}
+    free.sort(key=lambda p: (p.name in plate.failed_on, factors[p.name], -p.capabilities.height_mm, p.name))
 
     def compute_recut_end_s(count: int) -> float:
-        slowest = max(p.time_factor for p in free[:count]) / plate.time_factor
+        slowest = max(factors[p.name] for p in free[:count]) / plate.time_factor
         begins_s = situation.now_s + CUTTING_S * situation.time_scale
         return begins_s + plate.heating_s + layers_s * _CUT_TIME_RATIO * slowest / count + JOIN_S * count
 

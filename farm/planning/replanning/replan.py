@@ -12,7 +12,7 @@ from pathlib import Path
 
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions, Part, Plate
+from farm.model import NOMINAL_TIME_FACTORS, JobOptions, Part, Plate, TimeFactors
 from farm.planning.booking import PlateNames, book_part, book_plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 from farm.state.storage import store_file
@@ -42,9 +42,13 @@ class ReplanTask:
     printers: tuple[PrinterSection, ...]
     files: Path
     folder: Path
-    time_factors: Mapping[str, float] = field(default_factory=dict)
+    time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
     others: tuple[Part, ...] = ()
     reports: tuple[str, ...] = ()
+
+    def time_factors_of(self, printer: str) -> TimeFactors:
+        """Return the time factors of a printer."""
+        return self.time_factors.get(printer, NOMINAL_TIME_FACTORS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,7 @@ def book_resliced(task: ReplanTask, sliced_part: SlicedPart) -> ReplannedPlate:
     if len(thin_walls) > len(task.plate.warnings):
         raise FarmError(f"{task.part.id}: {thin_walls[0]}", ErrorCode.SLICE)
     names = PlateNames(task.plate.job, task.part.id, make_next_plate_id(task.plate.id))
-    plate = book_plate(names, sliced_part, task.time_factors.get(sliced_part.printer.name, 1.0), task.files)
+    plate = book_plate(names, sliced_part, task.time_factors_of(sliced_part.printer.name), task.files)
     return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
 
 
@@ -115,7 +119,7 @@ def book_recut(task: ReplanTask, pieces: Pieces, sliced_parts: Sequence[SlicedPa
         plate_id = f"{task.plate.id.partition('-')[0]}{letter}"
         names = PlateNames(task.plate.job, f"{task.part.id}{letter}", plate_id)
         parts.append(book_part(names, piece.part, task.files, cut_from=task.part))
-        plates.append(book_plate(names, piece, task.time_factors.get(piece.printer.name, 1.0), task.files))
+        plates.append(book_plate(names, piece, task.time_factors_of(piece.printer.name), task.files))
     files = (pieces.picture, pieces.assembly, pieces.decomposition, pieces.instructions)
     file_names = (store_file(task.files, path) for path in files)
     return ReplannedPlate(tuple(parts), tuple(plates), *file_names)

@@ -1,9 +1,9 @@
-"""Rules for events about a print, and updates of a printer's time factor. Pure."""
+"""Rules for events about a print. Pure."""
 
 from __future__ import annotations
 
 from drivers.errors import Fault
-from farm.model import Plate, Print, Printer, PrintState, Verdict
+from farm.model import Plate, Print, PrintState, Verdict
 from farm.state import events as ev
 from farm.state import restore
 from farm.state.books import Books, put, replace_fields
@@ -17,6 +17,7 @@ from farm.state.consequences import (
 )
 from farm.state.faults import LOSSES, UNCHARGED, OwnFault
 from farm.state.lifecycles import PRINT, InvalidTransition
+from farm.state.printer_speed import learn_speed
 from farm.state.reels import compute_used_grams, subtract_grams
 from farm.state.transitions.rules import change
 
@@ -90,17 +91,18 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     plate, printer = books.plates[previous.plate], books.printer(previous.printer)
     unknown = _is_end_unknown(event, previous)
     attempt = _end_print(event, previous, plate)
+    books = put(books, attempt)
     printer = replace_fields(
         printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams)
     )
-    if attempt.state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
-        printer = _learn_speed(printer, plate, attempt, event.ended_s - attempt.started_s)
+    if attempt.state is PrintState.DONE and not attempt.paused:
+        printer = learn_speed(books, printer, attempt)
     if attempt.state is PrintState.FAILED:
         reason = attempt.reason or attempt.fault or "its print failed"
         printer = replace_fields(printer, attention_reason=reason, attention_since_s=event.ended_s)
         if attempt.fault == Fault.ESTOP:  # its plate waits until a person resumes it
             books = put(books, replace_fields(plate, paused=True))
-    books = put(books, attempt, printer)
+    books = put(books, printer)
     # A failed print may have extruded without reporting it.
     if attempt.extruded or attempt.state is PrintState.FAILED:
         books = mark_bed_not_clear(books, attempt.printer)
@@ -141,51 +143,3 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
         starved_s=event.starved_s,
         grams=compute_used_grams(plate, state, has_extruded, event.printed_share),
     )
-
-
-def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) -> Printer:
-    """Return a printer with its time factor updated by a finished print."""
-    reached_s = took_s - plate.prelude_s
-    factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
-    return replace_fields(printer, time_factor=factor)
-
-
-MIN_TIME_FACTOR, MAX_TIME_FACTOR = 0.8, 1.25
-"""Limits of the time factor of a healthy printer."""
-MIN_LEARNED_S = 600.0
-"""Least duration of a print that updates the factor: in shorter ones the heat-up dominates."""
-MAX_STARVED_SHARE = 0.01
-"""Largest share of a print for which a simulated printer may have waited for its host."""
-_IMPLAUSIBLE_RATIO = 2.0
-_STEP = 0.1
-_WEIGHT = 0.25
-
-
-def update_time_factor(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
-    """Update a printer's factor by one print: an exponentially weighted mean of bounded steps.
-
-    Parameters
-    ----------
-    factor
-        The factor so far; 1 at first.
-    expected_s
-        Seconds of the layers by the slicer, without a factor.
-    reached_s
-        Seconds that the layers took, without heat-up, start and end code.
-    starved_s
-        Part of `reached_s` for which a simulated printer waited for its host.
-
-    Returns
-    -------
-    float
-        New factor, between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`. A print
-        that took less than half or more than twice the expected time is ignored: it was paused, or the clock
-        was set.
-    """
-    if expected_s < MIN_LEARNED_S or reached_s <= 0.0 or starved_s > MAX_STARVED_SHARE * reached_s:
-        return factor
-    ratio = reached_s / expected_s
-    if not 1 / _IMPLAUSIBLE_RATIO < ratio < _IMPLAUSIBLE_RATIO:
-        return factor
-    step = min(_STEP, max(-_STEP, ratio - factor))
-    return min(MAX_TIME_FACTOR, max(MIN_TIME_FACTOR, factor + _WEIGHT * step))

@@ -68,11 +68,11 @@ def _list_started_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]
     """List the prints that have started, an open one up to its expected end."""
     for plate in plates:
         for attempt in books.prints_of(plate):
-            factor = books.printer(attempt.printer).time_factor
+            factors = books.printer(attempt.printer).time_factors
             start_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-            ends_s = (
-                attempt.ended_s if attempt.ended_s is not None else start_s + plate.compute_expected_s(factor)
-            )
+            ends_s = attempt.ended_s
+            if ends_s is None:
+                ends_s = start_s + plate.compute_expected_s(factors)
             yield Slot(plate.id, attempt.printer, start_s, ends_s)
 
 

@@ -9,7 +9,7 @@ import trimesh
 
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
-from farm.model import Job, JobOptions, PlanProgress, PlanStep
+from farm.model import Job, JobOptions, PlanProgress, PlanStep, TimeFactors
 from farm.paths import StateFolder
 from farm.planning import job_planner, slice_batch
 from farm.planning.inspection.inspect_submission import inspect_model
@@ -46,7 +46,7 @@ def plan(state, job, factor=1.0):
             lambda _, result: future.set_result(result),
             lambda _, step_progress: reports.append(step_progress),
         )
-        planner.start(PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", factor)))
+        planner.start(PlanRequest(job, fleet.printers, time_factors=dict.fromkeys("ab", TimeFactors(factor))))
         return await future
 
     return reports, asyncio.run(main())
@@ -78,7 +78,7 @@ def test_plan_reports_progress_and_slices_nothing_twice(state, bar):
     assert [plate.sha256 for plate in second_plan.plates] == [plate.sha256 for plate in first_plan.plates]
     # The learned time factors are in the expected time without another slice.
     longest = max(first_plan.plates, key=lambda plate: plate.expected_s)
-    assert second_plan.expected_s == pytest.approx(longest.compute_expected_s(1.1))
+    assert second_plan.expected_s == pytest.approx(longest.compute_expected_s(TimeFactors(1.1)))
     assert not list(state.work.iterdir())
 
 

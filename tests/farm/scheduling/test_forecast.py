@@ -1,12 +1,13 @@
 """Forecast: plates do not overlap, hours are kept, and the bound is valid."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.model import Bed, Link
+from farm.model import Bed, Link, TimeFactors
 from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_prints
 from farm.scheduling.matching import Requirements
 from scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_rules, make_situation
@@ -28,7 +29,7 @@ fleets = st.lists(
         free_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 300),
-        time_factor=st.sampled_from([0.9, 1.0, 1.2]),
+        time_factors=st.sampled_from([0.9, 1.0, 1.2]).map(TimeFactors),
     ),
     min_size=1,
     unique_by=lambda p: p.name,
@@ -128,8 +129,18 @@ def test_absent_printer_is_not_used():
 
 def test_time_of_a_plate_scales_with_the_time_factor():
     view = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
-    assert compute_seconds_on(view, make_printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
-    assert compute_seconds_on(view, make_printer("b", time_factor=1.25)) == pytest.approx(1100.0)
+    for factor, seconds in ((1.0, 100.0 + 800.0), (1.25, 1100.0)):
+        printer = make_printer("b", time_factors=TimeFactors(factor))
+        assert compute_seconds_on(view, printer) == pytest.approx(seconds)
+
+
+def test_time_of_a_plate_follows_its_features():
+    view = make_plate("p", "a", expected_s=1100.0, heating_s=100.0, feature_shares=(0.5, 0.2, 0.1, 0.0, 0.2))
+    printer = make_printer("b", time_factors=TimeFactors(1.1, (1.0, 1.0, 1.2, 1.0, 1.4)))
+    assert compute_seconds_on(view, printer) == pytest.approx(100.0 + 1000.0 * 1.1)
+    travel = replace(view, feature_shares=(0.0, 0.0, 0.0, 0.0, 1.0))
+    assert compute_seconds_on(travel, printer) == pytest.approx(100.0 + 1000.0 * 1.4)
+    assert compute_seconds_on(replace(view, feature_shares=None), printer) == pytest.approx(1200.0)
 
 
 def test_bound_includes_plates_for_some_printers_only():

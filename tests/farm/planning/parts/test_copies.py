@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from decompose_tasks import decompose_task, join_slices, slice_tasks
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions
+from farm.model import JobOptions, TimeFactors
 from farm.planning.booking import book_plan
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.copies import MAX_PLATES, choose_spaced, iterate_part_counts, multiply_plan
@@ -20,6 +20,7 @@ from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import DecomposeTask, Plan
 from make_books import make_plan_event
+from slicing.checks import FeatureTimes
 
 MODEL = "ultimaker2_plus"
 
@@ -96,7 +97,7 @@ def test_each_copy_has_every_part_with_its_number(tmp_path):
 
 def test_printers_get_matching_plates_and_slow_ones_fewer(tmp_path):
     printers = {"p0": {}, "p1": {}, "p2": {"nozzle_mm": 0.8}, "p3": {"material": "generic_abs"}}
-    task = make_task(printers, tmp_path, factors={"p1": 1.25}, copies=9)
+    task = make_task(printers, tmp_path, factors={"p1": TimeFactors(1.25)}, copies=9)
     plan = multiply_plan(make_copy_plan(100.0), task)
     plate_counts = Counter(plate.printer for plate in plan.plates)
     assert plate_counts == {"p0": 5, "p1": 4}
@@ -127,7 +128,7 @@ def test_more_plates_than_a_job_may_have_are_refused(tmp_path):
 )
 def test_loads_are_balanced(tmp_path_factory, seconds, copies, factors):
     """Check that no printer ends later than one plate after the first one."""
-    speeds = {f"p{i}": factor for i, factor in enumerate(factors)}
+    speeds = {f"p{i}": TimeFactors(factor) for i, factor in enumerate(factors)}
     task = make_task({name: {} for name in speeds}, tmp_path_factory.getbasetemp(), speeds, copies=copies)
     plan = multiply_plan(make_copy_plan(*seconds), task)
     loads = dict.fromkeys(speeds, 0.0)
@@ -186,6 +187,7 @@ class FakeSliceResult:
         self.grams, self.filament_mm, self.layers = 5.0, 600.0, 20
         self.min_mm, self.max_mm = (-10.0, -10.0, 0.0), (10.0, 10.0, 28.0)
         self.cached, self.unprinted = False, ()
+        self.features = FeatureTimes(300.0, 100.0, 100.0, 40.0, 60.0)
 
 
 @pytest.mark.usefixtures("without_pictures")

@@ -17,7 +17,7 @@ from decompose_tasks import decompose_task, fleet, slice_tasks
 from drivers.clock import Clock
 from farm.control.controller import Controller
 from farm.errors import ErrorCode, FarmError
-from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions
+from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions, TimeFactors
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.parts.decompose_job import LATE_SHARE, decompose_job
 from farm.planning.parts.draw_job import draw_job
@@ -55,7 +55,7 @@ def test_model_for_one_printer_stays_whole_unless_more_are_requested(files, tmp_
     trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
     assert [part.printer for part in decompose_job(decompose_task(box, files, tmp_path)).parts] == ["p0"]
-    slow = replace(decompose_task(box, files, tmp_path), time_factors={"p0": 1.1})
+    slow = replace(decompose_task(box, files, tmp_path), time_factors={"p0": TimeFactors(1.1)})
     assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
     report = json.loads((slow.folder / REPORT).read_text())
     assert [part["printer"] for part in report["parts"]] == ["p1"]
@@ -149,7 +149,8 @@ def test_speed_of_a_printer_depends_on_its_nozzle(bar, files, tmp_path, monkeypa
         for section, nozzle_mm in zip(fleet(4).printers, nozzles, strict=True)
     ]
     work = decompose_task(bar, files, tmp_path)
-    work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), time_factors={"p3": 1.1})
+    factors = {"p3": TimeFactors(1.1)}
+    work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), time_factors=factors)
     with pytest.raises(FarmError, match="seen enough"):
         decompose_job(work)
     assert [room.name for room in rooms_used] == [

@@ -16,8 +16,8 @@ from decompose.print_time import POSE_ROTATIONS, CostModel
 from decompose.print_time.pose_prices import price_poses_s
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.model import JobOptions
-from farm.planning.parts.pricing import build_decompose_options, build_recipe
+from farm.model import JobOptions, TimeFactors
+from farm.planning.parts.pricing import build_decompose_options, build_recipe, estimate_time_factors
 from farm.planning.plate_times import compute_plate_seconds, compute_prelude_seconds
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
@@ -157,3 +157,19 @@ def test_holes_have_the_fit_of_their_printer_unless_the_job_has_its_own():
     assert [fleets.find_fit_mm(name) for name in "ab"] == [0.5, 0.4]
     job_connectors = build_decompose_options(JobOptions(pin_mm=2.85, pin_fit_mm=0.3), sections).connectors
     assert [job_connectors.find_fit_mm(name) for name in "ab"] == [0.3, 0.3]
+
+
+@pytest.mark.usefixtures("resolve_slice_settings")
+def test_partition_has_the_factor_for_the_features_of_the_model():
+    printers = [
+        PrinterSection(name=name, model="ultimaker2_plus", port="sim://ultimaker2_plus") for name in "abc"
+    ]
+    factors = {"a": TimeFactors(1.1), "b": TimeFactors(1.1, (1.0, 1.0, 1.4, 1.0, 1.0))}
+    sheet = Solid.box((0.0, 0.0, 0.0), (150.0, 150.0, 2.0))
+    tower = Solid.box((0.0, 0.0, 0.0), (20.0, 20.0, 180.0))
+    of_sheet, of_tower = (
+        estimate_time_factors(printers, factors, solid, "glue", find_resources()) for solid in (sheet, tower)
+    )
+    assert of_sheet["a"] == of_tower["a"] == 1.1
+    assert of_sheet["c"] == of_tower["c"] == 1.0
+    assert 1.4 > of_sheet["b"] > 1.3 > of_tower["b"] > 1.0

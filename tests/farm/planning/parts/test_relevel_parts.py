@@ -6,9 +6,11 @@ from dataclasses import replace
 import pytest
 
 from decompose_tasks import decompose_task, slice_late
+from farm.model import TimeFactors
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.relevel_parts import relevel_parts
 from farm.planning.plan import RELEVEL_LATE_S
+from slicing.checks import FeatureTimes
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
@@ -43,8 +45,21 @@ def test_balanced_parts_are_not_relevelled(bar, files, tmp_path):
     assert relevel_parts(level, tmp_path / "levelled") is None
 
 
+def test_part_of_features_that_its_printer_prints_slowly_is_relevelled(bar, files, tmp_path):
+    factors = dict.fromkeys(("p0", "p1"), TimeFactors(1.0, (1.0, 1.0, 1.3, 1.0, 1.0)))
+    work = replace(decompose_task(bar, files, tmp_path), time_factors=factors)
+    level = slice_late(work, decompose_job(work), late_s=0.0)
+    first, *others = level.parts
+    total_s = first.result.sliced_s
+    first.result.features = FeatureTimes(0.0, 0.0, total_s, 0.0, 0.0)
+    for other in others:
+        other.result.features = FeatureTimes(total_s, 0.0, 0.0, 0.0, 0.0)
+    assert level.busy_s()[first.printer.name] == pytest.approx(first.expected_s(TimeFactors(1.3)))
+    assert relevel_parts(level, tmp_path / "levelled") is not None
+
+
 def test_slow_printer_is_busy_longer(bar, files, tmp_path):
-    work = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": 1.5})
+    work = replace(decompose_task(bar, files, tmp_path), time_factors={"p0": TimeFactors(1.5)})
     decomposition = decompose_job(work)
     level = slice_late(work, decomposition, late_s=0.0)
     printed_s = level.parts[0].result.sliced_s

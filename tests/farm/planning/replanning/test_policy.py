@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
-from farm.model import Bed, HoldCode
+from farm.model import Bed, HoldCode, TimeFactors
 from farm.planning.replanning import policy
 from farm.scheduling.matching import Capabilities, Requirements
 from scheduling_examples import LOW, box, make_plate, make_printer, make_rules, make_situation
@@ -107,7 +107,7 @@ def test_part_of_a_removed_printer_model_is_sliced_for_another():
 def test_printer_to_be_inspected_counts_only_with_attended_hours():
     broken_printer, other_printer = (
         make_family_printer("a", PLUS, attention_reason="no heat"),
-        make_family_printer("b", UM2, time_factor=2.0),
+        make_family_printer("b", UM2, time_factors=TimeFactors(2.0)),
     )  # 20 h
 
     def choose(start_rules):
@@ -172,7 +172,7 @@ fleets = st.lists(
         free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR),
         bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
         grams=st.none() | st.floats(0, 200),
-        time_factor=st.sampled_from([0.9, 1.0, 1.2]),
+        time_factors=st.sampled_from([0.9, 1.0, 1.2]).map(TimeFactors),
     ),
     min_size=1,
     unique_by=lambda p: p.name,

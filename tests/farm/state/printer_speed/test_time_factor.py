@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.model import Bed, PrintState
+from farm.model import Bed, PrintState, TimeFactors
 from farm.state import events as ev
-from farm.state.transitions.prints import (
+from farm.state.printer_speed import (
     MAX_STARVED_SHARE,
     MAX_TIME_FACTOR,
     MIN_LEARNED_S,
@@ -96,7 +96,7 @@ def test_time_factor_learns_from_a_completed_print(planned):
     books = print_plates(planned=planned)
     assert books.printers["a"].time_factor == pytest.approx(1.025)
     assert books.printers["b"].time_factor == 1.0
-    assert books.plates["1/01"].compute_expected_s(1.2) == pytest.approx(1.2 * HOUR_S + 100.0)
+    assert books.plates["1/01"].compute_expected_s(TimeFactors(1.2)) == pytest.approx(1.2 * HOUR_S + 100.0)
 
 
 def test_failed_print_does_not_update_the_factor():

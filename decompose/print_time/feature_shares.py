@@ -1,0 +1,68 @@
+"""Shares of walls, infill, skins, brim and travel in the price of a model that is not cut yet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.print_time.cost import CostModel
+from decompose.print_time.pose_prices import sum_pose_features
+from decompose.print_time.recipe import ADDITIVE, FACTORS, Recipe
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "walls": ("walls",),
+    "infill": ("infill", "connections", "steep tops"),
+    "skins": ("skin", "skin rim", "rims", "thin walls", "thin sheets"),
+    "supports": ("support", "support sides"),
+    "brim": ("brim",),
+    "travel": (
+        "slope ends",
+        "infill ends",
+        "travel",
+        "islands",
+        "island paths",
+        "holes",
+        "rim ends",
+        "rings",
+    ),
+}
+"""Terms of `time_terms` by what they print."""
+
+
+def estimate_feature_shares(vertices: Floats, faces: Ints, recipe: Recipe) -> dict[str, float]:
+    """Estimate the shares of each of `GROUPS` in the price of a model; they sum to 1.
+
+    Supports are left out: cuts avoid them.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    recipe
+        Settings of the slicer.
+    """
+    bare_recipe = replace(recipe, prelude_s=0.0, min_layer_s=0.0)
+    (features,), _ = sum_pose_features(
+        vertices,
+        faces,
+        np.eye(3)[None],
+        CostModel.from_recipe(bare_recipe),
+        cut=np.zeros(len(faces), np.bool_),
+    )
+    features[ADDITIVE.index("column_mm3")] = 0.0
+    extents_mm = np.ptp(vertices, axis=0)
+    seconds = {
+        group: max(0.0, build_group_cost(bare_recipe, group).price_s(features, extents_mm))
+        for group in GROUPS
+    }
+    total_s = sum(seconds.values())
+    return {group: value_s / total_s for group, value_s in seconds.items()}
+
+
+def build_group_cost(recipe: Recipe, group: str) -> CostModel:
+    """Build the cost of the terms of one of `GROUPS`."""
+    factors = {name: factor if name in GROUPS[group] else 0.0 for name, factor in FACTORS.items()}
+    return CostModel.from_recipe(recipe, factors)

@@ -1,0 +1,112 @@
+"""Time factors by feature, fitted to finished prints: a ridge regression, robust and bounded.
+
+The daemon, which fits them, imports no NumPy; five equations are solved here without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from operator import mul
+from statistics import median
+
+from farm.model import Shares
+
+MIN_PRINTS = 30
+"""Least number of finished prints from which factors by feature are learned."""
+MAX_PRINTS = 60
+"""Number of finished prints, the latest, that count: a changed printer is learned anew after half of them."""
+MIN_FACTOR, MAX_FACTOR = 0.7, 1.5
+"""Limits of the factor of a feature."""
+_SPREAD = 0.1
+"""[assumed] Usual difference between the factors of two features of one printer."""
+_MIN_NOISE = 1e-4
+"""Least deviation of a ratio from the fit, which is taken as noise."""
+_MAD_TO_SIGMA = 1.4826
+_USUAL_SIGMAS = 2.0
+"""Deviation, as a multiple of the usual one, that halves the weight of a print."""
+_ROUNDS = 20
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Timing:
+    """Finished print: shares of its features, and actual over sliced time of its layers."""
+
+    shares: Shares
+    ratio: float
+
+
+def fit_feature_factors(timings: Iterable[Timing]) -> tuple[float, ...] | None:
+    """Fit the factor of each feature to finished prints, in any order.
+
+    A ratio is taken as the mean of the factors, weighted by the shares. Factors differ from each other only
+    as far as prints with other shares show it: features in constant shares, or absent, get the mean ratio.
+    A print far from the others, such as one that was paused without notice, has hardly any weight.
+
+    Parameters
+    ----------
+    timings
+        The prints.
+
+    Returns
+    -------
+    tuple of float or None
+        Factors in the order of `Shares`, between MIN_FACTOR and MAX_FACTOR; None below MIN_PRINTS prints.
+    """
+    prints = sorted(timings)
+    if len(prints) < MIN_PRINTS:
+        return None
+    centre = median(timing.ratio for timing in prints)
+    noise = _estimate_noise([timing.ratio - centre for timing in prints])
+    weights = [_weigh(timing.ratio - centre, noise) for timing in prints]
+    factors: tuple[float, ...] = ()
+    for _ in range(_ROUNDS):
+        factors = _fit_weighted(prints, weights, (noise / _SPREAD) ** 2)
+        deviations = [timing.ratio - sum(map(mul, timing.shares, factors)) for timing in prints]
+        noise = _estimate_noise(deviations)
+        weights = [_weigh(deviation, noise) for deviation in deviations]
+    return factors
+
+
+def _estimate_noise(deviations: Sequence[float]) -> float:
+    """Estimate the standard deviation by the median, which outliers do not move."""
+    return max(_MIN_NOISE, _MAD_TO_SIGMA * median(map(abs, deviations)))
+
+
+def _weigh(deviation: float, noise: float) -> float:
+    return 1.0 / (1.0 + (deviation / (_USUAL_SIGMAS * noise)) ** 2)
+
+
+def _fit_weighted(prints: Sequence[Timing], weights: Sequence[float], ridge: float) -> tuple[float, ...]:
+    """Fit the mean ratio, and the differences from it, whose squares cost `ridge` each."""
+    count = len(prints[0].shares)
+    total = sum(weights)
+    mean_ratio = sum(map(mul, weights, (timing.ratio for timing in prints))) / total
+    mean_shares = [
+        sum(map(mul, weights, (timing.shares[i] for timing in prints))) / total for i in range(count)
+    ]
+    rows = [[share - mean for share, mean in zip(t.shares, mean_shares, strict=True)] for t in prints]
+    ratios = [timing.ratio - mean_ratio for timing in prints]
+    columns = list(zip(*rows, strict=True))
+    weighted = [list(map(mul, weights, column)) for column in columns]
+    matrix = [
+        [sum(map(mul, weighted[i], columns[j])) + (ridge if i == j else 0.0) for j in range(count)]
+        for i in range(count)
+    ]
+    differences = _solve(matrix, [sum(map(mul, column, ratios)) for column in weighted])
+    base = mean_ratio - sum(map(mul, mean_shares, differences))
+    return tuple([min(MAX_FACTOR, max(MIN_FACTOR, base + difference)) for difference in differences])
+
+
+def _solve(matrix: list[list[float]], vector: Sequence[float]) -> list[float]:
+    """Solve a system with a positive definite matrix (n, n) by elimination, which then needs no pivots."""
+    rows = [[*row, value] for row, value in zip(matrix, vector, strict=True)]
+    for i, pivot in enumerate(rows):
+        for row in rows[i + 1 :]:
+            ratio = row[i] / pivot[i]
+            row[:] = [value - ratio * above for value, above in zip(row, pivot, strict=True)]
+    solution = [0.0] * len(rows)
+    for i in reversed(range(len(rows))):
+        known = sum(map(mul, rows[i][i + 1 : -1], solution[i + 1 :]))
+        solution[i] = (rows[i][-1] - known) / rows[i][i]
+    return solution
