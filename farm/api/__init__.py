@@ -100,18 +100,18 @@ class JobStatus(View):
 
 
 class SubmitResponse(View):
-    """Response to a submission; `again` if this request id was submitted before."""
+    """Response to a submission; `again` is True if its request id was submitted before."""
 
     job: int
     again: bool
-    # requests that cannot be met, such as more printers than the fleet has
+    # options that cannot be met, such as more printers than the fleet has
     notices: list[str] = Field(default_factory=list)
 
 
 class UploadView(View):
-    """Progress of a submission that has no answer yet."""
+    """Progress of a submission that has no response yet."""
 
-    step: str  # in words
+    step: str  # description of the step
     received: int  # bytes
     size: int  # bytes
 
@@ -131,10 +131,10 @@ class PruneResponse(View):
 
     schema_: int = Field(default=SCHEMA, alias="schema")
     dry_run: bool
-    jobs: list[PrunedJob]  # the one that ended first at the beginning
+    jobs: list[PrunedJob]  # in the order in which they ended
     freed_bytes: int
-    stored_bytes: int  # size of the files of jobs after that
-    events: int  # entries of the database's log
+    stored_bytes: int  # size of all job files after the deletion
+    events: int  # deleted entries of the event log
 
 
 class Problem(View):

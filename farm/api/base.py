@@ -10,7 +10,7 @@ from farm.text import flatten_text
 
 SCHEMA = 1
 NETWORK_PREFIX = "/api/v1"
-"""Start of the paths on the network; the Unix socket has none."""
+"""Prefix of the paths on the network; paths on the Unix socket have none."""
 Line = Annotated[str, AfterValidator(flatten_text)]
 """Free text written by a user and shown to others."""
 

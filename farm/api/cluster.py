@@ -10,14 +10,14 @@ class ClusterWorkerView(View):
 
     name: str
     slots: int
-    refused: str | None  # why it gets no tasks
+    refused: str | None  # reason why it gets no tasks
 
 
 class ClusterTaskView(View):
-    """Task that the cluster was given."""
+    """Task that was sent to the cluster."""
 
     what: str
-    group: str | None  # a job, or a plate that is planned again
+    group: str | None  # its job, or the plate that is replanned
     worker: str | None  # null until it starts
 
 

@@ -39,7 +39,7 @@ class JobRow(View):
     error: str | None
     reason: str | None
     assembled: str | None = None  # when a person reported that its parts are glued
-    assembly_s: float | None = None  # the time that it took
+    assembly_s: float | None = None  # the time that the gluing took
 
 
 class Jobs(View):

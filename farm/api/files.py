@@ -16,7 +16,7 @@ class FileView(View):
 
 
 class JobFiles(View):
-    """Files of a job; of a pruned one, only the pictures."""
+    """Files of a job; a pruned job has only its pictures."""
 
     model_config = ConfigDict(populate_by_name=True)
 

@@ -41,7 +41,7 @@ class HostView(View):
 
 
 class HostList(View):
-    """All such hosts."""
+    """All hosts whose printers share one connection."""
 
     model_config = ConfigDict(populate_by_name=True)
     schema_: int = Field(default=SCHEMA, alias="schema")

@@ -9,8 +9,8 @@ from farm.model import Hold, JobOptions, JobState, PlanProgress, Verdict
 
 class PartView(View):
     id: str
-    cut_from: str | None = None  # the failed part that it is a piece of
-    copy_number: int = 1  # of the copies of the model
+    cut_from: str | None = None  # the failed part of which it is a piece
+    copy_number: int = 1  # number of the copy of the model, from 1
     glue_rank: int | None = None  # place in the order in which parts are glued, from 1
     verdict: Verdict | None
     plate: str
@@ -27,7 +27,7 @@ class PartView(View):
 class PlateStatus(View):
     id: str
     parts: list[str]
-    printer: str  # of its last print, or of the plan
+    printer: str  # printer of its last print, else of the plan
     gcode: str | None  # null if the files of its job were pruned
     estimated_s: float
     grams: float
@@ -43,7 +43,7 @@ class RunView(View):
     """Interval in which a job was printed."""
 
     started: str
-    ended: str | None  # null for the present one
+    ended: str | None  # null while it lasts
 
 
 class JobFigures(View):
@@ -58,7 +58,7 @@ class JobFigures(View):
     exit_code: int
     hold: Hold | None
     progress: PlanProgress | None  # while it is planned
-    now: str  # of this view, on the farm's clock
+    now: str  # time of this view, on the farm's clock
     submitted: str
     submitted_by: str | None  # user name, from the socket's credentials
     options: JobOptions
@@ -67,33 +67,33 @@ class JobFigures(View):
     plan: str | None  # hash of the plan, to pass to `farm approve`
     starts: str | None  # earliest start time
     estimated_s: float | None
-    lower_bound_s: float | None  # of the parallel printing time on these printers
+    lower_bound_s: float | None  # lower bound of the parallel printing time on these printers
     eta: str | None
     elapsed_s: float | None  # parallel printing time so far, or actual
-    runs: list[RunView]  # more than one if parts were printed again after it had ended
+    runs: list[RunView]  # several if parts were printed again after the job had ended
     serial_s: float | None
     speedup: float | None
     utilisation: float | None
     printed: int  # plates
     good: int  # judged good by a person
     printed_copies: int  # copies of the model with all their parts printed
-    current_s: float | None  # parallel printing time: expected from what is known now, or actual
-    wasted_s: float  # by prints that failed, were cancelled, or are bad
+    current_s: float | None  # parallel printing time: expected from present data, or actual
+    wasted_s: float  # time of prints that failed, were cancelled, or are bad
     wasted_grams: float
     grams: float | None
     filament_mm: float | None
-    price: float | None  # of its filament; None if a price is not known
+    price: float | None  # of its filament; null if a price is unknown
     currency: str | None
     starved_share: (
         float | None
-    )  # time that simulated printers waited for the host; over 1 % the run is not valid
-    folder: str | None  # with its files by name: parts (STL), plates (G-code), the picture
+    )  # share of the time that simulated printers waited for the host; over 0.01 the run is not valid
+    folder: str | None  # contains its parts (STL), plates (G-code) and picture
     pruned: str | None = None  # when its files were pruned; figures and pictures stay
     waits_for_person: bool
     assembly_s: float | None = None  # a person's time to glue the parts: expected, or reported
-    assembled: str | None = None  # when they were glued: reported, or expected from what is known now
-    glued: bool = False  # whether a person has reported it
-    submitted_to_assembled_s: float | None = None  # from submission to that time
+    assembled: str | None = None  # time at which they are glued: reported, or expected from present data
+    glued: bool = False  # whether a person has reported that they are glued
+    submitted_to_assembled_s: float | None = None  # time from submission to `assembled`
 
 
 class JobSummary(JobFigures):

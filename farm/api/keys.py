@@ -19,7 +19,7 @@ class KeyRequest(View):
 
 
 class NewKey(View):
-    """A key that was added. Its text is shown here once, and not kept."""
+    """A key that was added. Its text is in this response alone: the farm does not store it."""
 
     id: str
     text: str
@@ -42,14 +42,14 @@ class KeyView(View):
 
 
 class AppKeyGrant(View):
-    """Grant of a key to a program that asks for one."""
+    """Grant of a key to a program that has requested it."""
 
     role: Role = Role.PRINT
     days: Annotated[float, Field(gt=0, le=36_500)] | None = None
 
 
 class AppKeyRequestView(View):
-    """Program that asks for a key."""
+    """Request for a key by a program."""
 
     code: str
     app: str  # its own name for itself
@@ -60,7 +60,7 @@ class NetworkView(View):
     """Server for callers on the network (`web` in fleet.yaml)."""
 
     address: str | None  # None: off
-    problem: str | None  # why it does not listen
+    problem: str | None  # reason why it does not listen
 
 
 class Keys(View):
@@ -75,7 +75,7 @@ class Keys(View):
 
 
 class LoginLink(View):
-    """Response to `farm web --json`: a link that opens a session in a browser, once."""
+    """Response to `farm web --json`: a link that opens one session in a browser."""
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
     schema_: int = Field(default=SCHEMA, alias="schema")

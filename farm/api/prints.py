@@ -19,7 +19,7 @@ class StillView(View):
 class PrintView(View):
     """One attempt to print the plate of a part."""
 
-    part: str  # its name at that time: a piece also has the prints of the part that it was cut from
+    part: str  # part that was printed; a piece also lists prints of the part from which it was cut
     printer: str
     state: PrintState
     fault: str | None
@@ -43,7 +43,7 @@ class HistoryRow(PrintView):
     grams: float
     wasted: bool
     assembled: str | None = None  # when a person reported that the job's parts are glued
-    assembly_s: float | None = None  # the time that it took
+    assembly_s: float | None = None  # the time that the gluing took
 
 
 class FeatureFactorsView(View):
@@ -76,7 +76,7 @@ class History(View):
 
 
 class PrintRow(HistoryRow):
-    """A print, open or ended; of an open one `took_s` is the time so far."""
+    """A print, open or ended; `took_s` of an open print is the time so far."""
 
     id: str
     plate: str

@@ -1,4 +1,4 @@
-"""Requests of commands, and their answers."""
+"""Requests of commands, and their responses."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ class QueuePlace(StrEnum):
 
 
 class PruneRequest(View):
-    """Request to delete what `fleet.keep` does not keep; with `dry_run` it is only listed."""
+    """Request to delete the jobs that `fleet.keep` does not keep; with `dry_run`, only to list them."""
 
     dry_run: bool = False
 
 
 class Reason(View):
-    """Reason for a command, as the user wrote it."""
+    """Reason for a command, in the user's words."""
 
     why: Line = Field(default="", max_length=200)
 
 
 class ClearedRequest(View):
-    """Request to record that a bed is clear, and that its part is good, or bad."""
+    """Request to record that a bed is clear, and whether its part is good or bad."""
 
     filament: FilamentState | None = None
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
     good: Line | None = Field(default=None, max_length=40)  # the part of a failed print that is usable
-    seen: Line | None = Field(default=None, max_length=64)  # id of the last print that its sender knows of
+    seen: Line | None = Field(default=None, max_length=64)  # id of the last print that the sender has seen
 
 
 class ClearedResponse(View):
@@ -46,7 +46,7 @@ class ClearedResponse(View):
 
     again: str | None = None  # the part that is printed again
     good: str | None = None  # the part of a failed print that is good
-    printed_on: list[str] = Field(default_factory=list)  # printers that already print that part again
+    printed_on: list[str] = Field(default_factory=list)  # printers that already reprint that part
 
 
 class NameResponse(View):
@@ -56,7 +56,7 @@ class NameResponse(View):
 
 
 class LoadRequest(View):
-    """Request to record a new reel or nozzle; fields that are None stay as they were."""
+    """Request to record a new reel or nozzle; fields that are None do not change."""
 
     material: str | None = Field(default=None, max_length=100)
     colour: Line | None = Field(default=None, max_length=40)
@@ -71,7 +71,7 @@ class ApproveRequest(View):
 
 
 class AssembledRequest(View):
-    """Report that the parts of a job are glued, with the time that it took."""
+    """Report that the parts of a job are glued, with the time that the gluing took."""
 
     minutes: float = Field(gt=0, le=10_000)
 
@@ -84,14 +84,14 @@ class DownRequest(View):
 
 
 class QueueMove(View):
-    """Request to move a job in the queue: by a word, or before another job."""
+    """Request to move a job in the queue: to a `QueuePlace`, or before another job."""
 
     to: QueuePlace | None = None
     before: int | None = None
 
 
 class JobStart(View):
-    """Request to start a job not before a time, such as `22:00` or `fri 22:00`; `now` for when it can."""
+    """Request to set the earliest start of a job, such as `22:00` or `fri 22:00`; `now` for no limit."""
 
     at: str = Field(min_length=1, max_length=40)
 
@@ -108,7 +108,7 @@ class QueueEntry(View):
 
 
 class Queue(View):
-    """Open jobs with anything left to print, in the order in which they are served."""
+    """Open jobs with plates left to print, in the order in which they are scheduled."""
 
     model_config = ConfigDict(populate_by_name=True)
 

@@ -1,4 +1,4 @@
-"""The whole farm: printers, tasks of people, last night, jobs."""
+"""Status of the whole farm: printers, tasks for people, last night, jobs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Targets(View):
 
 class Reel(View):
     material: str
-    kind: str | None = None  # of the material, like PLA; null if it is not known
+    kind: str | None = None  # of the material, such as PLA; null if unknown
     colour: str | None
-    grams: float | None  # left; null if it is not known
+    grams: float | None  # filament left; null if unknown
     nozzle_mm: float
 
 
@@ -34,11 +34,11 @@ class PrintProgress(PrintReadings, View):
     progress: float = Field(ge=0, le=1)
     remaining_s: float
     layers: int
-    pause_ends: str | None  # while it is paused: when it is cancelled unless it is resumed
+    pause_ends: str | None  # time at which a paused print is cancelled unless a person resumes it
 
 
 class LastPrint(View):
-    """The last print on a printer; its part is on the bed until that is cleared."""
+    """The last print on a printer; its part is on the bed until a person clears the bed."""
 
     id: str = ""
     plate: str
@@ -59,27 +59,28 @@ class PrinterView(PrinterReadings, View):
     nozzle_c: float | None
     bed_c: float | None
     targets: Targets
-    time_factor: float  # actual over expected time of its layers, learned from its prints
-    feature_factors: FeatureFactorsView | None = None  # the same by feature, once enough prints have ended
+    time_factor: float  # actual over expected time of layers, estimated from its prints
+    # time factor by feature; null until enough prints have ended
+    feature_factors: FeatureFactorsView | None = None
     print: PrintProgress | None
     last: LastPrint | None
     look: str | None
     maintenance: str | None  # reason why it is out of use
     hold: Hold | None
-    kept_for: str | None = None  # plate or job that it is kept for while it is free
+    kept_for: str | None = None  # plate or job for which the free printer is reserved
     camera: bool = False  # GET /printers/NAME/camera shows it
 
 
 class Todo(View):
-    """A task of a person."""
+    """A task for a person."""
 
     code: str
     printers: list[str]
     text: str
     brief: str = ""  # the text in a few words
-    jobs: list[int] = Field(default_factory=list)  # that it is about
+    jobs: list[int] = Field(default_factory=list)  # jobs that the task concerns
     good: dict[str, str] = Field(default_factory=dict)  # by printer: a failed part that may be good
-    times: list[TextTime] = Field(default_factory=list)  # that the text names
+    times: list[TextTime] = Field(default_factory=list)  # times that the text contains
 
 
 class NightView(View):
@@ -100,7 +101,7 @@ class FleetView(View):
     timezone: str
     time_scale: float
     now: str
-    forecast: str | None = None  # when the expected ends of jobs were worked out
+    forecast: str | None = None  # time at which the expected ends of jobs were computed
     file: str
 
 
@@ -120,12 +121,12 @@ class FarmFigures(View):
     todo: list[Todo]
     fleet: FleetView
     printers: list[PrinterView]
-    night: NightView | None  # null if no print ended in it
-    cluster: ClusterView | None = None  # null if this computer plans alone
+    night: NightView | None  # null if no print ended last night
+    cluster: ClusterView | None = None  # null if the daemon's host plans alone
 
 
 class Status(FarmFigures):
-    jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
+    jobs: list[JobView]  # open ones, those without a verdict, and the last of the others
 
 
 class Wait(View):
@@ -138,5 +139,5 @@ class Wait(View):
 class StatusSummary(FarmFigures):
     """The whole farm as `farm status` prints it: without the parts and plates of jobs."""
 
-    jobs: list[JobSummary]  # as those of `Status`
+    jobs: list[JobSummary]  # the same jobs as in `Status`
     waits: list[Wait]

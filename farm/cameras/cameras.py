@@ -34,7 +34,7 @@ Fetch = Callable[[str], Awaitable[Image]]
 
 
 async def _fetch_still(url: str) -> Image:
-    """Fetch a still; the HTTP client is loaded for the first one, as few farms have cameras."""
+    """Fetch a still; imports the HTTP client at the first call, as few farms have cameras."""
     from farm.cameras.fetch import fetch_still
 
     return await fetch_still(url)
@@ -51,7 +51,7 @@ class _Camera:
     latest_s: float = 0.0
     viewed_s: float = 0.0
     running: asyncio.Task[Image] | None = None
-    keep_after_s: float = 0.0  # no still is kept before, as the last one could not be stored
+    keep_after_s: float = 0.0  # earliest time to store a still again, after an error of the disk
 
 
 class Cameras:
@@ -60,7 +60,7 @@ class Cameras:
     Parameters
     ----------
     controller
-        Source of the prints, which records the stills that are kept.
+        Source of the prints; records the stills that are kept.
     state
         The state folder, with the file store.
     fetch
@@ -92,7 +92,7 @@ class Cameras:
         NoSuchThing
             If there is no such printer, or it has no camera.
         FarmError
-            If its camera has sent no still; it is not asked again at once.
+            If its camera has sent no still, or the last request failed too recently to repeat it.
         """
         self._controller.books.printer(printer)
         camera = self._cameras.get(printer)
@@ -104,7 +104,7 @@ class Cameras:
         task = camera.running or self._begin(camera)
         try:
             if task is None:
-                raise CameraError(camera.state.problem or "it was asked a moment ago")
+                raise CameraError(camera.state.problem or "the last request was too recent")
             return await asyncio.shield(task)
         except CameraError as error:
             raise FarmError(f"the camera of {printer}: {error}", ErrorCode.UNREACHABLE) from None
@@ -157,7 +157,7 @@ class Cameras:
         except CameraError as error:
             camera.state = camera.state.fail(str(error))
             raise
-        except Exception as error:  # of a library, on what the camera has sent: its text may hold the address
+        except Exception as error:  # a library cannot parse the answer; the text may contain the address
             camera.state = camera.state.fail(f"its answer cannot be read ({type(error).__name__})")
             raise CameraError(camera.state.problem or "") from None
         else:
@@ -182,10 +182,10 @@ class Cameras:
             still = Still(moment=due.moment, at_s=at_s, file=name)
             controller.handle(ev.StillKept(at_s=at_s, print_id=due.print_id, still=still))
         except CameraError:
-            pass  # it is logged, and asked again later
+            pass  # `_run` has logged it; a later tick tries again
         except (OSError, FarmError) as error:
             self._cameras[due.printer].keep_after_s = self._monotonic() + LARGEST_INTERVAL_S
-            PrinterLog(log, due.printer).warning("a still cannot be kept: %s", error)
+            PrinterLog(log, due.printer).warning("a still cannot be stored: %s", error)
 
 
 def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:
@@ -197,7 +197,7 @@ def _list_cameras(fleet: Fleet) -> dict[str, _Camera]:
 
 
 def _store(state: StateFolder, image: Image) -> str:
-    """Put an image into the file store. Returns its name there. Raises OSError."""
+    """Store an image, and return the name of its file in the store. Raises OSError."""
     path: Path = state.work / f"still-{uuid.uuid4().hex}{image.suffix}"
     try:
         path.write_bytes(image.content)

@@ -1,6 +1,6 @@
 """Fetch of one still over HTTP, within limits on time, size and hosts. The only import of httpx.
 
-The address comes from `fleet.yaml` alone. It may hold a password: no message and no log line shows it.
+The address comes from `fleet.yaml` alone. It may contain a password: no message and no log line shows it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ async def fetch_still(url: str) -> Image:
     Parameters
     ----------
     url
-        Address by HTTP or HTTPS, perhaps with `user:password@` for basic or digest authentication.
+        HTTP or HTTPS address, optionally with `user:password@` for basic or digest authentication.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _leave_unchanged(request: httpx.Request) -> httpx.Request:
 
 
 def _choose_authentication(response: httpx.Response, user: str, password: str) -> httpx.Auth:
-    """Return the authentication that a camera asks for: digest, else basic. Raises CameraError."""
+    """Return the authentication that a camera requires: digest, else basic. Raises CameraError."""
     if not response.headers.get("www-authenticate", "").lower().startswith("digest "):
         return httpx.BasicAuth(user, password)
     digest = httpx.DigestAuth(user, password)
@@ -114,8 +114,8 @@ def _choose_authentication(response: httpx.Response, user: str, password: str) -
     next(flow)
     try:
         flow.send(response)  # keeps the challenge for the next request
-    except Exception:  # httpx parses what the camera has sent, and raises errors of all kinds
-        raise CameraError("it asks for a password in a way that is not known") from None
+    except Exception:  # httpx raises errors of many types for a malformed challenge
+        raise CameraError("its authentication is not supported: use basic or digest") from None
     return digest
 
 
@@ -124,7 +124,7 @@ def _follow(url: httpx.URL, location: str) -> httpx.URL:
     target = url.join(location).copy_with(username=None, password=None)
     secure = target.scheme == "https" or (target.scheme, url.scheme) == ("http", "http")
     if target.host != url.host or not secure:
-        raise CameraError("it redirects to another host: give that one's address")
+        raise CameraError("it redirects to another host: give the address of that host")
     return target
 
 
@@ -152,8 +152,8 @@ def _load_authorities() -> ssl.SSLContext:
 async def _look_up(url: httpx.URL) -> list[str]:
     """Find the addresses of a host.
 
-    The thread is a daemon: asyncio's own look-up would use threads that are needed elsewhere and that the
-    process waits for at its end, and a name server that does not answer blocks them for half a minute.
+    Uses a daemon thread of its own: a name server that does not answer blocks a look-up for half a minute,
+    and asyncio's look-up would block a shared thread, for which the process also waits at its end.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 LARGEST_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
-"""Limit on width times height: a viewer needs memory for all of them, whatever the file's size."""
+"""Limit on width times height: a viewer decodes all pixels, and a small file can have very many."""
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_SIZE = struct.Struct(">II")  # in the first chunk, IHDR
 _PNG_SIZE_AT = 16
@@ -23,11 +23,11 @@ _MAX_SEGMENTS = 500  # before the frame; a long list would keep the daemon busy
 
 
 class CameraError(Exception):
-    """A camera has sent no still; the message says why, without the camera's address."""
+    """Failure to get a still from a camera; the message gives the reason without the camera's address."""
 
 
 class NoImage(Exception):
-    """The bytes are not an accepted image; the message says why."""
+    """Bytes that are not an accepted image; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Image:
 
 
 def check_beginning(first_bytes: bytes) -> None:
-    """Check the first bytes of a body, of which more may follow. Raises NoImage."""
+    """Check that a body begins as a JPEG or PNG does; it may be incomplete. Raises NoImage."""
     for magic in (_JPEG, _PNG):
         if first_bytes[: len(magic)] == magic[: len(first_bytes)]:
             return
@@ -48,12 +48,12 @@ def check_beginning(first_bytes: bytes) -> None:
 
 
 def read_image(content: bytes) -> Image:
-    """Read the image in a body.
+    """Read the image in a response body.
 
     Raises
     ------
     NoImage
-        If it is no complete JPEG or PNG, or is too large.
+        If it is not a complete JPEG or PNG, or is too large.
     """
     check_beginning(content)
     if len(content) > LARGEST_IMAGE_BYTES:
@@ -72,7 +72,7 @@ def read_image(content: bytes) -> Image:
 
 
 def _read_jpeg_size(content: bytes) -> tuple[int, int]:
-    """Read width and height of a JPEG. Raises struct.error if it ends before them, NoImage."""
+    """Read width and height of a JPEG. Raises struct.error if it is cut off, NoImage if it is invalid."""
     offset = 2
     for _ in range(_MAX_SEGMENTS):
         start, marker, length = _SEGMENT.unpack_from(content, offset)

@@ -1,7 +1,7 @@
 """Times at which stills are requested from a camera. Pure.
 
-A camera is asked while somebody looks, and at the moments of a print that are kept. It is never asked twice
-within two seconds, and one that does not answer is asked less and less often.
+Stills are requested while a person views the camera, and at the moments of a print whose stills are kept.
+Requests are at least two seconds apart; the interval doubles with each failure.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ LARGEST_INTERVAL_S = 60.0
 MAX_STILL_AGE_S = MIN_INTERVAL_S
 """Age up to which a still is shown again instead of a new one."""
 END_S = 60.0
-"""Wall seconds after the end of a print in which its last still can be taken: a person may clear the bed."""
+"""Wall seconds after the end of a print in which its last still is taken; later the bed may be clear."""
 _FIRST_LAYERS_SHARE = 10
-"""The first layer can still be seen in the first tenth of the layers."""
+"""Divisor of the layer count: the first layer is still visible during the first tenth of the layers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class CameraState:
     failures
         Attempts that failed since the last still.
     problem
-        Reason for which the last attempt failed.
+        Reason why the last attempt failed.
     """
 
     attempt_s: float | None = None
@@ -54,7 +54,7 @@ class CameraState:
 
     @property
     def next_s(self) -> float:
-        """Time of the next attempt at the earliest."""
+        """Earliest time of the next attempt."""
         if self.attempt_s is None:
             return 0.0
         doublings = min(self.failures, 10)
@@ -63,7 +63,7 @@ class CameraState:
 
 @dataclass(frozen=True, slots=True)
 class DueStill:
-    """A still that is to be kept with a print."""
+    """A still to store with a print."""
 
     print_id: str
     printer: str
@@ -73,7 +73,7 @@ class DueStill:
 def find_due_stills(
     books: Books, snapshots: Mapping[str, AgentSnapshot], printers: frozenset[str], now_s: float, scale: float
 ) -> Iterator[DueStill]:
-    """Yield the stills that are to be kept and are not yet.
+    """Yield the stills that must be taken now and stored with their prints.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def find_due_stills(
 
 
 def _shows_first_layer(print_id: str, snapshot: AgentSnapshot | None) -> bool:
-    """Return whether the first layer of an open print is complete, and can still be seen."""
+    """Return whether the first layer of an open print is complete and still visible."""
     report = None if snapshot is None else snapshot.print
     if report is None or report.print_id != print_id or report.layer is None:
         return False

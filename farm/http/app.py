@@ -37,7 +37,7 @@ _STATUS = {
 def make_app(services: Services, dry_runs: DryRuns) -> FastAPI:
     """Make the application with all routes; each request about a job keeps its dry run alive.
 
-    It serves the Unix socket alone: a request whose caller the kernel has not identified is refused.
+    It serves only the Unix socket: it refuses a request whose caller the kernel has not identified.
     """
     app = FastAPI(
         title="farm", version=farm.__version__, openapi_url=None, dependencies=[Depends(identify_caller)]

@@ -15,14 +15,14 @@ _FIRST_ERROR = 400  # lowest status code of an error
 
 
 class BodyLimit:
-    """Middleware that rejects larger bodies, and closes the connection after an error response.
+    """Middleware that rejects bodies over the limit, and closes the connection after an error response.
 
     Parameters
     ----------
     app
         The application.
     is_upload
-        Returns whether a path is one of uploads, which are exempt.
+        Returns whether a path receives uploads, which are exempt.
     """
 
     def __init__(self, app: ASGIApp, is_upload: Callable[[str], bool]) -> None:

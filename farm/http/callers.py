@@ -22,7 +22,7 @@ from farm.model import Role
 
 log = logging.getLogger(__name__)
 _BACKLOG = 1024  # queued connections use no descriptor; further ones are refused
-_UID_PREFIX = "uid "  # begins the name of a user whom the user database does not know
+_UID_PREFIX = "uid "  # begins the name of a user who is not in the user database
 _NO_GID = -1
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
@@ -35,7 +35,7 @@ class Caller(Protocol):
         """Name for the event log, and for other people."""
 
     def is_operator(self, group: str | None) -> bool:
-        """Return whether the caller may let printers continue; `group` is `fleet.operators`."""
+        """Return whether the caller is an operator; `group` is `fleet.operators`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +61,11 @@ class Person:
         return group is None or self.uid in (0, os.getuid()) or self.belongs_to(group)
 
     def belongs_to(self, group: str) -> bool:
-        """Return whether the person is a member of a group, by the group database or by their login."""
+        """Return whether the person is in a group, by the group database or by the group of their process."""
         number = _find_gid(group)
         try:
             return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
-        except KeyError:  # a user that the database does not know
+        except KeyError:  # the user is not in the database
             return number == self.gid
 
 
@@ -75,7 +75,7 @@ def find_session_role(caller: Caller, operators: str | None) -> Role:
 
 
 def find_user_role(name: str, operators: str | None) -> Role | None:
-    """Return the role that a user has now by the databases of this host; None if the user is gone.
+    """Return the present role of a user by the databases of this host; None if the user was deleted.
 
     Parameters
     ----------
@@ -98,8 +98,8 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
 class PeerProtocol(H11Protocol):
     """HTTP protocol whose requests carry the caller as `request.state.person`.
 
-    It also records since when it has been waiting for its client: for the rest of a request, or until
-    the client reads what was sent. A client that reads nothing would keep its connection forever.
+    It also records since when it has waited for its client to send the rest of a request or to read the
+    response: the server closes connections that wait too long.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -128,7 +128,7 @@ class PeerProtocol(H11Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which it waits for its client, on the loop's clock; None if it does not."""
+        """Time since which it has waited for its client, on the loop's clock; None if it does not wait."""
         if self.flow.write_paused:
             return self._unread_since_s
         waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
@@ -136,26 +136,26 @@ class PeerProtocol(H11Protocol):
 
 
 def identify_caller(request: Request) -> Caller:
-    """Return the caller, whom the kernel has identified, or a key on the network.
+    """Return the caller: a user identified by the kernel, or a key on the network.
 
     Raises
     ------
     Refused
-        If nobody is known as the sender.
+        If the sender is unknown.
     """
     caller: Caller | None = getattr(request.state, "person", None)
     if caller is None:
-        raise Refused("nobody is known as the sender of this request: use the daemon's Unix socket")
+        raise Refused("the sender of this request is unknown: use the daemon's Unix socket")
     return caller
 
 
 def find_caller_name(request: Request) -> str:
-    """Return the name of the caller. Raises Refused if nobody is known."""
+    """Return the name of the caller. Raises Refused if the sender is unknown."""
     return identify_caller(request).name
 
 
 def is_operator(request: Request) -> bool:
-    """Return whether the caller may let printers continue. Raises Refused if nobody is known."""
+    """Return whether the caller is an operator. Raises Refused if the sender is unknown."""
     return identify_caller(request).is_operator(_find_operators(request))
 
 
@@ -180,7 +180,7 @@ def check_operators(group: str | None) -> None:
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """Open a listening Unix socket for a group; for its owner alone, if there is no such group.
+    """Open a listening Unix socket for a group; only for its owner if the group does not exist.
 
     Raises
     ------
@@ -206,7 +206,7 @@ def listen(path: Path, group: str) -> socket.socket:
 
 
 def _share(path: Path, group: str) -> None:
-    """Give a socket to a group, or log why only its owner may use it."""
+    """Give a socket to a group; otherwise log why only its owner may use it."""
     number = _find_gid(group)
     if number is None:
         log.info("listening on %s, for this user alone: there is no group %s", path, group)

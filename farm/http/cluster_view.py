@@ -1,4 +1,4 @@
-"""State of the cluster in words. Pure."""
+"""Description of the state of the cluster. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.text import format_count
 
 
 def describe_cluster(state: ClusterState) -> api.ClusterView:
-    """Describe the places where tasks run, and the reasons for which they wait."""
+    """Describe where tasks run, and why they wait."""
     return api.ClusterView(
         scheduler=state.scheduler,
         place=state.place,
@@ -29,7 +29,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
 
 
 def _describe_work(state: ClusterState) -> str:
-    """Describe the place of the work in a sentence."""
+    """Describe where tasks run in one sentence."""
     if state.place is Place.HERE:
         tasks = format_count(state.here, "task") if state.here else "nothing to do"
         return f"no worker of {state.scheduler} for {state.lost_s:.0f} s: computing on this host, {tasks}"

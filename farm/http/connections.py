@@ -1,8 +1,7 @@
 """Server with a limited number of connections, and a time limit for requests.
 
-A client that connects and sends nothing must not keep an agent from starting: some descriptors are reserved
-for agents, workers and the database. When all connections are taken, the one that has waited longest for its
-request is closed.
+Idle clients must not prevent an agent from starting: some file descriptors are reserved for agents, workers
+and the database. At the limit, a new connection replaces the one that has waited longest for its client.
 """
 
 from __future__ import annotations
@@ -21,7 +20,8 @@ import uvicorn
 
 log = logging.getLogger(__name__)
 
-REQUEST_S = 10.0  # wall seconds for the head of a request, between two chunks of its body, and for reading
+REQUEST_S = 10.0
+"""Wall seconds for the head of a request, for each chunk of its body, and for reading the response."""
 MAX_CONNECTIONS = 64
 _MIN_CONNECTIONS = 4
 _RESERVED_DESCRIPTORS = 32  # descriptors for database, socket, timers, log, and the start of an agent
@@ -34,13 +34,13 @@ _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class WaitingConnection(Protocol):
-    """Connection that may be waiting for its client: for the rest of a request, or until it reads."""
+    """Connection that may wait for its client to send the rest of a request or to read the response."""
 
     transport: asyncio.Transport
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which it waits, on the event loop's clock; None if it does not."""
+        """Time since which it has waited, on the event loop's clock; None if it does not wait."""
 
 
 def compute_connection_limit(descriptors: int, printers: int, workers: int) -> int:
@@ -75,13 +75,13 @@ def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list
 
 
 def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
-    """Return the connection that has waited for a request longest; None if none waits."""
+    """Return the connection that has waited longest for its client; None if none waits."""
     waiting_connections = [connection for connection in connections if connection.waiting_since_s is not None]
     return min(waiting_connections, key=lambda connection: connection.waiting_since_s or 0.0, default=None)
 
 
 class RateLimitedLog:
-    """Log of a repeating error: written once a minute, with the number of occurrences."""
+    """Log of a repeated error: at most one line a minute, with the number of occurrences."""
 
     def __init__(self) -> None:
         self._next_s = -math.inf
@@ -96,7 +96,7 @@ class RateLimitedLog:
 
 @contextlib.contextmanager
 def end_at_signals(server: uvicorn.Server) -> Iterator[None]:
-    """End a server at SIGINT and SIGTERM, so that the code after it runs."""
+    """End a server at SIGINT and SIGTERM, and let the code after it run."""
     loop = asyncio.get_running_loop()
     for number in _ENDING_SIGNALS:
         loop.add_signal_handler(number, server.handle_exit, number, None)
@@ -120,7 +120,7 @@ class BoundedServer(uvicorn.Server):
     limit
         Maximum number of connections at a time.
     stop_work
-        Called before the server waits for its open requests: ends the work that they wait for.
+        Ends the work for which open requests wait; called before the server waits for the requests.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class BoundedServer(uvicorn.Server):
 
     @property
     def connections(self) -> set[WaitingConnection]:
-        """The connections at present."""
+        """Open connections."""
         return cast(set[WaitingConnection], self.server_state.connections)
 
     def _make_protocol(self) -> asyncio.Protocol:
@@ -184,7 +184,7 @@ class BoundedServer(uvicorn.Server):
     def _begin_handshake(self, connection: socket.socket) -> None:
         """Connect a client in its own task, as it may delay its handshake.
 
-        If many do, the oldest is abandoned.
+        With too many open handshakes, the oldest is abandoned.
         """
         oldest = self.find_abandoned_handshake(self._handshakes, connection)
         if oldest is not None:
@@ -223,7 +223,7 @@ class BoundedServer(uvicorn.Server):
                 self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Wait until a new connection may be served; close the one that has waited longest for its client.
+        """Wait for room for a new connection; close the one that has waited longest for its client.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Streams of the farm's events: as many as are allowed, until the daemon ends."""
+"""Streams of the farm's events, limited in number, until the daemon ends."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from farm.state.event_rows import EventRow
 
 _MAX_STREAMS_PER_CALLER = 4
 _BATCH = 20  # events read at once: each may have megabytes
-_HEARTBEATS = 30  # polls without an event, after which a client is shown that the stream is alive
+_HEARTBEATS = 30  # polls without an event between two heartbeats
 
 
 class EventLog(Protocol):
@@ -68,9 +68,9 @@ class EventStreams(StreamLimit):
         Parameters
         ----------
         after
-            Number of the last event that is known.
+            Number of the last event that the caller has.
         is_allowed
-            Returns whether the caller may still see them.
+            Returns whether the caller may still see events.
         wait
             Whether to wait for further events at the end of the log.
         """
@@ -80,7 +80,7 @@ class EventStreams(StreamLimit):
             if rows:
                 after, idle_polls = rows[-1].number, 0
                 yield rows
-                await asyncio.sleep(0.0)  # a client that reads at once must not keep the loop
+                await asyncio.sleep(0.0)  # lets other tasks run even if the client reads at once
                 continue
             if not wait:
                 return

@@ -1,4 +1,4 @@
-"""Hosts with printers in words. Pure."""
+"""Descriptions of hosts with printers. Pure."""
 
 from __future__ import annotations
 

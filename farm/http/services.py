@@ -1,4 +1,4 @@
-"""Services of the daemon that the routes use."""
+"""Components of the daemon that its routes use."""
 
 from __future__ import annotations
 
@@ -26,23 +26,24 @@ from farm.views import ViewContext
 
 
 async def refuse_replacing(name: str) -> None:
-    """Refuse to replace an agent; for a farm without agents."""
+    """Refuse to replace an agent, as the farm has no agents."""
     raise Refused(f"{name} has no agent")
 
 
 async def refuse_stills(printer: str) -> Image:
-    """Refuse to show a printer; for a farm without cameras."""
+    """Refuse to show a printer, as the farm has no cameras."""
     raise NoSuchThing(f"{printer} has no camera")
 
 
 async def refuse_reading(printer: str) -> list[WireLine]:
-    """Refuse to read the wire of a printer; for a farm without agents."""
+    """Refuse to read the wire of a printer, as the farm has no agents."""
     raise Refused(f"{printer} has no agent")
 
 
 async def refuse_pruning(by: str, dry_run: bool) -> api.PruneResponse:
-    """Refuse to prune; for a farm without upkeep."""
-    raise Refused(f"this daemon keeps everything: {by} cannot prune{' or preview that' if dry_run else ''}")
+    """Refuse to prune, as the daemon runs without upkeep."""
+    action = "preview a prune" if dry_run else "prune"
+    raise Refused(f"{by} cannot {action}: this daemon runs without upkeep, and keeps all jobs")
 
 
 @dataclass(slots=True)
@@ -56,7 +57,7 @@ class NetworkState:
     browser_url
         URL at which browsers reach it.
     problem
-        Reason for which it is closed; None if it is open.
+        Reason why it is closed; None if it is open.
     """
 
     address: str | None = None
@@ -75,31 +76,32 @@ class Services:
     Attributes
     ----------
     controller
-        The entry to the farm's state.
+        Controller of the farm's state.
     state
         The state folder.
     fleet_file
-        Path of `fleet.yaml`, to be shown.
+        Path of `fleet.yaml`, for display.
     workers
         Processes that inspect models.
     cluster
-        The cluster that plans; None if this computer does.
+        The cluster that computes plans; None if the daemon's host computes them.
     hosts
         Hosts whose printers share one connection; None for a farm without agents.
     shut_down
         Shuts the farm down; with True, stops all prints first.
     prune
-        Deletes what is no longer kept, for a person; with True, only lists it.
+        Deletes the jobs and events that `fleet.keep` does not keep, for the named user; with True, only lists
+        them.
     replace_agent
         Replaces the agent of an idle printer.
     fetch_still
-        Returns a still by the camera of a printer.
+        Returns a still from the camera of a printer.
     read_lines
         Reads the last lines on the wire of a printer.
     network
         State of the server for callers on the network.
     key_uses_s
-        Time of the last use of each key since the daemon started.
+        Time of the last use of each key since the daemon started, by the key's id.
     inspections
         Names of the models that are being inspected, by the files of their uploads.
     streams
@@ -107,13 +109,13 @@ class Services:
     page_streams
         Streams of pages in browsers.
     sessions
-        Commands about sessions of browsers.
+        Commands on sessions of browsers.
     uploads
         Open uploads of all callers, whose total is limited.
     app_key_requests
-        Requests of programs for a key.
+        Requests of programs for keys.
     find_user_role
-        Returns the role of a user, named as in the event log, for a group of operators.
+        Returns the present role of a user, by user name and group of operators.
     """
 
     controller: Controller

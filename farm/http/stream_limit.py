@@ -1,4 +1,4 @@
-"""Limit on the number of open streams, which all end when the daemon does."""
+"""Limit on the number of open streams, all of which end with the daemon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from starlette.types import Receive, Scope, Send
 from farm.errors import Refused
 
 STREAM_TYPE = "text/event-stream"
-_HEADERS = {"x-accel-buffering": "no"}  # a proxy must not hold events back
+_HEADERS = {"x-accel-buffering": "no"}  # tells a proxy not to buffer events
 
 
 class StreamLimit:
@@ -38,7 +38,7 @@ class StreamLimit:
 
     @property
     def is_closed(self) -> bool:
-        """True once all streams are to end."""
+        """True once all streams must end."""
         return self._close_event.is_set()
 
     async def wait(self, seconds: float) -> None:
@@ -50,7 +50,7 @@ class StreamLimit:
     def check(self, caller: str) -> None:
         """Raise Refused if a caller may not open another stream."""
         if self.is_closed:
-            raise Refused("the daemon is ending")
+            raise Refused("the daemon is shutting down: open the stream after `farm up`")
         if self._callers.total() >= self._limit or self._callers[caller] >= self._limit_per_caller:
             raise Refused(f"too many streams are open ({self._callers[caller]} of {caller}): end one")
 
@@ -65,7 +65,7 @@ class StreamLimit:
 
 
 class StreamResponse(StreamingResponse):
-    """Server-sent events, counted as an open stream while they are sent, or until the client has gone."""
+    """Server-sent events, counted as an open stream until they end or the client disconnects."""
 
     def __init__(
         self, content: AsyncIterator[str] | AsyncIterator[bytes], permit: AbstractContextManager[None]

@@ -28,7 +28,7 @@ from farm.text import flatten_text, format_count
 _GB = 1e9
 _MAX_NAME_LENGTH = 60  # characters
 _WRITE_BYTES = 2**20
-"""Content that is written at once: larger than a chunk, as each write needs a thread."""
+"""Bytes of one write: larger than a chunk, as each write needs a thread."""
 
 
 def clean_name(name: str) -> str:
@@ -39,7 +39,7 @@ def clean_name(name: str) -> str:
 
 
 def parse_options(options: str) -> JobOptions:
-    """Parse the options of a submission. Raises FarmError if one is wrong."""
+    """Parse the options of a submission. Raises FarmError if they are invalid."""
     try:
         return JobOptions.model_validate_json(options)
     except ValidationError as error:
@@ -67,7 +67,7 @@ def check_quota(
     Raises
     ------
     Refused
-        The message names the key in `fleet.yaml` that sets the limit.
+        If the upload exceeds a limit; the message names its key in `fleet.yaml`.
     """
     if size > quota.model_gb * _GB:
         raise Refused(
@@ -99,7 +99,7 @@ class Upload:
     Attributes
     ----------
     request_id
-        Id by which a client asks for its progress.
+        Id with which a client requests its progress.
     size
         Announced number of bytes of the request's body.
     missing_bytes
@@ -116,12 +116,12 @@ class Upload:
     async def open_file(self, name: str) -> AsyncIterator[Callable[[bytes], Awaitable[None]]]:
         """Open the file, and yield a function that appends content to it.
 
-        Threads write it: a slow disk keeps a write waiting for seconds, and the daemon answers meanwhile.
+        Threads write the file: a write to a slow disk takes seconds, in which the event loop must continue.
 
         Raises
         ------
         FarmError
-            `limit` as soon as the first bytes give more triangles than a worker has memory for.
+            With code `limit`, as soon as the first bytes announce more triangles than fit a worker's memory.
         """
         head, is_checked, unwritten = b"", False, bytearray()
 
@@ -159,7 +159,7 @@ class Uploads:
     controller
         The farm, with its limits.
     state
-        The state folder, into which they are written.
+        The state folder, in which they are stored.
     workers
         Processes that inspect models.
     inspections
@@ -195,7 +195,7 @@ class Uploads:
 
     @asynccontextmanager
     async def admit(self, request_id: str, name: str, size: int) -> AsyncIterator[Upload]:
-        """Admit an upload; at the end its file is deleted.
+        """Admit an upload, and delete its file at the end.
 
         Parameters
         ----------
@@ -248,7 +248,8 @@ class Uploads:
         Refused
             As `check_quota`; or if the number of bytes differs from the announced size.
         FarmError
-            If the model cannot be printed; `limit` as soon as its first bytes give too many triangles.
+            If the model cannot be printed; with code `limit` as soon as its first bytes announce too many
+            triangles.
         """
         async with self.admit(request_id, name, size) as upload:
             async with upload.open_file(name) as append:
@@ -279,6 +280,6 @@ class Uploads:
 
 
 def _delete(path: Path) -> None:
-    """Delete the file of an upload, and the one with the step of its inspection."""
+    """Delete the file of an upload, and the file with the step of its inspection."""
     path.unlink(missing_ok=True)
     name_step_file(path).unlink(missing_ok=True)

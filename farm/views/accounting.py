@@ -10,7 +10,7 @@ from farm.state import Books, PlateState
 
 _PRINTED = (PlateState.PRINTED, PlateState.GOOD)
 NIGHT_S = 16 * 3600.0
-"""Length of the last night: in the morning it goes back to the previous afternoon."""
+"""Length of the last night: in the morning, it began in the previous afternoon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class NightSummary:
 
 
 def compute_duration_s(attempt: Print) -> float:
-    """Return the seconds for which an ended print occupied its printer; 0 if it never started."""
+    """Return the seconds that an ended print occupied its printer; 0 if it never started."""
     if attempt.started_s is None or attempt.ended_s is None:
         return 0.0
     return max(0.0, attempt.ended_s - attempt.started_s)
@@ -78,7 +78,7 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
     Parameters
     ----------
     recent
-        Prints that include all that ended in that time.
+        Prints that include all that ended last night.
     """
     since_s = now_s - NIGHT_S
     ended_prints = [

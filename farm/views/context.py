@@ -25,21 +25,21 @@ class ViewContext:
     state: StateFolder
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
-    forecast_s: float = -math.inf  # when those were worked out
-    awaits_forecast: bool = False  # the first one of a large queue is not ready yet
+    forecast_s: float = -math.inf  # time at which the forecast was computed
+    awaits_forecast: bool = False  # the first forecast of a large queue is not ready yet
     is_started: bool = True  # the farm has been running long enough for printers to connect
-    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
+    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of jobs in planning
     warnings: tuple[str, ...] = ()  # problems of the farm as a whole
-    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # why plates wait, now
+    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # present holds of waiting plates
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
     jobs: JobCache = field(default_factory=JobCache)
 
     def plate_hold(self, plate: Plate) -> Hold | None:
-        """Return the reason for which a plate waits; None if it does not."""
+        """Return the hold of a waiting plate; None if it has none."""
         return self.plate_holds.get(plate.id)
 
     def job_hold(self, job: Job) -> Hold | None:
-        """Return the reason for which a job waits: the recorded one, with the scheduler's latest sentence."""
+        """Return the recorded hold of a job; if the scheduler's latest has the same reason, the latest."""
         latest = self.job_holds.get(job.id)
         return latest if latest is not None and latest.has_same_reason(job.hold) else job.hold
 
@@ -51,7 +51,7 @@ class ViewContext:
 
     @property
     def forecast(self) -> str | None:
-        """Return the time of the forecast as ISO 8601; None before the first."""
+        """Time of the forecast as ISO 8601; None before the first forecast."""
         return self.format_time(self.forecast_s) if math.isfinite(self.forecast_s) else None
 
     def snapshot(self, printer: str) -> AgentSnapshot:
@@ -59,7 +59,7 @@ class ViewContext:
         return self.snapshots.get(printer) or AgentSnapshot(printer=printer, link=Link.STARTING)
 
     def reported_print(self, attempt: Print) -> AgentPrint | None:
-        """Return the report of the printer's agent on a print, if it has one."""
+        """Return the report of the printer's agent on a print; None if it has none."""
         return self.snapshot(attempt.printer).find_print(attempt.id)
 
     def remaining_s(self, attempt: Print) -> float:

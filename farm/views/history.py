@@ -49,7 +49,7 @@ def describe_night(context: ViewContext) -> api.NightView | None:
 def list_history(
     context: ViewContext, job: int | None = None, printer: str | None = None, last: int = 100
 ) -> list[api.HistoryRow]:
-    """List the prints that ended last, of one job or printer or of all, oldest first."""
+    """List the prints that ended last, oldest first; all, or those of one job or printer."""
     ended_prints = [
         attempt
         for attempt in context.books.prints.values()
@@ -62,7 +62,7 @@ def list_history(
 def list_prints(
     context: ViewContext, job: int | None, printer: str | None, state: PrintState | None, last: int
 ) -> list[api.PrintRow]:
-    """List the prints that were started last, open ones too, in the order of their start."""
+    """List the prints that were started last, including open ones, in the order of their start."""
     prints = [
         attempt
         for attempt in context.books.prints.values()
@@ -109,7 +109,7 @@ def _make_job_row(context: ViewContext, job: Job) -> api.JobRow:
 
 
 def describe_ended_print(context: ViewContext, attempt: Print) -> api.HistoryRow:
-    """Describe a print with its times and its filament, which are final once it has ended."""
+    """Describe a print with its time and filament, which are final once it has ended."""
     plate, job = context.books.plates[attempt.plate], context.books.jobs[attempt.job]
     return api.HistoryRow(
         **dict(describe_print(context, attempt)),

@@ -1,4 +1,4 @@
-"""Hosts that do not answer, in words: one sentence for all that were lost together. Pure."""
+"""Descriptions of hosts that do not answer: one sentence for all that were lost together. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MAX_HOSTS_NAMED = 8
 
 
 def list_lost_printers(fleet: Fleet, books: Books) -> list[Printer]:
-    """List the enabled printers whose host is lost; one that has another host now is not among them."""
+    """List the enabled printers whose present host is lost; a printer moved to another host is left out."""
     entries = ((section, books.printer(section.name)) for section in fleet.printers if section.enabled)
     return [entry for section, entry in entries if entry.host_loss and entry.host_loss.host == section.host]
 
@@ -28,7 +28,7 @@ def group_host_losses(books: Books) -> dict[float, list[HostLoss]]:
 
 
 def describe_lost_hosts(losses: Sequence[HostLoss]) -> str:
-    """Describe lost hosts, and what to do, in a sentence; `losses` has one element for each printer."""
+    """Describe lost hosts and the remedy in a sentence; `losses` has one element for each printer."""
     reasons = {loss.host: loss.reason for loss in losses}
     hosts, printers = sorted(reasons), format_count(len(losses), "printer")
     if len(hosts) == 1:
@@ -40,7 +40,7 @@ def describe_lost_hosts(losses: Sequence[HostLoss]) -> str:
 
 
 def _shorten_names(hosts: Iterable[str]) -> str:
-    """Join the names of hosts; of many, only the first are named."""
+    """Join the names of hosts; only the first ones if there are many."""
     names = list(hosts)
     more = len(names) - _MAX_HOSTS_NAMED
     return " ".join(names) if more <= 1 else f"{' '.join(names[:_MAX_HOSTS_NAMED])} and {more} more"

@@ -1,4 +1,4 @@
-"""Cache of the contents of jobs in views, kept until something of the job changes."""
+"""Cache of the descriptions of jobs in views; a change to a job invalidates its description."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.views.accounting import JobSummary
 T = TypeVar("T")
 
 MAX_JOBS = 1000
-"""Maximum number of jobs that are kept, each with about 1 kB for a part."""
+"""Maximum number of cached jobs, of about 1 kB for each part."""
 
 
 @dataclass(slots=True)
@@ -25,13 +25,13 @@ class JobContents:
 
 
 class RevisionCache(Generic[T]):
-    """Descriptions of the jobs that were looked at last, by the revision of each in the books."""
+    """Cached descriptions of jobs, each valid for one revision of its job in the books."""
 
     def __init__(self) -> None:
         self._descriptions: dict[int, tuple[object, T]] = {}
 
     def find(self, books: Books, job: int, make: Callable[[], T]) -> T:
-        """Return the description of a job, made anew if something of it has changed."""
+        """Return the description of a job; make it again if the job has changed."""
         revision = books.revision(job)
         cached = self._descriptions.get(job)
         if cached is not None and revision is not None and cached[0] is revision:

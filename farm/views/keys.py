@@ -1,4 +1,4 @@
-"""Keys of callers on the network and sessions of browsers, as operators see them. Pure."""
+"""View of the keys of network callers and the sessions of browsers, for operators. Pure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def list_keys(context: ViewContext, uses_s: Mapping[str, float]) -> list[api.Key
     context
         The farm.
     uses_s
-        Time of the last use of each key since the daemon started, by its id.
+        Time of the last use of each key since the daemon started, by the key's id.
     """
     return [
         api.KeyView(

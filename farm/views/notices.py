@@ -18,23 +18,23 @@ _UNFINISHED_STATES = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobStat
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One sentence, with the time at which it became true."""
+    """Sentence about an event, with the time of the event."""
 
     key: str
     at_s: float
     text: str
-    urgent: bool = False  # sent at once
+    urgent: bool = False  # sent without delay
 
 
 def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Collection[str]) -> list[Notice]:
     """List the notices to send now, oldest first.
 
-    The notice on a lost printer is delayed: with others it may become an outage, which is one notice.
+    The notice on a lost printer is delayed, as further losses would make it one outage with a single notice.
 
     Parameters
     ----------
     since_s
-        Only events from this time on.
+        Time in seconds since the epoch; notices on earlier events are left out.
     sent_keys
         Keys of the notices already sent.
     """
@@ -132,7 +132,7 @@ def _list_all_ended(books: Books) -> Iterator[Notice]:
 
 
 def _is_in_outage(books: Books, printer: str, at_s: float) -> bool:
-    """Return whether a loss is part of an outage, which is one notice for all of its printers."""
+    """Return whether a loss is part of an outage, which has one notice for all of its printers."""
     return any(
         printer in outage.printers
         and at_s >= outage.at_s - books.outage_window_s

@@ -22,7 +22,7 @@ def describe_printer(
     hold
         Reason why it takes no plate now.
     kept_for
-        Plate or job for which it is kept while it is free.
+        Plate or job for which the free printer is reserved.
     """
     entry = context.books.printer(section.name)
     snapshot = context.snapshot(section.name)

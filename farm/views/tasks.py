@@ -40,14 +40,14 @@ _ORDER = {
     "hours": 4,
     "clear": 5,
 }
-"""Rank of each code, the most urgent first; equal ranks in the order of the fleet."""
+"""Rank of each code, 0 for the most urgent; tasks of equal rank are in the order of the fleet."""
 
 _MAX_PARTS_NAMED = 8
-"""Largest number of beds to clear whose parts are named in brief."""
+"""Maximum number of beds to clear for which `brief` names the parts."""
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
-    """List the tasks of people, most urgent first; each printer appears once."""
+    """List the tasks for people, most urgent first; each printer appears once."""
     outage = context.books.outage
     lost_printers = () if outage is None else outage.printers
     tasks = list(_list_farm_tasks(context))
@@ -103,12 +103,12 @@ def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
 
 
 def _list_printer_tasks(context: ViewContext, section: PrinterSection, is_lost: bool) -> Iterator[api.Todo]:
-    """List the tasks at one printer, except clearing its bed, which is listed with the others.
+    """List the tasks at one printer, except clearing its bed: one task lists all beds to clear.
 
     Parameters
     ----------
     is_lost
-        True if it is part of an outage, which is one task for all of its printers, as is a lost host.
+        True if the printer is part of an outage, which has one task for all of its printers.
     """
     name = section.name
     entry, snapshot = context.books.printer(name), context.snapshot(name)
@@ -163,7 +163,7 @@ def _needs_clearing(context: ViewContext, printer: str) -> bool:
 
 
 def _find_whole_part(context: ViewContext, printer: str) -> str | None:
-    """Return the part of a failed print on a bed that may be good; None if it cannot be."""
+    """Return the part of a failed print on a bed if it may be good, else None."""
     attempt = find_possibly_complete_print(context.books, printer)
     return None if attempt is None else name_part(context.books, attempt)
 
@@ -189,7 +189,7 @@ def _find_part_on_bed(books: Books, printer: str) -> Part | None:
 
 
 def _ask_about_part(context: ViewContext, printer: str) -> str:
-    """Ask whether the part of a failed print is good, and name the command; empty if it cannot be."""
+    """Ask whether the part of a failed print is good, with the command; empty if it cannot be good."""
     part = _find_whole_part(context, printer)
     return (
         ""
@@ -217,14 +217,14 @@ def _format_heat(snapshot: AgentSnapshot) -> str:
 def list_deadlines(
     attempt: Print, reported_print: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
-    """List the actions that keep a print from being ended: resume it, or extend the attended hours.
+    """List the actions that prevent the early end of a print: resume it, or extend the attended hours.
 
     Parameters
     ----------
     attempt, reported_print
         An open print, and the latest report of its agent on it.
     remaining_s
-        Time that it still takes from `now_s`.
+        Remaining printing time at `now_s`.
     zone
         Time zone of the times in the texts.
     """
@@ -253,7 +253,7 @@ def list_deadlines(
 
 
 def list_requests(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Todo]:
-    """List jobs to approve, parts to decide on, reels to change and reels to weigh; each once."""
+    """List jobs to approve, stopped parts to decide on, reels to change and reels to weigh, each once."""
     return [*_list_held_jobs(books), *_list_stopped_parts(books), *_list_reels(books, plate_holds)]
 
 
@@ -299,7 +299,7 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
 
 
 def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:
-    short: dict[str, str] = {}  # by printer: the next plate for which its reel is too short
+    short: dict[str, str] = {}  # by printer: text on the next plate for which its reel is too short
     for hold in plate_holds.values():
         if hold.reel is not None:
             short.setdefault(hold.reel.printer, hold.reel.text)

@@ -1,6 +1,6 @@
-"""Table of the routes on the network, with the role that each needs.
+"""Table of the routes on the network, with the role that each requires.
 
-A route of the application without a row here is not served, and fails a test.
+A route of the application without a row here is not served, and a test fails.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ OPEN = frozenset(
         *SLICER_OPEN,
     }
 )
-"""Routes that need no key; they show nothing of the farm."""
+"""Routes that require no key; they show no data of the farm."""
 ROLES: dict[tuple[str, str], Role] = {
     **{("GET", path): Role.LOOK for path in (METRICS, SCHEMA, SCHEMA_PAGE)},
     **{("GET", path): Role.LOOK for path in PAGES},
@@ -108,7 +108,7 @@ HOST_ONLY = frozenset(
         ("POST", "/down"),
     )
 )
-"""Routes of the socket that are not served on the network: they are left to the daemon's own host."""
+"""Routes of the Unix socket that are not served on the network, as they concern the daemon's host."""
 
 
 def _compile(path: str) -> re.Pattern[str]:
@@ -120,12 +120,12 @@ _PATTERNS = [(method, _compile(path), role) for (method, path), role in ROLES.it
 
 
 def is_open(method: str, path: str) -> bool:
-    """Return whether a request needs no key."""
+    """Return whether a request requires no key."""
     return any(verb == method and pattern.fullmatch(path) for verb, pattern in _OPEN_PATTERNS)
 
 
 def find_role(method: str, path: str) -> Role | None:
-    """Return the role that a request needs; None if there is no such route on the network."""
+    """Return the role that a request requires; None if there is no such route on the network."""
     return next(
         (role for verb, pattern, role in _PATTERNS if verb == method and pattern.fullmatch(path)), None
     )

@@ -1,4 +1,4 @@
-"""Limit on the connections from one address, so that one client cannot take those of all others."""
+"""Limit on the connections from one address: one client cannot take all connections."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import uvicorn
 from farm.errors import Refused
 from farm.http import BoundedServer, WaitingConnection, find_longest_waiting
 
-_SHARE = 4  # one address may take a quarter of all connections
+_SHARE = 4  # divisor: one address may take a quarter of all connections
 _MIN_CONNECTIONS = 4
 _SITE_BITS = 64  # prefix of an IPv6 address: one client may have all addresses with it
 
 
 def group_address(host: str) -> str | None:
-    """Return the name under which a client is counted.
+    """Return the address or network under which the connections of a client are counted.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def group_address(host: str) -> str | None:
     Returns
     -------
     str or None
-        The address; of IPv6, the network that one client has. None for this host: it may be a proxy.
+        IPv4 address, or IPv6 network of one client; None for this host, which may run a proxy for others.
     """
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -44,10 +44,10 @@ def group_address(host: str) -> str | None:
 
 
 class AddressLimitedServer(BoundedServer):
-    """Server on TCP that takes a quarter of its connections from one address at most.
+    """Server on TCP that takes at most a quarter of its connections from one address.
 
-    When an address has that many, its connection that has waited longest for a request is closed; if all of
-    them have one, the new connection is.
+    At the limit, a new connection replaces the connection of the same address that has waited longest for
+    its client; if none waits, the new connection is closed.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class AddressLimitedServer(BoundedServer):
         self._address_limit = max(_MIN_CONNECTIONS, limit // _SHARE)
 
     async def make_room(self, connection: socket.socket) -> None:
-        """Make room for a connection of its address, then of all. Raises Refused if it is to be closed."""
+        """Make room among the connections of an address, then among all. Raises Refused at the limit."""
         client = group_address(connection.getpeername()[0])
         while client is not None and len(own := self._list_own(client)) >= self._address_limit:
             idle = find_longest_waiting(own)
@@ -75,7 +75,7 @@ class AddressLimitedServer(BoundedServer):
     def find_abandoned_handshake(
         self, handshakes: Mapping[asyncio.Task[None], socket.socket], connection: socket.socket
     ) -> asyncio.Task[None] | None:
-        """Return the oldest handshake of the same address if it has too many, or of all if all have."""
+        """Return the oldest handshake of the same address if it has too many; else as the base class."""
         client = _find_peer(connection)
         own = [task for task, other in handshakes.items() if _find_peer(other) == client]
         if client is not None and len(own) >= self._address_limit:

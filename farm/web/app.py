@@ -1,6 +1,6 @@
 """HTTP application for callers on the network: the routes of `farm.web.access`, for keys with their roles.
 
-Only what the table of roles lists is served. Every request passes the guard before a route sees it.
+It serves only routes in the table of roles. The guard checks every request before a route handles it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ from farm.web.slicers import add_slicer_routes, is_slicer_path, is_slicer_upload
 _GZIP_LEVEL = 5
 _FILES = ("text/plain", "model/*", "application/octet-stream", "application/vnd.ms-pki.stl")
 _NOT_COMPRESSED = (*DEFAULT_EXCLUDED_CONTENT_TYPES, *_FILES)
-"""G-code and models may be large: they are sent as they are, with their length."""
+"""Media types that are sent uncompressed; G-code and models may be large, and need their length."""
 _HEADERS = {
     "content-security-policy": "default-src 'none'; style-src 'self'; script-src 'self'; "
     "img-src 'self'; connect-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'",
@@ -77,7 +77,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
     services
         Components of the daemon.
     dry_runs
-        Kept alive by requests about their jobs.
+        Dry runs; a request about the job of a dry run keeps it alive.
     names
         Names of this host in lower case.
     """
@@ -103,7 +103,7 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
 
     @cache
     def describe() -> dict[str, Any]:
-        return describe_routes(app.routes)  # complete once the first request is served
+        return describe_routes(app.routes)  # called by a request, when all routes exist
 
     @app.get(SCHEMA, include_in_schema=False)
     async def schema() -> Response:
@@ -122,7 +122,10 @@ def make_web_app(services: Services, dry_runs: DryRuns, names: Collection[str]) 
 
 
 def _add_pages(app: FastAPI, services: Services, dry_runs: DryRuns) -> None:
-    """Add the pages and their forms. Their files are read now: later ones may be of another version."""
+    """Add the pages and their forms.
+
+    Templates and static files are loaded now: an update may replace them while the daemon runs.
+    """
     load_pages()
     load_report_templates()
     app.state.notes = notes = Notes()
@@ -147,9 +150,9 @@ class Guard:
     Parameters
     ----------
     app
-        The application behind it.
+        The application that handles allowed requests.
     services
-        Source of the keys and sessions, the farm's clock, and the times of their last uses.
+        Source of keys, sessions and the farm's clock; records the time of the last use of each key.
     names
         Names of this host in lower case.
     cookie
@@ -171,7 +174,7 @@ class Guard:
         self._callers = callers
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":  # no web sockets
+        if scope["type"] != "http":  # the farm has no web sockets
             return
 
         async def send_with_headers(message: Message) -> None:
@@ -188,13 +191,13 @@ class Guard:
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
         response = self._answer(decision, scope["path"], Headers(scope=scope))
-        response.headers["connection"] = "close"  # the rest of its body is not read
+        response.headers["connection"] = "close"  # the body of the request is not read
         if decision.status == 401:
             response.headers["www-authenticate"] = "Bearer"
         await response(scope, receive, send_with_headers)
 
     def _answer(self, refusal: Refusal, path: str, headers: Mapping[str, str]) -> Response:
-        """Return a refusal as text for a slicer, as a page for a browser, else as JSON."""
+        """Format a refusal as text for a slicer, as a page for a browser, else as JSON."""
         if is_slicer_path(path):
             return make_text(refusal.text, refusal.status)
         if "text/html" not in headers.get("accept", ""):
@@ -208,7 +211,7 @@ class Guard:
         return response
 
     def _is_valid(self, caller: KeyHolder | Visitor) -> bool:
-        """Return whether a caller's key or session is valid with its role: streams end with either."""
+        """Return whether a caller's key or session is still valid and has the same role; else streams end."""
         if isinstance(caller, Visitor):
             return True
         key = self._controller.books.keys.get(caller.key.id)
@@ -217,7 +220,7 @@ class Guard:
         return self._callers.find_role(key) is caller.role
 
     def _judge(self, scope: Scope) -> KeyHolder | Visitor | Refusal:
-        """Return the caller, or a refusal."""
+        """Identify the caller and check its role; return the caller or a refusal."""
         headers = Headers(scope=scope)
         method, path, host = scope["method"], scope["path"], headers.get("host")
         site = headers.get("origin"), headers.get("sec-fetch-site")
@@ -231,7 +234,7 @@ class Guard:
         client = (scope.get("client") or ("nobody",))[0]
         address = group_address(client) or client
         if is_open(method, path):
-            page = None if is_slicer_path(path) else check_page(method, *site)  # programs have no page
+            page = None if is_slicer_path(path) else check_page(method, *site)  # slicers are no browsers
             return page or Visitor(address)
         holder = self._callers.find(headers, address)
         if isinstance(holder, Refusal):

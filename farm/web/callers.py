@@ -29,7 +29,7 @@ class KeyHolder:
     key
         The key or session.
     role
-        Role that the caller has now.
+        Present role of the caller.
     """
 
     key: Key
@@ -52,7 +52,7 @@ class KeyHolder:
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Caller on the network without a key, at a route that needs none."""
+    """Caller on the network without a key, on a route that requires none."""
 
     address: str
 
@@ -62,7 +62,7 @@ class Visitor:
         return f"visitor at {self.address}"
 
     def is_operator(self, group: str | None) -> bool:
-        """Return False: a visitor may do nothing."""
+        """Return False: a visitor has no role."""
         return False
 
 
@@ -75,7 +75,7 @@ def find_holder(request: Request) -> KeyHolder:
 
 
 class CallerFinder:
-    """Finder of the caller of a request by its key or its session; limits wrong ones by address.
+    """Finder of the caller of a request by key or session; limits the number of wrong keys by address.
 
     Parameters
     ----------
@@ -90,14 +90,14 @@ class CallerFinder:
         self._wrong_keys = WrongKeys()
 
     def find(self, headers: Mapping[str, str], address: str) -> KeyHolder | Refusal:
-        """Find the caller with a valid key or session; a key counts more than a session.
+        """Find the caller with a valid key or session; a key takes precedence over a session.
 
         Parameters
         ----------
         headers
             Headers of the request.
         address
-            The address that it comes from.
+            Address of the client.
         """
         text = headers.get("x-api-key") or _read_bearer(headers.get("authorization", ""))
         if text:
@@ -108,7 +108,7 @@ class CallerFinder:
         return Refusal(401, "this needs a key: an operator makes one by `farm key add NAME`")
 
     def find_key(self, text: str, address: str, kind: KeyKind = KeyKind.KEY) -> KeyHolder | Refusal:
-        """Find the caller with the text of a valid key or session; a wrong one counts for its address."""
+        """Find the caller with the text of a valid key or session; count a wrong one for the address."""
         now_s = self._controller.clock.now()
         key = find_key(text, self._controller.books.keys, now_s, kind)
         if key is not None:
@@ -119,7 +119,7 @@ class CallerFinder:
         refusal = self._wrong_keys.check(address, now_s)
         if refusal is None:
             self._wrong_keys.add(address, now_s)
-            log.warning("a wrong, expired or revoked %s from %s", kind, address)
+            log.warning("refused a wrong, expired or revoked %s from %s", kind, address)
         if refusal is None and kind is KeyKind.SESSION:
             return Refusal(401, "this session has ended: `farm web` on the farm's host opens another")
         return refusal or Refusal(
@@ -127,10 +127,10 @@ class CallerFinder:
         )
 
     def find_role(self, key: Key) -> Role | None:
-        """Return the present rights of a valid key or session; None for a session whose user is gone.
+        """Return the present role of a valid key or session; None for a session whose user was deleted.
 
-        A session may do at most what its user may do now: a user who has left the group of operators loses
-        the role.
+        The present role of its user limits a session: a user who has left the group of operators loses that
+        role.
         """
         if key.user is None:
             return key.role
@@ -138,7 +138,7 @@ class CallerFinder:
         return None if role is None else key.role.limit(role)
 
     def extend(self, session: Key) -> None:
-        """Extend a session that is used; if that cannot be written, it ends sooner."""
+        """Extend a session at its use; if the extension cannot be written, the session ends earlier."""
         try:
             self._services.sessions.extend(session)
         except FarmError as error:

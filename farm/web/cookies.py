@@ -13,7 +13,7 @@ from farm.control import MAX_SESSION_S
 
 @dataclass(frozen=True, slots=True)
 class SessionCookie:
-    """Cookie that no script reads, and that no page of another site sends with a form.
+    """Cookie that scripts cannot read, and that browsers do not send with a form of another site.
 
     `SameSite` is `Lax`, so that a link in a message opens the farm's pages; changes have their own check
     (`farm.web.guard`). With HTTPS the prefix `__Host-` keeps other hosts of the domain from setting it.
@@ -21,7 +21,7 @@ class SessionCookie:
     Attributes
     ----------
     port
-        The server's port, in the cookie's name: browsers do not separate cookies by port.
+        The server's port; part of the cookie's name, as browsers do not separate cookies by port.
     is_encrypted
         True if browsers reach the farm by HTTPS.
     """

@@ -1,7 +1,7 @@
-"""Decisions about requests from the network, before any route sees them. Pure.
+"""Checks of requests from the network, before any route handles them. Pure.
 
-A browser may be led by another site to send requests here (cross-site request forgery), or to take that
-site's name for this host (DNS rebinding). Requests that could be one of these are refused.
+Another site may make a browser send requests to the farm (cross-site request forgery), or may resolve its
+own name to this host (DNS rebinding). Requests that could be either are refused.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ _OWN_SITE = frozenset({"same-origin", "none"})
 _LOCAL = "localhost"
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
 MAX_HEAD_BYTES = 16 * 1024
-"""Limit of a request's path and headers."""
+"""Limit on the size of a request's path and headers."""
 WRONG_KEYS = 10
-"""Wrong keys from one address after which it has to wait."""
+"""Number of wrong keys after which an address must wait."""
 WAIT_S = 60.0
 _MAX_ADDRESSES = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Answer to a request that no route sees."""
+    """Response to a refused request: HTTP status and message."""
 
     status: int
     text: str
@@ -43,7 +43,7 @@ def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
     """
     match = _HOST.fullmatch(host or "")
     if match is None:
-        return Refusal(400, "the header Host is not a name or an address")
+        return Refusal(400, "the header Host is neither a name nor an address")
     name = match[1].lower().rstrip(".")
     if name == _LOCAL or name in names or _is_address(name.strip("[]")):
         return None
@@ -51,9 +51,9 @@ def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
 
 
 def check_origin(method: str, host: str | None, origin: str | None, fetch_site: str | None) -> Refusal | None:
-    """Check that a request which changes something does not come from a page of another site.
+    """Check that a request with an unsafe method does not come from a page of another site.
 
-    Browsers send `Sec-Fetch-Site` to trustworthy addresses only, and `Origin` always; programs send neither.
+    Browsers send `Origin` always, and `Sec-Fetch-Site` only to trustworthy addresses; programs send neither.
 
     Parameters
     ----------
@@ -72,10 +72,10 @@ def check_origin(method: str, host: str | None, origin: str | None, fetch_site: 
 
 
 def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refusal | None:
-    """Check that a change in a user's session names the page that it comes from, as every browser does.
+    """Check that a request with an unsafe method and a session names its site, as every browser does.
 
-    `check_origin` has compared the page's site. Without this check, a form of another site would pass in a
-    browser that sends neither header.
+    `check_origin` has compared the site. Without this check, a form of another site would pass in a browser
+    that sends neither header.
 
     Parameters
     ----------
@@ -86,11 +86,11 @@ def check_page(method: str, origin: str | None, fetch_site: str | None) -> Refus
     """
     if method in _SAFE_METHODS or origin is not None or fetch_site is not None:
         return None
-    return Refusal(403, "a session serves the farm's own pages alone: use a key (`farm key add`)")
+    return Refusal(403, "a session is valid only on the farm's own pages: use a key (`farm key add`)")
 
 
 def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal | None:
-    """Check the size of a request's head: the server limits a head that arrives in pieces only.
+    """Check the size of a request's head: the server limits only a head that arrives in pieces.
 
     Parameters
     ----------
@@ -106,13 +106,13 @@ def check_head(path: bytes, headers: Iterable[tuple[bytes, bytes]]) -> Refusal |
 
 
 class WrongKeys:
-    """Count of wrong keys by address; after ten within a minute the address has to wait for a minute."""
+    """Count of wrong keys by address; after ten within a minute, the address must wait for a minute."""
 
     def __init__(self) -> None:
-        self._counts: dict[str, tuple[int, float]] = {}  # number, and when it is forgotten
+        self._counts: dict[str, tuple[int, float]] = {}  # number, and time until which it counts
 
     def check(self, address: str, now_s: float) -> Refusal | None:
-        """Return a refusal if an address has to wait."""
+        """Return a refusal if an address must wait."""
         number, end_s = self._counts.get(address, (0, 0.0))
         if number < WRONG_KEYS or now_s >= end_s:
             return None

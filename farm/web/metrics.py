@@ -1,7 +1,7 @@
 """Metrics of the farm for Prometheus, collected at each scrape. The only import of prometheus_client.
 
-Nothing is counted here: totals come from the books, so that they never fall, not even after a restart.
-No label is a job, a person or a file.
+Totals come from the books, not from counters in memory: they never decrease, even across a restart.
+No label is a job, a person or a file, to keep the number of series small.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _PRINTER_STATES = (
     *(str(state) for state in PrintState if not state.ended),
     *(str(link) for link in Link if link is not Link.READY),
 )
-"""Values of `PrinterView.state`: each is a sample, so that an alert can ask for one."""
+"""Values of `PrinterView.state`; each has a sample, for use in alerts."""
 Rows = Iterable[tuple[tuple[str, ...], float | None]]
-"""Values of the labels, and of the sample; None: no sample."""
+"""Pairs of label values and the value of the sample; None for no sample."""
 
 
 def write_metrics(context: ViewContext, status: api.Status) -> bytes:
@@ -81,7 +81,9 @@ def _collect_jobs(context: ViewContext) -> Iterator[Metric]:
 def _collect_printers(status: api.Status) -> Iterator[Metric]:
     printers = status.printers
     tasks = Counter(task.code for task in status.todo)
-    yield _make_gauge("farm_todo", "Tasks of people.", ("code",), (((code,), n) for code, n in tasks.items()))
+    yield _make_gauge(
+        "farm_todo", "Tasks for people.", ("code",), (((code,), n) for code, n in tasks.items())
+    )
     info = GaugeMetricFamily("farm_printer_info", "Printers.", labels=("printer", "model", "material"))
     for printer in printers:
         info.add_metric((printer.name, printer.model, printer.reel.material), 1)
@@ -104,7 +106,7 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
     )
     yield _make_printer_gauge(
         "farm_printer_heaters_off",
-        "Whether the heaters are off, as the board has shown.",
+        "Whether the board reports that the heaters are off.",
         printers,
         lambda printer: printer.heaters_off,
     )
@@ -115,7 +117,7 @@ def _collect_printers(status: api.Status) -> Iterator[Metric]:
 
 
 def _collect_readings(printers: Sequence[api.PrinterView]) -> Iterator[Metric]:
-    """Collect the values that printers report; one without a value has no sample."""
+    """Collect the values that printers report; a printer without a value has no sample."""
     heaters = ("printer", "heater")
     yield _make_gauge(
         "farm_printer_temperature_celsius",

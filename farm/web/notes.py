@@ -1,4 +1,4 @@
-"""Readers of pages, and notes about their last actions, each shown once."""
+"""Readers of pages, and notes on their last actions, each shown once."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Reader:
     Attributes
     ----------
     name, role
-        The name of a user or a key, and what it may do.
+        Name of the user or key, and its role.
     has_session
         True if the reader can log out.
     """
@@ -34,13 +34,13 @@ class Reader:
         return cls(holder.name, holder.role, holder.has_session)
 
     def may(self, role: str) -> bool:
-        """Return whether the reader may do what needs a role."""
+        """Return whether the reader has the rights of a role."""
         return self.role.allows(Role(role))
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Message about a reader's last action, shown once above the page."""
+    """Message on a reader's last action, shown once above the page."""
 
     text: str
     is_problem: bool = False
@@ -53,7 +53,7 @@ class Notes:
         self._notes: dict[str, Note] = {}
 
     def put(self, reader: str, note: Note) -> None:
-        """Keep a note for a reader, by the id of a key or session."""
+        """Store a note for a reader, by the id of the reader's key or session."""
         self._notes.pop(reader, None)
         self._notes[reader] = note
         if len(self._notes) > _MAX_READERS:
@@ -61,7 +61,7 @@ class Notes:
 
     @contextmanager
     def show(self, reader: str) -> Iterator[Note | None]:
-        """Take the note of a reader; it is kept if the page with it fails. None if there is none."""
+        """Yield the note of a reader, None without one; delete it unless the page with it fails."""
         note = self._notes.pop(reader, None)
         try:
             yield note

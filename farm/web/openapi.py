@@ -1,4 +1,4 @@
-"""OpenAPI 3.1 description of the routes that the network serves. Pure."""
+"""OpenAPI 3.1 description of the routes on the network. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farm.web.access import LIVENESS, METRICS, find_role, is_open
 _REF = "#/components/schemas/"
 _PROBLEM = {"content": {"application/json": {"schema": {"$ref": f"{_REF}Problem"}}}}
 _ERRORS = {
-    "4XX": {"description": "The request is refused; the text says what to do.", **_PROBLEM},
+    "4XX": {"description": "The request is refused; the error text gives the remedy.", **_PROBLEM},
     "500": {"description": "The daemon failed.", **_PROBLEM},
 }
 _INVALID = "422"  # FastAPI's description of an invalid request; this application answers 400
@@ -26,14 +26,14 @@ _KEYS = {
     "bearer": {"type": "http", "scheme": "bearer"},
 }
 _DESCRIPTION = (
-    "The farm for programs on the network. Each request needs a key, from `farm key add NAME`; the role that "
-    "it needs is `x-role` of each operation. Times are ISO 8601 in the fleet's time zone, durations are in "
-    "seconds. Fields and routes may be added to this version; none is removed or changes its meaning."
+    "Interface of the farm for programs on the network. Each request needs a key, from `farm key add NAME`; "
+    "`x-role` of an operation is the role that it requires. Times are ISO 8601 in the fleet's time zone, "
+    "durations are in seconds. Later releases may add fields and routes, and neither remove nor redefine any."
 )
 
 
 def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
-    """Describe those routes that the network serves to programs written for this farm.
+    """Describe the routes on the network for programs written for this farm.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
     Returns
     -------
     dict
-        An OpenAPI document. Every operation has the role that it needs as `x-role`.
+        An OpenAPI document; `x-role` of an operation is the role that it requires.
     """
     document: dict[str, Any] = get_openapi(
         title="farm", version=farm.__version__, description=_DESCRIPTION, routes=routes
@@ -51,7 +51,7 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
     paths: dict[str, Any] = {}
     for path, verb, operation in _list_operations(document):
         if not path.startswith(f"{NETWORK_PREFIX}/") and path not in (METRICS, LIVENESS):
-            continue  # a dialect of other programs, or a page
+            continue  # a page, or a route in the dialect of another print server
         role = find_role(verb.upper(), path)
         if role is not None or is_open(verb.upper(), path):
             paths.setdefault(path, {})[verb] = _complete(operation, verb, path, role)

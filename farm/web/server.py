@@ -1,4 +1,4 @@
-"""Server for callers on the network, beside the one on the Unix socket."""
+"""Server for callers on the network, in addition to the server on the Unix socket."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _GRACE_S = 3  # time for open requests when the daemon ends
 
 
 class NetworkServer:
-    """Server that listens as soon as it may, until it is closed.
+    """Server that listens as soon as it is allowed to, until it is closed.
 
-    Without a valid key it listens on loopback addresses alone. An address that is in use, or a certificate
-    that cannot be read, is reported in `state` and tried again: prints do not depend on it.
+    Without a valid key, it listens only on a loopback address. If the address is in use or the certificate
+    cannot be read, it reports the problem in `state` and tries again, while prints continue.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ class NetworkServer:
     app
         The application.
     limit
-        Largest number of connections.
+        Maximum number of connections at a time.
     state
-        Record of the address, and of the reason for which it is closed.
+        Receives the address, and the reason why the server is closed.
     """
 
     def __init__(self, section: WebSection, app: ASGIApp, limit: int, state: NetworkState) -> None:
@@ -67,11 +67,11 @@ class NetworkServer:
         state.address, state.browser_url = section.listen_url, section.find_browser_url(socket.gethostname())
 
     def start(self, has_key: Callable[[], bool]) -> None:
-        """Serve in a task; `has_key` returns whether anybody could use it."""
+        """Serve in a task; `has_key` returns whether a valid key exists."""
         self._task = asyncio.get_running_loop().create_task(self._serve(has_key))
 
     async def close(self) -> None:
-        """End the server after the requests that are under way, for a few seconds at most."""
+        """End the server; wait a few seconds at most for open requests."""
         if self._task is None:
             return
         if self._server is None:
@@ -82,11 +82,11 @@ class NetworkServer:
             await self._task
 
     async def _serve(self, has_key: Callable[[], bool]) -> None:
-        """Serve; an error closes this server alone, as prints and the Unix socket do not depend on it."""
+        """Serve; an error closes only this server, as prints and the Unix socket must continue."""
         try:
             await self._run(has_key)
         except Exception as error:
-            log.exception("the server for the network")
+            log.exception("the server for the network failed on %s", self._section.listen_url)
             self._state.problem = f"it failed ({error!r}): see the daemon's log, then restart the daemon"
 
     async def _run(self, has_key: Callable[[], bool]) -> None:
@@ -139,7 +139,7 @@ class NetworkServer:
 
 
 def find_host_names(section: WebSection) -> frozenset[str]:
-    """Return the names of this host in lower case: its own, with `.local`, and those in fleet.yaml."""
+    """Return the names of this host in lower case: its host name, with `.local`, and names in fleet.yaml."""
     name = socket.gethostname().lower()
     names = {name, name.partition(".")[0], f"{name.partition('.')[0]}.local"}
     proxy = urlsplit(section.url or "").hostname

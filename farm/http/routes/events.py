@@ -16,7 +16,7 @@ from farm.http.stream_limit import STREAM_TYPE, StreamResponse
 from farm.state.event_rows import EventRow
 from farm.views import describe_event
 
-_LARGEST_NUMBER = 2**63 - 1  # that SQLite knows
+_LARGEST_NUMBER = 2**63 - 1  # largest integer of SQLite
 _RETRY = "retry: 5000\n\n"  # milliseconds after which a browser connects again
 _HEARTBEAT = ":\n\n"
 _ANSWERS: dict[int | str, dict[str, object]] = {
@@ -44,7 +44,7 @@ def event_routes(services: Services) -> APIRouter:
         wait: bool = True,
         last_event_id: Annotated[int | None, Header(ge=0, le=_LARGEST_NUMBER)] = None,
     ) -> StreamingResponse:
-        """Send the events after a number, and new ones as they happen; without a number only new ones.
+        """Send the events after a number and new ones as they happen; without a number, only new ones.
 
         Each is an EventView as JSON, with its number as the id. A stream ends when the daemon does, or when
         the key is revoked. With `wait=false` it ends after the last event.

@@ -74,7 +74,7 @@ async def find_stored_file(services: Services, number: int, name: str) -> Path:
 
 
 def _measure(folder: Path, names: dict[str, str]) -> list[api.FileView]:
-    """Return the files that are there, with their sizes; a stored file is named by its SHA-256."""
+    """Return the files that exist, with their sizes; a stored file is named by its SHA-256."""
     rows = []
     for name, file_name in names.items():
         with suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""Routes of keys for callers on the network, and of sessions; only on the Unix socket."""
+"""Routes of network keys and browser sessions; only on the Unix socket."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from farm.views import list_keys
 
 
 def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
-    """Return the routes of keys, and of requests for one by apps."""
+    """Return the routes of keys, and of requests for keys by apps."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/keys")

@@ -30,7 +30,7 @@ KINDS = ("good", "printed", "bad", "failed", "cancelled", "printing", EXPECTED, 
 
 @cache
 def load_palette() -> str:
-    """Load the style sheet with the colours of the kinds, for pages that load no file."""
+    """Load the style sheet with the colours of the kinds, for pages that load no other file."""
     return files("farm.views.charts").joinpath("static", "palette.css").read_text(encoding="utf-8")
 
 
@@ -105,7 +105,7 @@ def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
 
 
 def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
-    """List every print of a job, and those of other jobs on the fleet in that time."""
+    """List every print of a job, and the prints of other jobs in the same time span."""
     job_bars = []
     for attempt in job.prints:
         if attempt.started is None:

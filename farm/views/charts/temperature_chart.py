@@ -15,12 +15,12 @@ _TABLE_ROWS = 24
 """Approximate number of readings in the table, for readers who do not see the chart."""
 
 Points = tuple[tuple[float, float], ...]
-"""Ends of the pieces of a line; x and y in px."""
+"""Vertices of one piece of a curve; x and y in px."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One line of the chart, in pieces: it is interrupted while the printer does not answer."""
+    """Curve of the chart, in pieces: it is interrupted while the printer does not answer."""
 
     name: str
     kind: str
@@ -29,7 +29,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureRow:
-    """Reading in the table; its time as ISO 8601."""
+    """Row of the table, with the time of its reading as ISO 8601."""
 
     at: str
     nozzle_c: int | None
@@ -75,7 +75,7 @@ def lay_out_temperatures(
     now_s
         Farm time, seconds since the epoch.
     zone
-        Of the times on the axis.
+        Time zone of the axis.
     format_time
         Formats a time as ISO 8601.
     """
@@ -122,7 +122,7 @@ def lay_out_temperatures(
 
 
 def _split(values: Iterable[tuple[float, int | None]], y: Callable[[float], float]) -> list[Points]:
-    """Split a line where values are missing; points inside of a level stretch are left out."""
+    """Split a curve where values are missing; points inside a horizontal stretch are left out."""
     pieces: list[list[tuple[float, float]]] = [[]]
     for x, value in values:
         if value is None:

@@ -9,7 +9,7 @@ from io import StringIO
 from farm import api
 from farm.text import flatten_text
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # a spreadsheet calculates what begins with one of these
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of formulas in spreadsheets
 _COLUMNS = (
     *("job", "name", "part", "printer", "state", "verdict", "fault", "reason", "why"),
     *("started", "ended", "took_s", "expected_s", "grams", "wasted", "submitted_by", "note"),
@@ -20,8 +20,8 @@ _COLUMNS = (
 def write_csv(rows: Iterable[api.HistoryRow]) -> str:
     """Write prints as CSV (RFC 4180) with a line of headings; durations in seconds.
 
-    Text that a spreadsheet would take for a formula gets an apostrophe before it: names of models and notes
-    come from whoever submits a job.
+    Text that a spreadsheet would take for a formula is prefixed with an apostrophe, as any user chooses the
+    names of models and notes.
     """
     text = StringIO()
     writer = csv.writer(text)

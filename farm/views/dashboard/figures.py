@@ -19,18 +19,18 @@ class Figures:
     name
         Common property: a printer, a material, a month.
     prints
-        Number of prints that were started, `cancelled` ones among them.
+        Number of prints that were started, including cancelled ones.
     good
-        Done, and not found bad by a person.
+        Number of prints that are done, without those that a person judged bad.
     failed
-        Failed, or found bad.
+        Number of prints that failed or were judged bad.
     used_s, wasted_s
         Time on printers: of all prints, and of those that failed, were cancelled or are bad.
     grams, wasted_grams
-        Filament of all of them, and of the wasted ones.
+        Filament of all prints, and of the wasted ones.
     expected_s, reached_s
-        Of those that were done without a pause: expected and actual time. Their ratio shows how far to
-        trust a forecast.
+        Expected and actual time of the prints that are done without a pause. Their ratio shows the accuracy
+        of forecasts.
     """
 
     name: str
@@ -47,26 +47,26 @@ class Figures:
 
     @property
     def success(self) -> float | None:
-        """Return the share of good prints among good and failed ones; None if there are none."""
+        """Share of good prints among good and failed ones; None if there are none."""
         return self.good / (self.good + self.failed) if self.good + self.failed else None
 
     @property
     def deviation(self) -> float | None:
-        """Return the share by which prints took longer than expected; None if none was done."""
+        """Share by which prints took longer than expected; None if none is done."""
         return self.reached_s / self.expected_s - 1 if self.expected_s else None
 
 
 def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate]) -> Figures:
-    """Add up prints that have ended; those that were never started do not count.
+    """Add up the prints that were started and have ended.
 
     Parameters
     ----------
     name
         Common property of the prints.
     prints
-        Prints; open ones do not count, either.
+        Prints, which may include open ones.
     plates
-        Their plates, by name.
+        Plates of the prints, by id.
     """
     ended_prints = [attempt for attempt in prints if attempt.state.ended and attempt.started_s is not None]
     wasted_prints = [attempt for attempt in ended_prints if is_wasted(attempt)]
@@ -92,7 +92,7 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
 def group_figures(
     prints: Iterable[Print], plates: Mapping[str, Plate], name: Callable[[Print], str]
 ) -> list[Figures]:
-    """Add up ended prints in groups, by the names of the groups."""
+    """Add up ended prints by group; `name` returns the group of a print."""
     groups: dict[str, list[Print]] = {}
     for attempt in prints:
         groups.setdefault(name(attempt), []).append(attempt)
@@ -101,5 +101,5 @@ def group_figures(
 
 
 def name_month(attempt: Print, zone: tzinfo) -> str:
-    """Name the month in which a print ended, like 2026-11; empty if it has not."""
+    """Name the month in which a print ended, such as 2026-11; empty if it is open."""
     return "" if attempt.ended_s is None else f"{datetime.fromtimestamp(attempt.ended_s, zone):%Y-%m}"

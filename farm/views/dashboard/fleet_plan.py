@@ -1,4 +1,4 @@
-"""Prints of the fleet in time: ended, running, and expected by the forecast. Pure."""
+"""Prints of the fleet over time: ended, running, and forecast. Pure."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FleetPlan:
     unprintable_plates: tuple[str, ...]
 
     def job_ends_s(self) -> dict[int, float]:
-        """Return the end of the last print of each job with any that runs or is planned."""
+        """Return the end of the last running or planned print of each job."""
         ends_s: dict[int, float] = {}
         for slot in self.prints:
             if slot.kind in (PLANNED, "printing"):
@@ -55,9 +55,9 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     context
         The farm.
     situation
-        Its situation for a forecast, with the waiting plates and the ends of running prints by progress.
+        Situation for a forecast, with the waiting plates and the expected ends of running prints.
     since_s
-        Prints that ended before are left out; seconds since the epoch.
+        Time in seconds since the epoch; prints that ended before it are left out.
     """
     forecast = forecast_prints(situation, has_bound=False)
     plates = context.books.plates
@@ -78,7 +78,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
 
 
 def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint]:
-    """List the prints that have begun, an open one up to its expected end."""
+    """List the prints that have started since a time; an open print lasts until its expected end."""
     for attempt in context.books.prints.values():
         if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
             continue
@@ -102,7 +102,7 @@ def _find_end_s(context: ViewContext, attempt: Print, starts_s: float) -> float:
 
 
 def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, float]]:
-    """List the spans of weekly hours that overlap a time, cut to it."""
+    """List the spans of weekly hours within an interval, clipped to it."""
     spans, at_s = [], begin_s
     while at_s < end_s:
         span = hours.span(at_s) or hours.following(at_s)

@@ -53,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Hours in the background, from `x`; width in px."""
+    """Band in the background for a span of weekly hours; lengths in px."""
 
     x: float
     width: float
@@ -78,7 +78,7 @@ class Chart:
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """Print in the table, with its times as ISO 8601."""
+    """Row of the table for a print, with its times as ISO 8601."""
 
     printer: str
     job: int
@@ -91,7 +91,7 @@ class TableRow:
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """End of a job as it is planned and with a change, as ISO 8601; None: not in the forecast."""
+    """End of a job without and with a change, as ISO 8601; None if the forecast lacks the job."""
 
     job: int
     name: str
@@ -102,7 +102,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True)
 class WaitingJob:
-    """Job whose place or start can be tried out."""
+    """Job whose place or start can be changed on trial."""
 
     id: int
     name: str
@@ -115,15 +115,15 @@ class TimelineView:
     Attributes
     ----------
     past_s
-        Seconds before now at which it begins.
+        Time from its begin to now, in seconds.
     unprintable_parts
         Parts that no printer can take.
     jobs_without_plan
-        Jobs that have no plan yet, and are not in it.
+        Jobs without a plan, which the timeline cannot show yet.
     waiting
-        Jobs of which a plate has not started, whose place or start can be tried out.
+        Jobs with plates that have not started: their place or start can be changed on trial.
     change, shifts
-        The change that is tried out, and what it does to each job; None and empty: the plan as it is.
+        The change on trial, and its effect on each job; None and empty for the present plan.
     """
 
     now: str
@@ -148,18 +148,18 @@ def describe_fleet_timeline(
     context
         The farm.
     situation
-        Its situation for a forecast.
+        Situation for a forecast.
     past_s
-        Seconds before now at which it begins.
+        Time from the begin of the timeline to now, in seconds.
     change
-        A change to a job that is tried out: the timeline shows what would follow.
+        A change to a job on trial: the timeline shows the plan with the change.
 
     Raises
     ------
     NoSuchThing
         If the change names an unknown job.
     InvalidTransition
-        If that job cannot be moved.
+        If the job cannot be moved.
     """
     since_s, shifts = context.now_s - past_s, list[JobShift]()
     if change is None:
@@ -191,7 +191,7 @@ def describe_fleet_timeline(
 
 
 def _lay_out(context: ViewContext, situation: Situation, plan: FleetPlan, since_s: float) -> Chart:
-    """Lay out a plan over its whole time, over a week and a day at most."""
+    """Lay out a plan over its whole time, up to eight days from now."""
     last_s = max((slot.ends_s for slot in plan.prints), default=context.now_s) + _AFTER_S
     first_s = min((slot.starts_s for slot in plan.prints), default=context.now_s) - _AFTER_S
     begin_s = max(since_s, min(first_s, context.now_s - _AFTER_S))

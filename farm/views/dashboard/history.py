@@ -17,7 +17,7 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class HistoryFilter:
-    """Choice of ended prints: all of them, or those of the last days, of one printer, of one job."""
+    """Filter of ended prints: by the number of last days, by printer, by job; None does not filter."""
 
     days: int | None = None
     printer: str | None = None
@@ -48,20 +48,20 @@ class JobOutcome:
 
     @property
     def deviation(self) -> float | None:
-        """Return the share by which it took longer than expected; None if either is unknown."""
+        """Share by which the job took longer than expected; None if either time is unknown."""
         return self.reached_s / self.expected_s - 1 if self.expected_s and self.reached_s else None
 
 
 @dataclass(frozen=True, slots=True)
 class HistoryView:
-    """Ended prints, the last first, with figures of all of them.
+    """Ended prints, newest first, with figures of all of them.
 
     Attributes
     ----------
     rows
         The last prints, at most as many as the page shows.
     hidden
-        Number of further prints; the CSV file has them.
+        Number of prints that only the CSV file lists.
     """
 
     now: str
@@ -86,7 +86,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     history_filter
         The prints to describe.
     max_rows
-        Number of prints, and of jobs, that are listed; the figures count all.
+        Maximum number of prints, and of jobs, that are listed; the figures count all.
     """
     books, zone = context.books, context.fleet.zone
     prints = select_prints(context, history_filter)
@@ -140,7 +140,7 @@ def select_prints(context: ViewContext, history_filter: HistoryFilter) -> list[P
 
 
 def _name_material(context: ViewContext, material: str) -> str:
-    """Name the material of a plate as the pages of printers do; perhaps no printer has it any longer."""
+    """Name the material of a plate, with its kind if a printer still has it."""
     kinds = (section.material_kind for section in context.fleet.printers if section.material == material)
     return describe_material(material, next(kinds, None))
 

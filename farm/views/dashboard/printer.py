@@ -32,7 +32,7 @@ class SeenStill:
 
 @dataclass(frozen=True, slots=True)
 class FaultView:
-    """Print that failed, or whose part is bad, with what was seen."""
+    """Print that failed or produced a bad part, with the fault, the reason and the stills."""
 
     job: int
     part: str
@@ -49,11 +49,11 @@ class PrinterPage:
     Attributes
     ----------
     tasks
-        Tasks of people at the printer.
+        Tasks for people at the printer.
     chart
         Temperatures of the last hours; None if there are none since the daemon started.
     prints, faults, upkeep
-        The last ones, the newest first.
+        The last prints, faults, and events on the upkeep, newest first.
     """
 
     now: str
@@ -115,7 +115,7 @@ def describe_printer_page(
 
 
 def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultView]:
-    """List the last prints that did not succeed and have a fault or a verdict, the newest first."""
+    """List the last ended prints that have a fault or a reason for a failure or verdict, newest first."""
     faulty = [
         attempt
         for attempt in prints

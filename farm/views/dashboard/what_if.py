@@ -1,4 +1,4 @@
-"""Forecast with one change to a job, its place in the queue or its start, before it is made. Pure."""
+"""Forecast with a change on trial: to the place of a job in the queue, or to its start. Pure."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from farm.views.dashboard.fleet_plan import FleetPlan, plan_fleet
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Change to a job that is tried out.
+    """Change to a job, on trial.
 
     Attributes
     ----------
     job
-        Its number.
+        Number of the job.
     moves
-        True if it is moved in the queue: before the job `before`, or to the end.
+        True if the job is moved in the queue: before the job `before`, or to the end if that is None.
     not_before_s
-        Another earliest start, seconds since the epoch; None: as it is.
+        New earliest start, seconds since the epoch; None to keep the present one.
     """
 
     job: int
@@ -37,7 +37,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class JobShift:
-    """End of a job as planned, and with the change, in seconds since the epoch; None: not in the forecast."""
+    """End of a job without and with the change, seconds since the epoch; None if not in the forecast."""
 
     job: Job
     end_s: float | None
@@ -45,19 +45,19 @@ class JobShift:
 
     @property
     def later_s(self) -> float | None:
-        """Return the seconds by which it would end later; less than 0: earlier; None if that is unknown."""
+        """Delay of the end by the change, in seconds; negative if it ends earlier, None if unknown."""
         return None if self.end_s is None or self.new_end_s is None else self.new_end_s - self.end_s
 
 
 def apply_change(books: Books, change: Change, now_s: float) -> Books:
-    """Return the books with a change to a job; the given ones stay as they are.
+    """Return new books with a change to a job.
 
     Raises
     ------
     NoSuchThing
         If there is no such job.
     InvalidTransition
-        If it cannot be moved.
+        If the job cannot be moved.
     """
     books.job(change.job)
     if change.moves:
@@ -71,7 +71,7 @@ def apply_change(books: Books, change: Change, now_s: float) -> Books:
 def change_situation(situation: Situation, books: Books, change: Change, now_s: float) -> Situation:
     """Return the situation of a forecast after a change.
 
-    The plates of the changed job are in it even if it waits for an approval or is paused.
+    It includes the plates of the changed job even if that waits for approval or is paused.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
     books
         The present books.
     change
-        The change that is tried out.
+        The change on trial.
     now_s
         Farm time, seconds since the epoch.
     """
@@ -96,7 +96,7 @@ def _renew(plate: WaitingPlate, books: Books) -> WaitingPlate:
 
 
 def compare_plans(context: ViewContext, plan: FleetPlan, changed_plan: FleetPlan) -> list[JobShift]:
-    """Compare the ends of all open jobs in two plans, in the order in which they end as it is.
+    """Compare the ends of all open jobs in two plans, in the order of their ends in the first.
 
     A job that is in neither plan is left out.
     """
@@ -116,14 +116,14 @@ def _find_end_s(ends_s: Mapping[int, float], job: int) -> float:
 def try_change(
     context: ViewContext, situation: Situation, change: Change, since_s: float
 ) -> tuple[FleetPlan, list[JobShift]]:
-    """Forecast the fleet with a change, and compare it with the plan as it is.
+    """Forecast the fleet with a change, and compare it with the present plan.
 
     Parameters
     ----------
     context
         The farm.
     situation
-        Its situation for a forecast.
+        Situation for a forecast.
     change
         The change.
     since_s
@@ -132,7 +132,7 @@ def try_change(
     Returns
     -------
     FleetPlan
-        With the change.
+        Plan with the change.
     list of JobShift
         Effect on each job.
     """

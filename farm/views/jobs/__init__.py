@@ -1,4 +1,4 @@
-"""Views of jobs: their state and times, the queue, and the timeline of one. Pure."""
+"""Views of jobs: their state and times, the queue, and the timeline of a job. Pure."""
 
 from __future__ import annotations
 

@@ -32,12 +32,12 @@ _TEMPORARY_HOLDS = {
 }  # fmt: skip
 
 _LIVE_STATES = (JobState.PLANNING, JobState.PRINTING)
-"""States in which a job may be planned: for the first time, or again before it starts."""
+"""States in which a job may be planned: initially, or again before a plate starts."""
 
 
 def describe_jobs(context: ViewContext, jobs: Iterable[Job]) -> list[api.JobView]:
     """Describe jobs with their parts, plates and prints."""
-    ratio = compute_assembly_ratio(context.books.jobs.values())  # once: it reads all jobs ever
+    ratio = compute_assembly_ratio(context.books.jobs.values())  # computed once, as it reads all jobs
     return [_describe_job(context, job, ratio) for job in jobs]
 
 
@@ -145,7 +145,7 @@ def _make_contents(context: ViewContext, job: Job, plates: Iterable[Plate]) -> J
 
 
 def _update_holds(context: ViewContext, views: Iterable[api.PlateStatus]) -> list[api.PlateStatus]:
-    """Return the views of plates with their present holds; the same view if the hold has not changed."""
+    """Return the views of plates with their present holds; a view whose hold is unchanged is not copied."""
     updated_views: list[api.PlateStatus] = []
     old: Hold | None = None
     new: Hold | None = None  # equal to `old`: most plates of a job share a hold, which is compared once
@@ -173,7 +173,7 @@ def _find_exit_code(job: Job) -> ExitCode:
 
 
 def sum_prices(plates: Iterable[Plate]) -> float | None:
-    """Add up the prices of plates; None if one of them has none."""
+    """Add up the prices of plates; None if the price of a plate is unknown."""
     prices = [plate.price for plate in plates]
     known_prices = [price for price in prices if price is not None]
     return sum(known_prices) if prices and len(known_prices) == len(prices) else None
@@ -239,7 +239,7 @@ def _make_still_view(context: ViewContext, attempt: Print, still: Still) -> api.
 
 
 def _find_verdict(books: Books, plate: Plate) -> Verdict | None:
-    """Return a person's verdict on the last print that was done."""
+    """Return a person's verdict on the last print that is done."""
     successes = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
     return successes[-1].verdict if successes else None
 
@@ -266,4 +266,4 @@ def _make_plate_view(context: ViewContext, plate: Plate, files: str | None) -> a
 
 def _make_file_path(files: str | None, name: str) -> str | None:
     """Return the path of a file; None if it was pruned."""
-    return None if files is None else f"{files}/{name}"  # no `Path`: a page names thousands
+    return None if files is None else f"{files}/{name}"  # a `Path` is slow for thousands

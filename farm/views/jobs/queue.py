@@ -1,4 +1,4 @@
-"""View of the queue: open jobs with anything left to print, in the order in which they are served. Pure."""
+"""View of the queue: open jobs with plates left to print, in the order in which they are scheduled. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.views.jobs.times import measure_times
 
 
 def list_queue(books: Books) -> list[Job]:
-    """List the jobs that wait for printers, wholly or in part, in the order in which they are served."""
+    """List the jobs with plates left to print, in the order in which they are scheduled."""
     return [
         job for job in books.open_jobs() if job.state is not JobState.PRINTING or count_waiting(books, job)
     ]

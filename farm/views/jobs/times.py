@@ -16,16 +16,16 @@ _PlateInState = tuple[Plate, PlateState]
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Interval in which a job was printed: from its first print command until nothing of it was left.
+    """Interval in which a job was printed: from its first print command until the job ended.
 
-    A job has more than one if parts were printed again after it had ended.
+    A job has several runs if parts were printed again after it had ended.
 
     Attributes
     ----------
     started_s, ended_s
-        Seconds since the epoch; of an open run, it ends now.
+        Seconds since the epoch; the end of an open run is now.
     printers
-        Printers that were used.
+        Printers on which it was printed.
     """
 
     started_s: float
@@ -40,14 +40,14 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class JobTimes:
-    """Times of a job, in seconds; None if they are not known.
+    """Times of a job, in seconds; None if unknown.
 
     Attributes
     ----------
     runs
         Intervals in which it was printed.
     elapsed_s
-        Parallel printing time so far, or actual: the length of all runs.
+        Parallel printing time so far: the length of all runs.
     makespan_s
         Parallel printing time: actual, or expected from present data.
     end_s
@@ -55,7 +55,7 @@ class JobTimes:
     speedup
         Ratio of the time on a single large printer to the makespan.
     utilisation
-        Share of the printers' time in the runs that produced parts, without wasted ones.
+        Share of the printers' time during the runs in which they printed parts that are not wasted.
     starved_share
         Share of the printing time that simulated printers waited for the host.
     """
@@ -124,7 +124,7 @@ def _compute_utilisation(
     runs: Sequence[Run],
     makespan_s: float,
 ) -> float | None:
-    """Return the printing time of a job's plates over that of the printers used in each run."""
+    """Return the printing time of a job's plates over the available time of the printers of each run."""
     unfinished_plates = [plate for plate, state in plates if state in _UNFINISHED]
     successes = [p for p in prints if p.state is PrintState.DONE and not is_wasted(p)]
     busy_s = sum(map(compute_duration_s, successes)) + sum(plate.expected_s for plate in unfinished_plates)
@@ -139,7 +139,7 @@ def _compute_utilisation(
 
 
 def _estimate_growth_s(plates: Sequence[_PlateInState], runs: Sequence[Run], remaining_s: float) -> float:
-    """Estimate the seconds that the runs will last longer: a new one begins when its first print starts."""
+    """Estimate the seconds that the open run, or else the next one, will still take."""
     if any(run.open for run in runs):
         return remaining_s
     waiting_plates = (plate for plate, state in plates if state in _UNFINISHED)
@@ -155,7 +155,7 @@ def _estimate_remaining_s(context: ViewContext, plates: Sequence[_PlateInState])
 
 
 def _is_end_known(context: ViewContext, job: Job, plates: Sequence[_PlateInState]) -> bool:
-    """Return whether no plate waits for its first forecast, or until a person resumes it."""
+    """Return whether no plate waits for its first forecast or for a person to resume it."""
     waiting_plates = (plate for plate, state in plates if state is PlateState.WAITING)
     return not any(job.paused or plate.paused or context.awaits_forecast for plate in waiting_plates)
 
@@ -171,14 +171,14 @@ def _estimate_plate_remaining_s(context: ViewContext, plate: Plate, state: Plate
 
 @dataclass(frozen=True, slots=True)
 class AssemblyTimes:
-    """Times of gluing a job, in seconds; None if they are not known.
+    """Times of gluing a job, in seconds; None if unknown.
 
     Attributes
     ----------
     work_s
-        A person's time: reported, or expected.
+        Time that a person needs for it: reported, or expected.
     end_s
-        Time at which it was glued, or is expected to be when a person begins as soon as it is printed.
+        Time at which it was glued, or would be if a person begins as soon as it is printed.
     """
 
     work_s: float | None

@@ -15,7 +15,7 @@ class Joint(_Record):
     a: str
     b: str
     area_mm2: float
-    glued: bool = True  # enough glue to hold by itself
+    glued: bool = True  # the glued area suffices without other joints
 
 
 class Code(_Record):
@@ -35,24 +35,24 @@ class Pin(_Record):
 
     @property
     def size(self) -> str:
-        """Length in mm as text, of a key with its diameter."""
+        """Length in mm as text; for a key, length and diameter."""
         length = f"{round(self.length_mm, 1):g}"
         return f"{length} × {self.diameter_mm:g}" if self.kind == "key" else length
 
 
 class Step(_Record):
-    """Step of the assembly: a body is glued to another one.
+    """Step of the assembly: a body of glued parts is moved and glued to another body.
 
     Attributes
     ----------
     moved, fixed
-        Parts of the body that is moved, and of the other one.
+        Parts of the body that is moved, and of the body that stays in place.
     slides
         True if glued faces slide along each other.
     rests_on
-        Parts on which the other body stands; none if it is held.
+        Parts on which the fixed body stands; none if a person holds it.
     level
-        Steps of one level may be done side by side.
+        Level in the assembly; steps of the same level may be done in parallel.
     seam_mm
         Length of its seams on the outer surface.
     pins
@@ -93,14 +93,14 @@ class CurvePoint(_Record):
 
 
 class Report(_Record):
-    """Joints, assembly and curve of a decomposition; what an earlier version did not write is empty.
+    """Joints, assembly and curve of a decomposition; fields missing in old reports are empty.
 
     Attributes
     ----------
     seam_mm
         Length of all seams on the outer surface.
     thin_rims
-        Sentence about rims at seams that are thinner than two lines; empty without any.
+        Sentence about rims at seams that are thinner than two lines; empty if there are none.
     """
 
     joints: tuple[Joint, ...] = ()

@@ -1,6 +1,6 @@
 """Report of a job as one HTML page: figures, Gantt chart of the fleet, failures with reasons, parts.
 
-The page is a single file with embedded pictures, and loads nothing. The templates escape all text.
+The page is a single file with embedded pictures, and loads no other file. The templates escape all text.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from farm.text import format_duration
 from farm.views.charts import lay_out_gantt, list_bars, load_palette, name_outcome
 from farm.views.report.decomposition import Report
 
-_SIGNS = str.maketrans({"^": "", ".": "●"})  # signs of codes, as they are read on parts
+_SIGNS = str.maketrans({"^": "", ".": "●"})  # characters of codes, as printed on parts
 _JPEG = b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)
 class JobContents:
-    """Contents of a job's files; what is missing is left out of its page.
+    """Contents of a job's files; the page leaves out missing ones.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class JobContents:
     assembly
         PNG of all parts in an exploded view; None if there is none.
     decomposition
-        Glued joints, steps and codes; None if they are not known.
+        Glued joints, steps and codes; None if unknown.
     """
 
     pictures: Mapping[str, bytes] = field(default_factory=dict)
@@ -75,7 +75,7 @@ def render_page(
     job, others
         The job, and the prints of all jobs.
     now
-        Farm time, up to which open prints are drawn, in the farm's time zone, which the page names.
+        Farm time in the farm's time zone; open prints are drawn until then.
     facts
         Figures of the job, each with a name, as text.
     contents
@@ -116,7 +116,7 @@ def _list_steps(report: Report) -> list[tuple[str, ...]]:
 
 
 def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
-    """List part, printer, end, outcome and reason of every failed, bad or cancelled print, by their ends."""
+    """List part, printer, end, outcome and reason of every failed, bad or cancelled print, by time of end."""
     failures = [
         (attempt.ended or "", attempt, outcome)
         for attempt in job.prints

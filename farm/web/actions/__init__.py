@@ -1,4 +1,4 @@
-"""Forms of the pages: the commands of people, each answered by the page that it came from, with a note."""
+"""Forms of the pages: commands, each answered by a redirect to its page, which shows a note."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Routes of forms: their fields are read by the models of the API, and their errors become notes.
+"""Routes of forms: the models of the API parse the fields, and errors become notes.
 
-Every form is answered by a redirect to the page that it came from, so that a reload repeats nothing.
+The response to a form is a redirect to the page that sent it: a reload does not send the form again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class FormRoute(APIRoute):
-    """Route of a form, whose errors are shown as a note on the page that it came from."""
+    """Route of a form, whose errors are shown as a note on the page that sent it."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
@@ -44,7 +44,7 @@ class FormRoute(APIRoute):
 
 
 async def read_form(request: Request, model: type[_Model]) -> _Model:
-    """Read the fields of a form; those left empty are missing. Raises ValidationError or BadForm."""
+    """Read the fields of a form, without empty ones. Raises ValidationError or BadForm."""
     fields = await read_fields(request)
     return model.model_validate({name: value for name, value in fields.items() if value})
 
@@ -59,14 +59,14 @@ def answer_form(request: Request, note: Note, path: str | None = None) -> Respon
     note
         Result of the form.
     path
-        Path of the page; by default the one that the form came from.
+        Path of the page; by default, of the page that sent the form.
     """
     request.app.state.notes.put(find_holder(request).key.id, note)
     return RedirectResponse(path or find_form_page(request), _SEE_OTHER)
 
 
 def find_form_page(request: Request) -> str:
-    """Return the path of the farm's page that a form came from; that of Home if it is not known."""
+    """Return the path of the farm's page that sent a form; the path of the home page if unknown."""
     page = urlsplit(request.headers.get("referer", ""))
     if page.netloc != request.headers.get("host") or not page.path.startswith("/"):
         return "/"

@@ -1,4 +1,4 @@
-"""Forms about jobs and their parts, with the paths and the commands of the API."""
+"""Forms for jobs and their parts, with the paths and the commands of the API."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from farm.web.notes import Note
 
 
 def job_forms(services: Services, jobs: JobCommands, parts: PartCommands) -> APIRouter:
-    """Return the routes of forms about jobs and parts."""
+    """Return the routes of forms for jobs and parts."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/jobs/{number}/approve")

@@ -1,4 +1,4 @@
-"""Forms about printers, with the paths and the commands of the API."""
+"""Forms for printers, with the paths and the commands of the API."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.wording import describe_material
 
 
 def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
-    """Return the routes of forms about printers."""
+    """Return the routes of forms for printers."""
     router = APIRouter(route_class=FormRoute, include_in_schema=False)
 
     @router.post("/printers/{name}/cleared")
@@ -69,7 +69,7 @@ def printer_forms(printers: PrinterCommands, parts: PartCommands) -> APIRouter:
 
 
 def describe_cleared(printer: str, response: api.ClearedResponse) -> str:
-    """Describe in a sentence what followed from a cleared bed."""
+    """Describe the result of a cleared bed in a sentence."""
     if response.good is not None:
         others = f"; {' '.join(response.printed_on)} already print it again" if response.printed_on else ""
         return f"{printer} is clear, part {response.good} is good{others}."

@@ -1,4 +1,4 @@
-"""Forms of browsers and slicers: fields, and uploads of models as they arrive."""
+"""Forms of browsers and slicers: fields, and uploads of models."""
 
 from __future__ import annotations
 

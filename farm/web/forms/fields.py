@@ -12,9 +12,9 @@ _MAX_FIELDS = 100
 
 
 async def read_fields(request: Request) -> dict[str, str]:
-    """Return the fields of a form by name; of several with one name, the last. Raises BadForm."""
+    """Return the fields of a form by name; the last field of a repeated name wins. Raises BadForm."""
     try:
         text = (await request.body()).decode("ascii")
         return dict(parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_FIELDS))
     except ValueError as error:
-        raise BadForm("this form cannot be read: send it again from its page") from error
+        raise BadForm("the form cannot be read: send it again from its page") from error

@@ -1,7 +1,7 @@
 """Reader of multipart forms with one file, chunk by chunk, without I/O. The only import of python_multipart.
 
-Browsers and slicers write them in several ways: options before the file or after it, boundaries quoted or
-not, header names in any case, file names in raw UTF-8.
+Browsers and slicers write forms in several ways: options before or after the file, boundaries quoted or not,
+header names in any case, file names in raw UTF-8.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_FIELD_BYTES = 64 * 1024
 """Limit on the values of all fields together."""
 _FORM = b"multipart/form-data"
 
-# It logs each fault of a form at the level `warning`: strangers could fill the log.
+# It logs each malformed form as a warning: anybody on the network could fill the log.
 logging.getLogger("python_multipart").setLevel(logging.ERROR)
 
 
@@ -44,14 +44,14 @@ class FormReader:
     Attributes
     ----------
     fields
-        Values of the fields by name; of several with one name, the last.
+        Values of the fields by name; the last field of a repeated name wins.
     file_name
         Name of the file as the client wrote it; None until its part begins.
 
     Raises
     ------
     BadForm
-        If the header is not that of a form.
+        If the header is not that of a multipart form.
     """
 
     def __init__(self, content_type: str) -> None:
@@ -61,9 +61,9 @@ class FormReader:
             raise BadForm("this is not a form (multipart/form-data) with a file in its field `file`")
         self.fields: dict[str, str] = {}
         self.file_name: str | None = None
-        self._pieces: list[bytes] = []  # of the file, since the last call
+        self._pieces: list[bytes] = []  # content of the file since the last call of `feed`
         self._header_name = self._header_value = self._disposition = b""
-        self._field: str | None = None  # that is being read; None: the file
+        self._field: str | None = None  # name of the present field; None for the file
         self._value = b""
         self._parts = self._field_bytes = 0
         self._complete = False
@@ -93,7 +93,7 @@ class FormReader:
         Returns
         -------
         list of bytes
-            Content of the file in this chunk. `file_name` is known before there is any.
+            Content of the file in this chunk; `file_name` is known before the first content.
 
         Raises
         ------
@@ -108,14 +108,14 @@ class FormReader:
         return pieces
 
     def finish(self) -> None:
-        """Check that the form has come to its end, and has a file. Raises BadForm."""
+        """Check that the form is complete and has a file. Raises BadForm."""
         if not self._complete:
             raise BadForm("the upload stopped before its end: send it again")
         if self.file_name is None:
             raise BadForm("the form has no file in its field `file`")
 
     def is_true(self, name: str) -> bool:
-        """Check whether a field is true by OctoPrint's rules."""
+        """Return whether a field is true by OctoPrint's rules."""
         return self.fields.get(name, "").strip().lower() in ("true", "yes", "y", "1")
 
     def _begin_part(self) -> None:
@@ -164,5 +164,5 @@ class FormReader:
 
 
 def _decode(text: bytes) -> str:
-    """Decode a name or a value: UTF-8, as all known clients write it."""
+    """Decode a name or a value as UTF-8, which all known clients write."""
     return text.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""Uploads as forms: received into the state folder as they arrive, inspected, and submitted as jobs."""
+"""Uploads as forms: written to the state folder chunk by chunk, inspected, and submitted as jobs."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from farm.web.forms.multipart import BadForm, FormReader
 
 _LENGTH_REQUIRED = 411
 _MAX_DISCARDED_BYTES = 2**30
-_ANY_NAME = "the upload"  # name in messages until the real one is known
+_ANY_NAME = "the upload"  # name in messages until the file's name is known
 ReadOptions = Callable[[FormReader], Awaitable[JobOptions]]
-"""Reads the options of a job from the form, once it has arrived. Raises FarmError."""
+"""Reads the options of a job from a complete form. Raises FarmError."""
 
 
 class SubmittedForm(NamedTuple):
-    """Number of an upload's job, and the form."""
+    """Form whose upload was submitted, and the number of its job."""
 
     job: int
     form: FormReader
@@ -33,7 +33,7 @@ class SubmittedForm(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FormUploads:
-    """Receiver of forms with a model or G-code, which it submits.
+    """Receiver of forms with a model or G-code, which it submits as jobs.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class FormUploads:
         request
             The request, whose body has not been read.
         request_id
-            Identifies the upload, and its job.
+            Id of the upload and of the submission.
         read_options
             Reads the options of the job from the fields.
         by
@@ -63,14 +63,14 @@ class FormUploads:
         Raises
         ------
         FarmError
-            If the form is malformed or cut, exceeds a limit, or cannot be printed.
+            If the form is malformed or incomplete, or its model exceeds a limit or cannot be printed.
         HTTPException
             If the length of the body is not announced.
         """
         size = request.headers.get("content-length", "")
-        if not size.isdecimal() or "transfer-encoding" in request.headers:  # chunks have no length before
+        if not size.isdecimal() or "transfer-encoding" in request.headers:  # chunks announce no length
             raise HTTPException(
-                _LENGTH_REQUIRED, "the request has no Content-Length: the farm needs it first"
+                _LENGTH_REQUIRED, "the request has no Content-Length: send the length of the upload in it"
             )
         content = request.stream()
         try:
@@ -89,7 +89,7 @@ class FormUploads:
         return SubmittedForm(number, reader)
 
     async def _inspect(self, upload: Upload, name: str, options: JobOptions) -> InspectedSubmission:
-        """Inspect an upload. Its errors do not name the file: slicers show it, with little room for more."""
+        """Inspect an upload; errors leave out the file name, which slicers show, as they have little room."""
         try:
             return await self.uploads.inspect(upload, name, options)
         except FarmError as error:
@@ -97,7 +97,7 @@ class FormUploads:
 
 
 async def _discard(content: AsyncIterator[bytes]) -> None:
-    """Read the rest of a refused upload: a client that still sends does not read the answer."""
+    """Read the rest of a refused upload: a client reads the response only after it has sent everything."""
     with suppress(ClientDisconnect):
         async for _ in content:
             pass

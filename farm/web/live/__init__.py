@@ -1,4 +1,4 @@
-"""Pages that are kept up to date in browsers, by server-sent events with what has changed."""
+"""Live pages: server-sent events update the changed elements of a page in the browser."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Fragments of a page, and those that changed from one rendering to the next. Pure.
+"""Fragments of a page, and the changes between two renderings. Pure.
 
-A template marks each element that may change by itself with comments: `<!--live:ID-->` before it, with its
-id, and `<!--/live-->` behind it. Fragments do not contain each other; what is outside changes less often.
+A template marks each element that changes independently with comments: `<!--live:ID-->` before it, with its
+id, and `<!--/live-->` after it. Fragments are not nested. A change outside of them sends the whole page.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 MAIN = "main"
-"""Id of the element that has all fragments."""
+"""Id of the element that contains all fragments."""
 _FRAGMENT = re.compile(r"<!--live:([^>]*?)-->\s*(.*?)\s*<!--/live-->", re.DOTALL)
 _MAIN = re.compile(r'<main id="main">.*</main>', re.DOTALL)
 _VERSION = 'data-version=""'
@@ -53,7 +53,7 @@ def split_page(page: str) -> Fragments:
 
 
 def publish_page(page: str) -> str:
-    """Return a rendered page as it is sent: without marks, with the version of its content."""
+    """Prepare a rendered page for a browser: remove the marks, and add the version of its content."""
     if _VERSION not in page:
         return page
     fragments = split_page(page)
@@ -63,9 +63,9 @@ def publish_page(page: str) -> str:
 
 
 def find_changes(before: Fragments, after: Fragments) -> dict[str, str]:
-    """Find the changes: the HTML of elements by id.
+    """Return the HTML of the changed elements by id.
 
-    If fragments were added, removed or moved, or if something else changed, that is the whole main element.
+    Returns the whole main element if fragments were added, removed or moved, or if the rest has changed.
     """
     if before.frame != after.frame:
         return {MAIN: after.html}

@@ -1,5 +1,4 @@
-"""Pages that are kept up to date: each is rendered once for all its viewers of a role, who receive the
-changes.
+"""Live pages: a page is rendered once for all its viewers of a role, and they receive the changes.
 
 Pages without viewers are not rendered.
 """
@@ -24,7 +23,7 @@ from farm.web.notes import Reader
 log = logging.getLogger(__name__)
 
 Render = Callable[[Reader, str, str], Awaitable[str]]
-"""Renders a page for a reader, from the variable part of its path, and the query of its address."""
+"""Renders a page for a reader, from the variable part of its path and the query of its URL."""
 
 _PERIOD_S = 1.0
 _MAX_SHARE = 0.05  # share of the time that rendering may take
@@ -34,7 +33,7 @@ _HEARTBEAT = b"event: beat\ndata:\n\n"
 
 
 class _Topic:
-    """One page for one role, as its viewers last saw it; rendered again after a number of rounds."""
+    """Last rendering of one page for one role, renewed every few rounds."""
 
     def __init__(self, render: Callable[[], Awaitable[str]], page: str, rounds: int) -> None:
         self._render = render
@@ -46,13 +45,13 @@ class _Topic:
         self._change = asyncio.Event()
 
     async def refresh(self) -> None:
-        """Count a round; after the last one render again, and wake the viewers if something has changed."""
+        """Count a round; render again when the rounds are used up, and wake the viewers after a change."""
         self._rounds_left -= 1
         if self._rounds_left <= 0:
             await self._render_again()
 
     async def receive(self, version: str) -> None:
-        """Render a page of several rounds again for a viewer whose version may be later than its own."""
+        """Render again for a viewer with an unknown version, which may be newer than the last rendering."""
         if self._rounds > 1 and version not in (self.version, self._previous_version):
             await self._render_again()
 
@@ -77,7 +76,7 @@ class _Topic:
                 await self._change.wait()
 
     def catch_up(self, version: str) -> bytes:
-        """Return the changes from a version to the present one: the last changes, or the whole page."""
+        """Return the changes from a version to the present one: none, the last changes, or the whole page."""
         if version == self.version:
             return b""
         if version == self._previous_version:
@@ -86,12 +85,12 @@ class _Topic:
 
 
 class LivePages:
-    """All pages that are kept up to date, by their paths.
+    """All live pages, by path.
 
     Parameters
     ----------
     streams
-        Ends all streams when the daemon ends.
+        Counter of open streams, which it ends when the daemon ends.
     """
 
     def __init__(self, streams: StreamLimit) -> None:
@@ -106,16 +105,16 @@ class LivePages:
         Parameters
         ----------
         path
-            Its path with at most one variable, such as `/jobs/{number}`.
+            Path of the page with at most one variable, such as `/jobs/{number}`.
         render
-            Renders it.
+            Renders the page.
         rounds
-            Rounds, of a second or more, from one rendering to the next.
+            Number of rounds, of a second or more, between two renderings.
         """
         self._pages.append((re.compile(re.sub(r"\{\w+\}", "([^/]+)", path)), render, rounds))
 
     async def join(self, address: str, role: Role) -> _Topic:
-        """Return a page for a role. Raises FarmError if there is no such page."""
+        """Return the last rendering of a page for a role. Raises FarmError if there is no such page."""
         topic = self._topics.get((address, role))
         if topic is not None:
             return topic
@@ -133,12 +132,12 @@ class LivePages:
         address, role
             Path of the page, with its query, and the role of its viewer.
         version
-            Version that the viewer has.
+            Version of the page in the viewer's browser.
         is_allowed
-            Returns whether the viewer may still see it.
+            Returns whether the viewer may still see the page.
         """
         topic = await self.join(address, role)
-        topic.viewers += 1  # at once, else a round may end the page
+        topic.viewers += 1  # before any await: a round ends a page without viewers
         self._start()
         try:
             await topic.receive(version)
@@ -147,7 +146,7 @@ class LivePages:
                 message = topic.catch_up(version)
                 version = topic.version
                 yield message or _HEARTBEAT
-                if version == topic.version and not topic.is_over:  # else it changed while this was sent
+                if version == topic.version and not topic.is_over:  # else it changed in the meantime
                     await topic.wait(_HEARTBEAT_S)
         finally:
             topic.viewers -= 1
@@ -158,14 +157,14 @@ class LivePages:
             match = pattern.fullmatch(path)
             if match is not None:
                 return partial(render, Reader("", role), "".join(match.groups()), query), rounds
-        raise NoSuchThing(f"the page {path} is not kept up to date")
+        raise NoSuchThing(f"there is no live page {path}")
 
     def _start(self) -> None:
         if self._refresh_task is None or self._refresh_task.done():
             self._refresh_task = asyncio.get_running_loop().create_task(self._refresh())
 
     async def _refresh(self) -> None:
-        """Render the pages that have viewers, until there are none."""
+        """Render the pages that have viewers, until no page has any."""
         pause_s = _PERIOD_S
         while self._topics:
             await self._streams.wait(pause_s)
@@ -174,10 +173,10 @@ class LivePages:
                 if topic.viewers == 0 or self._streams.is_closed:
                     self._end_topic(key)
                 else:
-                    begin_s = time.perf_counter()  # some pages are rendered beside the loop
+                    begin_s = time.perf_counter()  # wall time, as a page may be rendered in a thread
                     await self._refresh_topic(key, topic)
                     spent_s += time.perf_counter() - begin_s
-                await asyncio.sleep(0.0)  # other work between two pages
+                await asyncio.sleep(0.0)  # lets other tasks run between two pages
             pause_s = max(_PERIOD_S, spent_s / _MAX_SHARE)
 
     async def _refresh_topic(self, key: tuple[str, Role], topic: _Topic) -> None:
@@ -185,7 +184,7 @@ class LivePages:
             await topic.refresh()
         except Exception as error:
             if not isinstance(error, FarmError):  # such as a job that was pruned
-                log.exception("the page %s", key[0])
+                log.exception("cannot render the live page %s", key[0])
             self._end_topic(key)
 
     def _end_topic(self, key: tuple[str, Role]) -> None:
@@ -196,5 +195,5 @@ class LivePages:
 
 
 def format_changes(changes: dict[str, str], version: str) -> bytes:
-    """Format changes as one server-sent event, whose id is the version that they lead to."""
+    """Format changes as one server-sent event, whose id is the new version."""
     return f"id: {version}\ndata: {json.dumps(changes, ensure_ascii=False)}\n\n".encode()

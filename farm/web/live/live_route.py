@@ -1,4 +1,4 @@
-"""Route of the stream that keeps a page up to date."""
+"""Route of the stream that updates a live page."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def live_routes(pages: LivePages, streams: StreamLimit) -> APIRouter:
         page: Annotated[str, Query(max_length=_MAX_LENGTH)] = "/",
         version: Annotated[str, Query(max_length=_MAX_LENGTH)] = "",
     ) -> StreamingResponse:
-        """Send the elements of a page that change, by their ids, as JSON, and heartbeats between changes."""
+        """Send the changed elements of a page by id as JSON, and heartbeats between changes."""
         holder = find_holder(request)
         streams.check(holder.name)
-        await pages.join(page, holder.role)  # an error is sent as an answer, not as a stream
+        await pages.join(page, holder.role)  # raises an error before the stream begins
         changes = pages.follow(page, holder.role, version, request.state.is_allowed)
         return StreamResponse(changes, streams.count(holder.name))
 

@@ -1,4 +1,4 @@
-"""Pages for browsers: rendered here, without scripts."""
+"""Pages for browsers, rendered on the server; scripts only add to them."""
 
 from __future__ import annotations
 

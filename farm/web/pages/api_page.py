@@ -1,4 +1,4 @@
-"""Page on the network's routes, from their OpenAPI description. It loads nothing and runs no script. Pure."""
+"""Page of the network's routes, from their OpenAPI description. It loads no file and runs no script. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.web.pages.rendering import load_template
 from farm.web.pages.sentences import format_commands
 
 Text = tuple[tuple[str, str], ...]
-"""Words, and names of objects to link: in each pair, one is empty."""
+"""Pieces of a text, each a pair of plain text and the name of an object to link, one of which is empty."""
 
 _STYLE = (
     ":root{color-scheme:light dark;--text:#222;--back:#fff;--line:#ccc;--link:#174ea6}"
@@ -29,7 +29,7 @@ _STYLE = (
 )
 _STYLE_HASH = base64.b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()
 POLICY = f"default-src 'none'; style-src 'sha256-{_STYLE_HASH}'; frame-ancestors 'none'; base-uri 'none'"
-"""Content security policy of the page: its own style and nothing else."""
+"""Content security policy of the page: it allows only its own style."""
 
 
 _LIMITS = {"minimum": "from", "exclusiveMinimum": "above", "maximum": "to"}
@@ -63,7 +63,7 @@ def render_api_page(document: Mapping[str, Any], address: str) -> str:
     document
         The OpenAPI description.
     address
-        Address at which it is served, for a link.
+        URL of the description, for a link.
     """
     info = document["info"]
     return load_template("api.html").render(
@@ -111,7 +111,7 @@ def _list_objects(document: Mapping[str, Any]) -> Iterator[tuple[str, list[tuple
 
 
 def describe_schema(schema: Mapping[str, Any]) -> Text:
-    """Describe in a few words which values a JSON schema allows."""
+    """Describe the values that a JSON schema allows in a few words."""
     if "$ref" in schema:
         return (("", str(schema["$ref"]).rpartition("/")[2]),)
     if "anyOf" in schema:

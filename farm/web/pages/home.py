@@ -1,4 +1,4 @@
-"""Home: tasks of people first, then the printers by what ends first, then the jobs. Pure."""
+"""Home page: tasks for people, printers in the order in which their prints end, jobs. Pure."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from farm.wording import format_planning, group_holds, shorten_names
 
 _URGENT = ("alarm", "outage")
 _WITHOUT_HEAT = (Link.ABSENT, Link.STARTING, Link.CONNECTING)
-"""States of a printer whose temperatures are not known."""
+"""States of a printer whose temperatures are unknown."""
 _MAX_ENDED = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Bed:
-    """Bed to clear: its printer, the plate on it, and what is asked about that.
+    """Bed to clear: its printer, the plate on it, and the questions on its part.
 
     Attributes
     ----------
     printer
         Name of the printer.
     plate
-        The last plate that was printed on it; None if nothing was.
+        The last plate that was printed on it; None without one.
     is_judged
         True if its part waits for a verdict.
     seen
-        Id of the last print on it, so that an old page clears no other plate; "none" if there is none.
+        Id of the last print on it, as the form of an outdated page must not clear a later plate; "none"
+        without a print.
     good
-        A part whose print failed, but which may be good.
+        Part of a failed print that may be good nevertheless.
     """
 
     printer: str
@@ -48,12 +49,12 @@ class Bed:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Task of a person.
+    """Task for a person.
 
     Attributes
     ----------
     key
-        Name that is constant while the task exists.
+        Id that does not change while the task exists.
     code
         Code of the to-do list; `heat` for heaters that are on without a print.
     text
@@ -63,7 +64,7 @@ class Task:
     beds
         Beds whose clearing ends the task.
     times
-        Times that the text names.
+        Times that the text contains.
     """
 
     key: str
@@ -76,13 +77,13 @@ class Task:
 
     @property
     def is_urgent(self) -> bool:
-        """True if somebody should go there now."""
+        """True if a person should go there now."""
         return self.code in (*_URGENT, "heat")
 
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """Printer, with the model that it prints and the expected end of that."""
+    """Printer, with the model that it prints and the expected end of its print."""
 
     printer: api.PrinterView
     model: str
@@ -92,7 +93,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class JobRow:
-    """Job, its progress in words, and why it or its plates wait."""
+    """Job, with a text on its progress, and the reasons why it or its plates wait."""
 
     job: api.JobView
     progress: str
@@ -100,7 +101,7 @@ class JobRow:
 
 
 def render_home(status: api.Status, reader: Reader, note: Note | None = None) -> str:
-    """Render Home.
+    """Render the home page.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
     reader
         Person who reads it.
     note
-        Message about the reader's last action.
+        Message on the reader's last action.
     """
     jobs = [describe_job_row(job) for job in status.jobs]
     ended_rows = [row for row in jobs if JobState(row.job.state).ended and row.job.state != JobState.PRINTED]
@@ -130,7 +131,7 @@ def render_home(status: api.Status, reader: Reader, note: Note | None = None) ->
 
 
 def list_home_tasks(status: api.Status) -> list[Task]:
-    """List the tasks of people, most urgent first: those of the to-do list, and heat without a print."""
+    """List the tasks for people, most urgent first: the to-do list, and heaters on without a print."""
     printers = {printer.name: printer for printer in status.printers}
     jobs = {job.id: job for job in status.jobs}
     keys = _make_keys(status.todo)
@@ -153,7 +154,7 @@ def _make_keys(todos: Iterable[api.Todo]) -> Iterator[str]:
 
 
 def is_hot(printer: api.PrinterView) -> bool:
-    """Return whether heaters are on, or were not seen off, while nothing is printed."""
+    """Return whether heaters are on or not reported off without an open print."""
     is_known = printer.nozzle_c is not None and printer.state not in _WITHOUT_HEAT
     return is_known and printer.print is None and not printer.heaters_off
 
@@ -189,7 +190,7 @@ def _describe_task(
             text = todo.text[:1].upper() + todo.text[1:]
         case "farm":
             text = todo.text
-        case "host":  # of hundreds of printers, perhaps: none has its own button
+        case "host":  # it may have hundreds of printers: no button for each
             return Task(key, todo.code, text, [])
         case "connect":
             text = f"Connect {text}"
@@ -199,7 +200,7 @@ def _describe_task(
 
 
 def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
-    """Describe the content of the bed of a printer, and the questions about it."""
+    """Describe the plate on the bed of a printer, and the questions on its part."""
     last_print = printer.last
     is_judged = last_print is not None and last_print.state is PrintState.DONE and last_print.verdict is None
     last_print_id = last_print.id if last_print is not None else "none"
@@ -209,9 +210,9 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
 
 
 def list_tiles(status: api.Status) -> list[Tile]:
-    """List the printers: the print that ends first in front, those without a print behind.
+    """List the printers in the order in which their prints end; printers without a print are last.
 
-    Ends are whole minutes, as elsewhere, so that two printers do not change places all the time.
+    Ends are rounded down to minutes: two printers with similar ends would change places all the time.
     """
     models, now = {job.id: job.name for job in status.jobs}, status.fleet.now
     tiles = [
@@ -234,7 +235,7 @@ def _format_end(printer: api.PrinterView, now: str) -> str | None:
 
 
 def describe_job_row(job: api.JobView) -> JobRow:
-    """Describe the progress of a job, and why it or its plates wait."""
+    """Describe the progress of a job, and the reasons why it or its plates wait."""
     progress = format_planning(job.progress) if job.progress is not None else ""
     if job.plates:
         planned_again = f"; planned again: {progress}" if progress else ""
@@ -243,7 +244,7 @@ def describe_job_row(job: api.JobView) -> JobRow:
 
 
 def _list_waits(job: api.JobView) -> Iterator[Sentence]:
-    """List the reasons for which a job and its plates wait, each once."""
+    """List the reasons why a job and its plates wait, each once."""
     if job.error and job.state != JobState.CANCELLED:
         yield Sentence(job.reason or job.error)
     if job.hold is not None:

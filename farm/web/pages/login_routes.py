@@ -1,4 +1,4 @@
-"""Routes of the pages to log in, by a link or by a key, and to log out."""
+"""Routes of the pages to log in with a link or a key, and to log out."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
     async def log_out(request: Request) -> Response:
         holder = find_holder(request)
         if not holder.has_session:
-            raise Refused(f"{holder.name} has no session to end: an operator revokes it by `farm key revoke`")
+            raise Refused(f"{holder.name} has a key, no session: an operator revokes it by `farm key revoke`")
         keys.revoke(holder.key.id, holder.name)
         response = HTMLResponse(render_message(name, "You have logged out.", has_login_hint=True))
         cookie.clear(response)
@@ -75,7 +75,7 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
 
 
 def _redirect(cookie: SessionCookie, session: str) -> Response:
-    """Return an answer that gives the browser a session's text and shows the farm."""
+    """Return a redirect to the home page, with the cookie of a session."""
     response = RedirectResponse("/", _SEE_OTHER)
     cookie.set(response, session)
     return response

@@ -1,4 +1,4 @@
-"""Objects that the routes of pages share, and the answer to a request for a page."""
+"""Objects that the routes of pages share, and the response to a request for a page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class PageContext:
     notes
         Notes to show above the pages.
     live
-        Receives the pages that are kept up to date.
+        Register of the live pages.
     """
 
     services: Services
@@ -36,7 +36,7 @@ class PageContext:
     live: LivePages
 
     async def answer(self, request: Request, render: Render) -> Response:
-        """Answer with a page for the caller, with the caller's note, which is kept if the page fails."""
+        """Respond with a page and the note of the caller, which is kept if rendering fails."""
         holder = find_holder(request)
         with self.notes.show(holder.key.id) as note:
             return HTMLResponse(publish_page(await render(Reader.for_holder(holder), note)))

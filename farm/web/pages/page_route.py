@@ -1,4 +1,4 @@
-"""Routes of pages: an error is shown as a page, in its words."""
+"""Routes of pages: an error becomes a page with its message."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _MAX_FIELDS = 20
 _NOT_FOUND, _BAD_REQUEST = 404, 400
 _Query = TypeVar("_Query", bound=BaseModel)
 EMPTY_IS_NONE = BeforeValidator(lambda value: None if value == "" else value)
-"""Reads a field of a form that was left empty as if it were missing."""
+"""Validator that treats an empty field of a form as a missing one."""
 
 
 def read_query(model: type[_Query], text: str) -> _Query:
-    """Read the query of an address, for a page without a request. Raises FarmError if it is wrong."""
+    """Read the query of a URL, for a page without a request. Raises FarmError if it is invalid."""
     try:
         return model.model_validate(dict(parse_qsl(text, max_num_fields=_MAX_FIELDS)))
     except ValidationError as error:
@@ -34,7 +34,7 @@ def read_query(model: type[_Query], text: str) -> _Query:
 
 
 class PageRoute(APIRoute):
-    """Route of a page. A farm's error, or an address that cannot be read, becomes a page with the message."""
+    """Route of a page; a `FarmError` or an invalid URL becomes a page with the message."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Return the handler of requests."""

@@ -29,7 +29,7 @@ NAVIGATION: tuple[tuple[str, str, Role], ...] = (
     ("/timeline", "Timeline", Role.LOOK),
     ("/history", "History", Role.LOOK),
 )
-"""Pages that each page links: path, words, and the role that they need."""
+"""Pages to which each page links: path, label, and the role that the page requires."""
 _WORDS = {
     "look": "inspect",
     "ready": "idle",
@@ -37,7 +37,7 @@ _WORDS = {
     "at_nozzle": "at the nozzle",
     "not_clear": "not clear",
 }
-"""Values that the pages word differently from `--json`."""
+"""Texts for values that the pages name differently from `--json`."""
 _GLYPHS = {
     "printing": "▶",
     "heating": "▲",
@@ -57,7 +57,7 @@ _OTHER_GLYPH = "•"
 
 
 class Farm(Protocol):
-    """Fleet whose pages are shown: its section of `fleet.yaml`, or the view of it."""
+    """Fleet of the pages: its section in `fleet.yaml`, or the view of it."""
 
     @property
     def name(self) -> str: ...
@@ -82,7 +82,7 @@ def render_page(
     reader
         Person who reads it.
     note
-        Message about the reader's last action.
+        Message on the reader's last action.
     values
         Variables of the template.
     """
@@ -93,7 +93,7 @@ def render_page(
 
 
 def render_login(farm: str, user: str, role: Role) -> str:
-    """Render the page of a link: one button, as a preview of the link must not use it up."""
+    """Render the page of a login link: a button logs in, as a preview of the link must not use it up."""
     return load_template("login.html").render(title=farm, user=user, role=role)
 
 
@@ -105,7 +105,7 @@ def render_message(title: str, text: str, has_login_hint: bool = False) -> str:
     title, text
         The heading and the message.
     has_login_hint
-        True if the page says how to log in.
+        True if the page explains how to log in.
     """
     return load_template("message.html").render(title=title, text=text, has_login_hint=has_login_hint)
 
@@ -116,7 +116,7 @@ def load_template(name: str) -> Template:
 
 
 def load_pages() -> None:
-    """Load all templates, and the files that pages load."""
+    """Load all templates and static files."""
     load_templates()
     load_static_files()
 
@@ -144,7 +144,7 @@ def load_templates() -> Environment:
 
 
 def format_state(state: str) -> Markup:
-    """Format a state as a label with a sign and words: its colour alone says nothing."""
+    """Format a state as a label with a sign and text, as not all people see its colour."""
     glyph = _GLYPHS.get(state, _OTHER_GLYPH)
     return Markup('<span class="state {}"><span aria-hidden="true">{}</span> {}</span>').format(
         state, glyph, describe_value(state)
@@ -152,19 +152,19 @@ def format_state(state: str) -> Markup:
 
 
 def format_job_state(job: api.JobView) -> Markup:
-    """Format the state of a job: one that is to be printed waits until a plate of it does."""
+    """Format the state of a job; a job in state `printing` without an open print is shown as waiting."""
     is_waiting = job.state is JobState.PRINTING and not any(plate.printing for plate in job.plates)
     return format_state("paused" if job.paused else "waiting" if is_waiting else job.state)
 
 
 def format_outcome(attempt: api.HistoryRow) -> Markup:
-    """Format the outcome of a print: the verdict on its part, without one its state."""
+    """Format the outcome of a print: the verdict on its part, else its state."""
     state = "printed" if attempt.state is PrintState.DONE else attempt.state
     return format_state(attempt.verdict or state)
 
 
 def describe_value(value: str) -> str:
-    """Return the words for a value of an enumeration."""
+    """Return the text for a value of an enumeration."""
     return _WORDS.get(value, value.replace("_", " "))
 
 

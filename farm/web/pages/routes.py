@@ -1,4 +1,4 @@
-"""Routes of pages for browsers: Home, and the static files."""
+"""Routes of the home page and of the static files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from farm.web.pages.home import render_home
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.static_files import load_static_files
 
-_CACHE_CONTROL = "public, max-age=31536000, immutable"  # the address changes with the contents
+_CACHE_CONTROL = "public, max-age=31536000, immutable"  # the URL changes with the contents
 
 
 def page_routes(pages: PageContext) -> APIRouter:
-    """Return the routes of Home and of the static files."""
+    """Return the routes of the home page and of the static files."""
     router = APIRouter(include_in_schema=False)
 
     async def show(reader: Reader, note: Note | None = None) -> str:

@@ -1,6 +1,6 @@
-"""Times, and sentences with times and commands in them, as HTML. Pure.
+"""Times, and sentences with times and commands, as HTML. Pure.
 
-Times are in the farm's zone; a script of the pages shows them in the reader's.
+Times are in the farm's time zone; a script of the pages converts them to the reader's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LAST_COMMAND = re.compile(r"(?:, then|; then|:) `farm [^`]*`$")
 
 
 class TimedText(Protocol):
-    """Object with a sentence, such as a hold or a task, and the times that it names."""
+    """Object with a sentence, such as a hold or a task, and the times in the sentence."""
 
     @property
     def text(self) -> str: ...
@@ -31,7 +31,7 @@ class TimedText(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sentence:
-    """Sentence with the times that it names."""
+    """Sentence, and the times in it."""
 
     text: str
     times: Sequence[TextTime] = ()
@@ -40,7 +40,7 @@ class Sentence:
 def format_sentence(sentence: TimedText) -> Markup:
     """Format a sentence: commands in backticks as code, times as elements.
 
-    The command that it ends with is left out: on pages a button does it.
+    Leaves out a command at the end: the pages have a button for it.
     """
     text = _LAST_COMMAND.sub("", sentence.text)
     pieces = text.split("`")
@@ -48,25 +48,25 @@ def format_sentence(sentence: TimedText) -> Markup:
         return _format_times(text, sentence.times)
     code = Markup("<code>{}</code>")
     return Markup("").join(
-        code.format(piece) if at % 2 else _format_times(piece, sentence.times)
-        for at, piece in enumerate(pieces)
+        code.format(piece) if index % 2 else _format_times(piece, sentence.times)
+        for index, piece in enumerate(pieces)
     )
 
 
 def format_commands(text: str) -> Markup:
-    """Format a sentence that names no times, as `format_sentence` does."""
+    """Format a sentence without times, as `format_sentence` does."""
     return format_sentence(Sentence(text))
 
 
 def _format_times(text: str, times: Sequence[TextTime]) -> Markup:
-    """Format a text with the times that it names as elements."""
+    """Format a text; the given times in it become elements."""
     moments = {time.text: time.at for time in times}
     if not moments:
         return escape(text)
     pattern = "|".join(map(re.escape, sorted(moments, key=len, reverse=True)))
     pieces = re.split(f"({pattern})", text)
     return Markup("").join(
-        _make_element(moments[one], one) if one in moments else escape(one) for one in pieces
+        _make_element(moments[piece], piece) if piece in moments else escape(piece) for piece in pieces
     )
 
 
@@ -76,7 +76,7 @@ def format_time_element(at: str | None, now: str) -> Markup:
     Parameters
     ----------
     at, now
-        The time, and that of the view, as ISO 8601.
+        The time, and the time of the view, as ISO 8601.
     """
     if at is None:
         return Markup("")
@@ -88,7 +88,7 @@ def _make_element(at: str, text: str) -> Markup:
 
 
 class NamedTime(Protocol):
-    """Time as ISO 8601, and as it stands in a text: a `TextTime`, or the mark of a chart."""
+    """Time as ISO 8601 and as text, such as a `TextTime` or the mark of a chart."""
 
     @property
     def at(self) -> str: ...
@@ -98,5 +98,5 @@ class NamedTime(Protocol):
 
 
 def format_time_attributes(time: NamedTime) -> Markup:
-    """Return the attributes of an element that holds text alone, such as SVG's, and names a time in it."""
+    """Return the attributes that mark a time in an element that can contain only text, such as SVG's."""
     return Markup('data-time="{}" data-text="{}"').format(time.at, time.text)

@@ -1,4 +1,4 @@
-"""Files that pages load, such as scripts, each under an address that changes with its contents."""
+"""Files that pages load, such as scripts, each with a URL that changes with its contents."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _TYPES = {
     ".txt": "text/plain; charset=utf-8",
 }
 _FOLDERS = (("farm.web.pages", "static"), ("farm.web.pages", "built"), ("farm.views.charts", "static"))
-"""Packages and folders of our own files, and of those that `make install` builds, which may be missing."""
+"""Packages and folders of static files; `built` has those that `make install` builds, and may be missing."""
 _VERSION_DIGITS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class StaticFile:
-    """Content of a file, as it is and compressed."""
+    """Content of a file, plain and compressed by gzip."""
 
     content: bytes
     compressed: bytes
@@ -49,6 +49,6 @@ def load_static_files() -> Mapping[str, StaticFile]:
 
 
 def find_address(name: str) -> str:
-    """Return the address of a file with its version, so that browsers may keep it; empty if it is missing."""
+    """Return the path of a file with its version, for caches of browsers; empty if it is missing."""
     file = load_static_files().get(name)
     return "" if file is None else f"/static/{name}?v={file.version}"

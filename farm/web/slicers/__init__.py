@@ -1,6 +1,6 @@
-"""Dialects of other print servers, so that slicers send to the farm: OctoPrint's and Moonraker's.
+"""Interfaces of other print servers, OctoPrint and Moonraker, with which slicers send to the farm.
 
-Each is served at the root, for whichever printer fits, and under `/to/PRINTER`, for that one.
+Each dialect is served at the root, for any printer that fits, and under `/to/PRINTER`, for one printer.
 """
 
 from __future__ import annotations

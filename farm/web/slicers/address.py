@@ -15,12 +15,12 @@ from farm.model import Job, JobOptions
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """The farm, or one of its printers, as the path of a request names it.
+    """The farm or one of its printers, as given in the path of a request.
 
     Attributes
     ----------
     printer
-        Name of the printer; None: whichever fits.
+        Name of the printer; None for any printer that fits.
     root
         Scheme, host and prefix, without a slash at the end.
     """
@@ -30,19 +30,19 @@ class Address:
 
     @property
     def options(self) -> JobOptions:
-        """Options of a job that is sent here."""
+        """Options of a job that is sent to this address."""
         return JobOptions() if self.printer is None else JobOptions(only=(self.printer,))
 
     def name(self, controller: Controller) -> str:
-        """Return the name that people know."""
+        """Return the name of the printer or of the farm."""
         return self.printer or controller.fleet.fleet.name
 
     def sections(self, controller: Controller) -> list[PrinterSection]:
-        """Return the printers that may print what is sent here."""
+        """Return the printers that may print a job that is sent to this address."""
         return [section for section in controller.fleet.printers if self.printer in (None, section.name)]
 
     def takes(self, job: Job) -> bool:
-        """Return whether a job is listed here."""
+        """Return whether a job is listed at this address."""
         return self.printer is None or not job.options.only or self.printer in job.options.only
 
 

@@ -1,6 +1,6 @@
-"""Routes by which a program asks for its own key, as OctoPrint's plugin `appkeys` has them.
+"""Routes with which a program requests a key of its own, compatible with OctoPrint's plugin `appkeys`.
 
-They need no key. A request does nothing until an operator grants it on the farm's host.
+They require no key. A request has no effect until an operator grants it on the farm's host.
 """
 
 from __future__ import annotations

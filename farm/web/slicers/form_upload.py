@@ -1,4 +1,4 @@
-"""Uploads of slicers: their fields as options of a job."""
+"""Uploads of slicers: submission of a form, with its fields as options of a job."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_NOTE_LENGTH = 200
 
 
 class SlicerUpload(NamedTuple):
-    """Number of an upload's job, and whether the slicer asked to print it."""
+    """Number of an upload's job, and whether the slicer requested its print."""
 
     job: int
     print_requested: bool
@@ -34,7 +34,7 @@ async def submit_form(
     uploads, jobs
         Components of the daemon.
     options
-        Options of the job, to which those of the form are added.
+        Options of the job; the fields of the form are added.
     by
         Name of the caller.
 
@@ -45,7 +45,7 @@ async def submit_form(
     """
 
     async def read_options(form: FormReader) -> JobOptions:
-        folder = form.fields.get("path", "").strip("/ ")[:_MAX_NOTE_LENGTH]  # it is only shown
+        folder = form.fields.get("path", "").strip("/ ")[:_MAX_NOTE_LENGTH]  # a note for people, never a path
         own = {"hold": not form.is_true("print"), "note": folder or None}
         return JobOptions.model_validate({**options.model_dump(), **own})
 

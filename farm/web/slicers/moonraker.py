@@ -1,6 +1,6 @@
-"""Routes of Moonraker's dialect, as far as slicers use it: the check for a server, and uploads.
+"""Routes of Moonraker's dialect that slicers use: the check for a server, and uploads.
 
-An upload is answered without the `result` that is around all other answers, as Moonraker does.
+As in Moonraker, the response to an upload is not wrapped in `result`, unlike all other responses.
 """
 
 from __future__ import annotations

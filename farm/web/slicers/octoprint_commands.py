@@ -1,4 +1,4 @@
-"""Routes of OctoPrint's dialect that change something: select, print, pause and cancel."""
+"""Routes of commands in OctoPrint's dialect: select, print, pause and cancel."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ _NO_CONTENT = 204
 
 
 class FileCommand(BaseModel):
-    """Command on a file: `select`, and `print` to let its job print."""
+    """Command on a file: `select`; with `print`, its job is also released."""
 
     command: str
     print: bool = False
 
 
 class JobCommand(BaseModel):
-    """Command on what is selected, or prints."""
+    """Command on the selected job or the open print."""
 
     command: str
     action: Literal["pause", "resume", "toggle"] = "toggle"
 
     def wants_pause(self, is_paused: bool) -> bool:
-        """Return whether a print, which is paused or not, is to be paused."""
+        """Return whether the command pauses a print; `toggle` depends on its present state."""
         return not is_paused if self.action == "toggle" else self.action == "pause"
 
 
@@ -94,7 +94,7 @@ def octoprint_commands(services: Services, jobs: JobCommands, selection: Selecti
 
     @router.post("/api/connection", status_code=_NO_CONTENT)
     async def command_connection(body: ConnectionCommand, _: Addressed) -> None:
-        if body.command != "connect":  # the farm keeps its printers connected itself
+        if body.command != "connect":  # agents connect printers without a command
             raise Refused("printers stay connected: `farm maintenance PRINTER` takes one out of use")
 
     return router

@@ -23,7 +23,7 @@ _CREATED = 201
 
 
 def octoprint_routes(services: Services, jobs: JobCommands, selection: Selection) -> APIRouter:
-    """Return the routes of OctoPrint's dialect that describe the farm, and that of uploads.
+    """Return the routes of OctoPrint's dialect for descriptions of the farm and for uploads.
 
     Parameters
     ----------
@@ -124,5 +124,5 @@ def _describe_printer(services: Services, name: str) -> api.PrinterView:
 
 
 def _locate(address: Address, job: Job) -> str:
-    """Return the address of a job's file."""
+    """Return the URL of a job's file."""
     return f"{address.root}{FILES}/{quote(views.format_file_path(job))}"

@@ -1,7 +1,7 @@
 """Descriptions of the farm as OctoPrint describes its one printer. Pure.
 
-The farm takes jobs at any time, so that it is always ready: Cura's plugin refuses to send to a printer that
-prints. What a printer does is in the description of its job.
+The farm is always ready, as it takes jobs at any time, and Cura's plugin does not send to a printer that
+prints. The description of a job has the state of its print.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from farm.model import Job, PrintState
 
 API_VERSION = "0.1"
 SERVER_VERSION = "1.9.0"
-"""The version of OctoPrint whose interface this is: clients compare it."""
+"""Version of OctoPrint whose interface the farm implements; clients compare it."""
 READY = "Operational"
 _STATES = {
     PrintState.ASSIGNED: "Starting",
@@ -46,7 +46,7 @@ _FLAGS = {
 
 
 def describe_version() -> dict[str, Any]:
-    """Describe the version: some clients accept only a text that begins with OctoPrint."""
+    """Describe the version; some clients accept only a text that begins with OctoPrint."""
     return {"api": API_VERSION, "server": SERVER_VERSION, "text": f"OctoPrint (farm {farm.__version__})"}
 
 
@@ -67,13 +67,13 @@ def describe_user(name: str, is_operator: bool) -> dict[str, Any]:
 
 
 def describe_login(name: str, is_operator: bool) -> dict[str, Any]:
-    """Describe a caller as the answer to a log-in by a key."""
+    """Describe a caller, in the response to a log-in with a key."""
     rights = {"active": True, "admin": is_operator, "user": True}
     return {**describe_user(name, is_operator), **rights, "apikey": None, "settings": {}}
 
 
 def describe_state(printer: api.PrinterView | None) -> dict[str, Any]:
-    """Describe the state, with the temperatures of a printer; None: of the whole farm."""
+    """Describe the state of a printer with its temperatures; None for the whole farm."""
     temperature = {}
     if printer is not None:
         targets = printer.targets
@@ -123,7 +123,7 @@ def describe_current_job(job: Job | None, progress: api.PrintProgress | None) ->
 
 
 def describe_file(job: Job, resource: str) -> dict[str, Any]:
-    """Describe a job as a file, with the address of its description."""
+    """Describe a job as a file, with the URL of its description."""
     kind = "model" if job.own_gcode is None else "machinecode"
     return {
         **_name_file(job),
@@ -136,7 +136,7 @@ def describe_file(job: Job, resource: str) -> dict[str, Any]:
 
 
 def format_file_path(job: Job) -> str:
-    """Return the path of a job's file: the job's number is its folder, so that no two are the same."""
+    """Return the path of a job's file, unique by the job's number as its folder."""
     return f"{job.id}/{job.name}"
 
 
@@ -152,7 +152,7 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
     jobs
         All jobs by number.
     path
-        Number and name; or a name alone, of the newest open job that the caller sent, else of anybody.
+        Number and name; or only a name, for the newest open job of that name, of the caller if possible.
     by
         Name of the caller.
 
@@ -169,12 +169,12 @@ def find_job(jobs: Mapping[int, Job], path: str, by: str) -> Job:
         candidates = [job for job in jobs.values() if job.name == name and not job.state.ended]
         jobs_found = [job for job in candidates if job.submitted_by == by] or candidates
     if not jobs_found:
-        raise NoSuchThing(f"there is no open job of a file {name}: send it first")
+        raise NoSuchThing(f"there is no open job for a file {name}: send the file first")
     return max(jobs_found, key=lambda job: job.id)
 
 
 def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: str) -> dict[str, Any]:
-    """Describe the one printer that a client sees: that of the address, or what any of the fleet can print.
+    """Describe the profile of a printer; for the whole farm, of the printer with the lowest build height.
 
     Parameters
     ----------
@@ -215,13 +215,13 @@ def describe_profiles(name: str, sections: Iterable[PrinterSection], resource: s
 
 
 def _describe_axes(profile: Profile) -> dict[str, Any]:
-    """Describe the fastest feed rate of each axis, in mm/min."""
+    """Describe the maximum feed rate of each axis, in mm/min."""
     speeds = zip("xyze", profile.max_feedrate_mm_s, strict=True)
     return {axis: {"speed": round(speed * 60), "inverted": False} for axis, speed in speeds}
 
 
 def describe_connection(name: str) -> dict[str, Any]:
-    """Describe the connection, which the farm makes itself."""
+    """Describe the connection, which is always established."""
     return {
         "current": {"state": READY, "port": None, "baudrate": None, "printerProfile": _PROFILE},
         "options": {

@@ -1,4 +1,4 @@
-"""Paths of the slicers' dialects, with the roles that they need."""
+"""Paths of the slicers' dialects, with the roles that they require."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from farm.model import Role
 
 PREFIXES = ("", "/to/{printer}")
-"""The whole farm, and one printer."""
+"""Prefixes of the paths: for the whole farm, and for one printer."""
 FILES = "/api/files/local"
 FILE = FILES + "/{name}"
 FILE_OF_JOB = FILES + "/{number}/{name}"
@@ -48,7 +48,7 @@ SLICER_OPEN = frozenset(
     for prefix in PREFIXES
     for method, path in (("GET", APP_KEY_PROBE), ("POST", APP_KEY_REQUESTS), ("GET", APP_KEY_REQUEST))
 )
-"""Routes that need no key: by them a program asks for one."""
+"""Routes that require no key: a program requests a key with them."""
 _DIALECT = re.compile(r"/(to|server|printer|plugin)/.*|/api/(?!v1(/|$)).*")
 _UPLOAD = re.compile(rf"(/to/[^/]+)?({FILES}|{MOONRAKER_UPLOAD})")
 
@@ -59,5 +59,5 @@ def is_slicer_path(path: str) -> bool:
 
 
 def is_slicer_upload(path: str) -> bool:
-    """Return whether a path takes uploads."""
+    """Return whether a path receives uploads."""
     return _UPLOAD.fullmatch(path) is not None

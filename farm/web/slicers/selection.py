@@ -1,4 +1,4 @@
-"""Jobs that clients have selected, as OctoPrint's have one selected file. Kept in memory only."""
+"""Selected jobs of clients, like the selected file of OctoPrint. Kept only in memory."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Selection:
         self._jobs: dict[tuple[str, str | None], int] = {}
 
     def select(self, by: str, address: Address, job: int) -> None:
-        """Select a job; of too many selections the oldest is forgotten."""
+        """Select a job; delete the oldest of too many selections."""
         self._jobs.pop((by, address.printer), None)
         self._jobs[by, address.printer] = job
         if len(self._jobs) > _MAX_JOBS:
             del self._jobs[next(iter(self._jobs))]
 
     def find(self, by: str, address: Address, books: Books) -> Job | None:
-        """Return the job that the printer of an address prints, else the selected one."""
+        """Return the job that the printer of an address prints, else the selected job."""
         attempt = None if address.printer is None else books.open_print_on(address.printer)
         number = self._jobs.get((by, address.printer)) if attempt is None else attempt.job
         return None if number is None else books.jobs.get(number)

@@ -1,7 +1,7 @@
-"""Errors as slicers show them: one line of plain text, with the reason in front.
+"""Errors for slicers: one line of plain text that begins with the reason.
 
-PrusaSlicer and its forks show the body as it is. Cura's plugin shows its first 100 characters, if the type is
-exactly `text/plain`; it treats the status 409 differently, so 409 is not used.
+PrusaSlicer and its forks show the whole body. Cura's plugin shows its first 100 characters if the type is
+exactly `text/plain`; the status 409 is not used, as the plugin treats it differently.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def test_request_without_a_caller_is_refused_on_every_route(tmp_path, group):
     for method, path in routes:
         answer = ask(app, None, method, path, json={})
         assert answer.status_code == 409, (method, path, answer.text)
-        assert "nobody is known as the sender" in answer.json()["error"], (method, path)
+        assert "the sender of this request is unknown" in answer.json()["error"], (method, path)
 
 
 @pytest.mark.parametrize("group", [None, GROUP])

@@ -1,4 +1,4 @@
-"""Page of the history: figures of ended prints, and the choice of them. Pure."""
+"""Page of the history: figures of ended prints, with filters. Pure."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import Farm, render_page
 
 PERIODS = ((None, "all"), (1, "last day"), (7, "last 7 days"), (30, "last 30 days"), (365, "last year"))
-"""Periods to choose from: days, and words."""
+"""Periods to choose from: days and label."""
 
 
 class HistoryQuery(BaseModel):
-    """Choice of prints in the address of the page; a field that is left empty chooses all."""
+    """Filter of prints in the page's URL; an empty field does not filter."""
 
     days: Annotated[Annotated[int, Field(ge=1, le=36_500)] | None, EMPTY_IS_NONE] = None
     printer: Annotated[Annotated[str, Field(max_length=100)] | None, EMPTY_IS_NONE] = None
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
 
     def to_filter(self) -> HistoryFilter:
-        """Return the choice."""
+        """Return the filter of the view."""
         return HistoryFilter(days=self.days, printer=self.printer, job=self.job)
 
 
@@ -40,7 +40,7 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
     reader
         Person who reads it.
     note
-        Message about the reader's last action.
+        Message on the reader's last action.
     """
     chosen = {"days": view.chosen.days, "printer": view.chosen.printer, "job": view.chosen.job}
     query = urlencode({name: value for name, value in chosen.items() if value is not None})

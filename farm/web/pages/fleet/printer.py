@@ -35,9 +35,9 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
     farm
         The fleet.
     reader
-        Person who reads it; it has the forms that their role allows.
+        Person who reads it; the page has the forms that their role allows.
     note
-        Message about the reader's last action.
+        Message on the reader's last action.
     """
     path = f"/printers/{page.printer.name}"
     title = PROFILES[page.model].title if page.model in PROFILES else page.model
@@ -47,7 +47,7 @@ def render_printer(page: PrinterPage, farm: Farm, reader: Reader, note: Note | N
 
 @dataclass(frozen=True, slots=True)
 class ShownLine:
-    """Line on the wire with its time of day."""
+    """Line on the wire, with its time of day on the farm's clock."""
 
     at: str
     sent: bool
@@ -74,7 +74,7 @@ def render_wire(
     reader
         Person who reads it.
     problem
-        Reason for which there are no lines.
+        Reason why there are no lines.
     """
     zone = ZoneInfo(farm.timezone)
     shown_lines = [

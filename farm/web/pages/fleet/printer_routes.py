@@ -59,7 +59,7 @@ def printer_pages(pages: PageContext) -> APIRouter:
     async def show_still(number: int, name: str) -> Response:
         media_type = _IMAGES.get(Path(name).suffix)
         if media_type is None:
-            raise NoSuchThing(f"{name!r} is no picture")
+            raise NoSuchThing(f"{name!r} is not a picture")
         return FileResponse(await find_stored_file(services, number, name), media_type=media_type)
 
     return router

@@ -1,4 +1,4 @@
-"""Routes of the pages on the fleet's timeline and on the history."""
+"""Routes of the pages of the fleet's timeline and of the history."""
 
 from __future__ import annotations
 
@@ -27,11 +27,14 @@ from farm.web.pages.fleet.timeline import TimelineQuery, render_timeline
 from farm.web.pages.page_context import PageContext
 from farm.web.pages.page_route import PageRoute, read_query
 
-_ROUNDS = 10  # rounds of live pages between two renderings: these pages read all jobs and prints
+_ROUNDS = 10  # rounds of live pages between two renderings, as these pages read all jobs and prints
 
 
 def fleet_routes(pages: PageContext) -> APIRouter:
-    """Return the routes of these pages. Long work on the books is done beside the loop, on a copy."""
+    """Return the routes of these pages.
+
+    A thread reads a snapshot of the books, as a long history would block the event loop.
+    """
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
     fleet = controller.fleet.fleet
@@ -82,14 +85,14 @@ def fleet_routes(pages: PageContext) -> APIRouter:
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
-    """Return the change to a job that a reader wants to try out; None for the plan as it is.
+    """Return the change to a job that a reader puts on trial; None for the present plan.
 
     Raises
     ------
     NoSuchThing
         If there is no such job.
     Refused
-        If nothing of it waits, or it cannot be moved there.
+        If none of its plates waits, or it cannot be moved there.
     FarmError
         If the start cannot be read.
     """

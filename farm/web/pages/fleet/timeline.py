@@ -1,4 +1,4 @@
-"""Page of the fleet's timeline, and of what a change to a job would do. Pure."""
+"""Page of the fleet's timeline, with the effect of a change to a job on trial. Pure."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from farm.web.pages.page_route import EMPTY_IS_NONE
 from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
-"""Lengths of the shown past: hours, and words."""
+"""Lengths of the shown past: hours and label."""
 MOVES = (("", "as it is"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
-"""Moves of a job to try out: values of `api.QueuePlace`, and words."""
+"""Moves of a job on trial: values of `api.QueuePlace` and label."""
 
 
 class TimelineQuery(BaseModel):
-    """Address of the page: how far it goes back, and a change to try out."""
+    """Query of the page: the length of the shown past, and a change on trial."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
@@ -33,11 +33,11 @@ class TimelineQuery(BaseModel):
 
     @property
     def past_s(self) -> float:
-        """Return the length of the shown past, in seconds."""
+        """Length of the shown past, in seconds."""
         return int(self.hours) * 3600.0
 
     def write(self) -> str:
-        """Return it as it stands in an address."""
+        """Format the query for a URL."""
         return urlencode(self.model_dump(exclude_defaults=True))
 
     def check(self) -> None:
@@ -63,15 +63,15 @@ def render_timeline(
     view
         The timeline.
     query
-        The query of the address.
+        The query of the page.
     farm
         The fleet.
     reader
         Person who reads it.
     note
-        Message about the reader's last action.
+        Message on the reader's last action.
     problem
-        Reason for which a change could not be tried out.
+        Reason why the change cannot be made.
     """
     return render_page(
         "timeline.html",
@@ -93,14 +93,14 @@ def render_timeline(
 
 
 def format_start(view: TimelineView) -> str:
-    """Write the start that is tried out with its date, so that it means the same later; empty for none."""
+    """Format the start on trial with its date, as `22:00` means another day tomorrow; empty for none."""
     if view.change is None or view.change.not_before_s is None:
         return ""
     return datetime.fromtimestamp(view.change.not_before_s, ZoneInfo(view.zone)).isoformat(" ", "minutes")
 
 
 def describe_change(change: Change | None, query: TimelineQuery) -> str:
-    """Describe the change that is tried out, in a few words."""
+    """Describe the change on trial in a few words."""
     if change is None:
         return ""
     place = f"{dict(MOVES)[query.to]} in the queue" if query.to else ""
@@ -109,7 +109,7 @@ def describe_change(change: Change | None, query: TimelineQuery) -> str:
 
 
 def describe_shift(later_s: float | None) -> str:
-    """Describe the shift of an end: later or earlier, with the time."""
+    """Describe the delay of an end: the duration, and whether it is later or earlier."""
     if later_s is None:
         return "–"
     if abs(later_s) < 60.0:

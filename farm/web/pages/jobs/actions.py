@@ -1,4 +1,4 @@
-"""Buttons of a job and of its parts: which a person may press in which state. Pure."""
+"""Buttons of a job and of its parts, by their state and the role of the reader. Pure."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Action:
     Attributes
     ----------
     path
-        Route that the button posts to.
+        Route to which the button posts.
     label
-        Its words.
+        Text on the button.
     fields
         Hidden fields of its form.
     is_destructive
-        True if it cannot be undone: a page asks for a confirmation.
+        True if the action cannot be undone; the page asks for a confirmation.
     """
 
     path: str
@@ -60,7 +60,7 @@ def list_job_actions(job: api.JobView, role: Role) -> list[Action]:
 
 
 def may_report_assembly(job: api.JobView, role: Role) -> bool:
-    """Return whether a reader may say how long it took to glue the parts of a job."""
+    """Return whether a reader may report the time that gluing the parts of a job took."""
     is_printed = job.state in (JobState.PRINTED, JobState.DONE)
     is_cut = len(job.parts) > len({part.copy_number for part in job.parts})
     return is_printed and is_cut and role.allows(Role.PRINT)
@@ -76,7 +76,7 @@ def list_part_actions(
     job, part
         The part, and its job.
     printer
-        Printer on whose bed the part lies, printed; None for none.
+        Printer on whose bed the printed part lies; None if on none.
     role
         Role of the reader.
     """
@@ -103,9 +103,10 @@ def list_part_actions(
 
 
 def find_parts_on_beds(job: api.JobView, printers: Sequence[api.PrinterView]) -> dict[str, api.PrinterView]:
-    """Find the parts of a job whose last print lies on a bed: the printer by the part's id.
+    """Find the printers with parts of a job on their beds, by part id.
 
-    An earlier print that failed may lie on another bed: a verdict there would be on the wrong one.
+    Only the last print of a part counts: an earlier, failed one may lie on another bed, and must not get the
+    verdict.
     """
     beds = {
         (printer.last.plate, printer.name): printer

@@ -1,4 +1,4 @@
-"""Archive of files, written while it is sent: it is neither on the disk nor whole in memory."""
+"""ZIP archive of files, written while it is sent: neither the disk nor the memory holds all of it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 _CHUNK_BYTES = 1 << 18
-_LEVEL = 1  # half the size of an STL, at some 50 MB/s
+_LEVEL = 1  # compression: half the size of an STL, at about 50 MB/s
 
 
 class _Outbox:
-    """Stream without positions, whose content is taken as it is written."""
+    """Unseekable stream that buffers content until `take`."""
 
     def __init__(self) -> None:
         self._chunks: list[bytes] = []
@@ -22,10 +22,10 @@ class _Outbox:
         return len(content)
 
     def flush(self) -> None:
-        """Do nothing: content is taken at once."""
+        """Do nothing, as `take` returns all content."""
 
     def take(self) -> bytes:
-        """Return the content that was written, and remove it."""
+        """Return the buffered content, and remove it."""
         content = b"".join(self._chunks)
         self._chunks.clear()
         return content
@@ -37,12 +37,12 @@ def write_archive(files: Mapping[str, Path]) -> Iterator[bytes]:
     Parameters
     ----------
     files
-        Paths by their names in the archive.
+        Paths of the files, by their names in the archive.
 
     Raises
     ------
     OSError
-        If a file cannot be read; what was sent so far is no valid archive.
+        If a file cannot be read; the content until then is not a valid archive.
     """
     outbox = _Outbox()
     with zipfile.ZipFile(outbox, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:  # type: ignore[call-overload]

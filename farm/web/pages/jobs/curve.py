@@ -1,4 +1,4 @@
-"""Curve of the expected printing time over the number of printers, to choose from. Pure."""
+"""Chart of the expected printing time over the number of printers, to choose from. Pure."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Choice:
     Attributes
     ----------
     text
-        The number, the time, and when it would end, in words.
+        Text with the number, the printing time and the time of the end.
     x, y
         Position in the chart, px.
     label
-        The number below the axis; empty if there is no room.
+        Number below the axis; empty if there is no room.
     is_chosen
-        Whether the plan has this number.
+        True if the plan has this number of printers.
     end
         Expected time of the end.
     """
@@ -44,7 +44,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Chart of the points; lengths in px."""
+    """Layout of the chart; lengths in px."""
 
     choices: tuple[Choice, ...]
     line: str  # points of the polyline
@@ -71,7 +71,7 @@ def draw_curve(
     starts
         Time at which printing would start.
     now
-        Time of the reader.
+        Present time on the farm's clock.
     """
     by_number = {point.printers: point.makespan_s for point in points if point.makespan_s > 0}
     if len(by_number) < 2:

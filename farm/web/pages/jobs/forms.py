@@ -1,4 +1,4 @@
-"""Forms about the plan of a job that has not been approved: print it, keep it, or plan it again."""
+"""Forms for the plan of a job without approval: print it, keep it, or plan it again."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from farm.web.notes import Note
 
 
 class ReleaseForm(BaseModel):
-    """Plan that the person has seen; none before there is one."""
+    """Hash of the plan that the person has seen; None if the job had no plan yet."""
 
     plan: str | None = None
 

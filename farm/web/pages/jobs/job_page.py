@@ -1,4 +1,4 @@
-"""Page of one job: what is next, its parts, timeline, assembly and files. Pure."""
+"""Page of one job: next step, parts, timeline, assembly and files. Pure."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FILES = {
 _MODEL = "assembly.glb"
 _PICTURE = "assembly.png"
 _FIGURES_OF_PLATES = ("plates printed", "wasted")
-"""Figures that say nothing about a job without plates."""
+"""Figures that are meaningless for a job without plates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,8 @@ def render_job_page(data: JobData, farm: Farm, reader: Reader, note: Note | None
     """
     job, timeline = data.job, data.timeline
     now = datetime.fromisoformat(job.now)
-    slots = {} if timeline is None else {slot.plate: slot for slot in timeline.slots}  # of several, the last
+    # a plate that is printed again has several slots: the last one counts
+    slots = {} if timeline is None else {slot.plate: slot for slot in timeline.slots}
     return render_page(
         "job.html",
         farm,
@@ -172,7 +173,7 @@ def estimate_share(progress: PlanProgress) -> float | None:
 
 
 def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list[Sentence]:
-    """List in sentences why a job or its plates wait; equal ones once. That of the summary is left out."""
+    """List the reasons why a job or its plates wait, each once, without the reason in the summary."""
     reasons = []
     if timeline is not None and timeline.left:
         reasons.append(Sentence(f"no printer can print {shorten_names(timeline.left)}"))
@@ -186,13 +187,13 @@ def list_reasons(job: api.JobView, timeline: api.Timeline | None = None) -> list
 
 
 def list_gcode_figures(job: Job, plates: Iterable[Plate]) -> list[tuple[str, str]]:
-    """List size, layers and time of a person's own G-code, once it is planned; nothing for a model."""
+    """List size, layers and time of a person's own G-code once it is planned; empty for a model."""
     if job.own_gcode is None:
         return []
     low_mm, high_mm = job.own_gcode.min_mm, job.own_gcode.max_mm
     size = " × ".join(f"{high - low:.0f}" for low, high in zip(low_mm, high_mm, strict=True))
     figures = [("size", f"{size} mm")]
-    plate = next(iter(plates), None)  # it is printed as one
+    plate = next(iter(plates), None)  # own G-code has one plate
     if plate is not None:
         figures += [("layers", str(plate.layers)), ("time of its moves", format_duration(plate.sliced_s))]
     return figures
@@ -205,13 +206,13 @@ def list_changes(job: api.JobView) -> list[str]:
 
 
 def draw_job_gantt(data: JobData, now: datetime) -> Gantt | None:
-    """Lay out the prints of a job and of its printers' other jobs, and what is left."""
+    """Lay out the prints of a job, the prints of other jobs at that time, and the remaining plates."""
     slots = () if data.timeline is None else data.timeline.slots
     return lay_out_gantt([*list_bars(data.job, data.others, now), *list_expected_bars(slots, now)])
 
 
 def draw_job_curve(data: JobData, now: datetime) -> Curve | None:
-    """Lay out the curve of a plan; it starts when the plan does."""
+    """Lay out the curve of a plan, for a start at the start of the plan."""
     timeline = data.timeline
     if timeline is None:
         return None
@@ -220,7 +221,7 @@ def draw_job_curve(data: JobData, now: datetime) -> Curve | None:
 
 
 def list_downloads(files: Sequence[str]) -> Mapping[str, list[tuple[str, str]]]:
-    """Group the files of a job: each by its name, with words for it."""
+    """Group the files of a job by title; each file has its name and a label."""
     groups: dict[str, list[tuple[str, str]]] = {"Model": [], "Parts (STL)": [], "G-code": [], "Pictures": []}
     for name in files:
         if name in _FILES:

@@ -1,4 +1,4 @@
-"""Rows of a job's table of parts. Pure."""
+"""Rows of the table of a job's parts. Pure."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from farm.wording import format_deviation, format_filament
 
 @dataclass(frozen=True, slots=True)
 class PartRow:
-    """Part in the table.
+    """Row of a part.
 
     Attributes
     ----------
     name
-        Without the job, as in the model of the assembly.
+        Name of the part without its job, as in the 3D model of the assembly.
     state
         State of its last print, or the verdict on it.
     remark
-        Number of the attempt, and the bed on which it lies; empty if neither is known.
+        Number of the attempt if there are several, and the bed on which the part lies.
     kind
-        Its state for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
+        State for style sheets: waiting, printing, printed, good, bad, failed or cancelled.
     progress
-        Share of the open print, 0 to 1; None without one.
+        Completed share of the open print, 0 to 1; None without one.
     ends
         End of its print, expected or actual, ISO 8601; None if unknown.
     expected, now, reached
-        Durations: planned; of the open print by its progress; of the last print that was done.
+        Printing times: planned; expected of the open print by its progress; actual of the last print.
     why
-        Reason for which it waits or failed; empty if there is none.
+        Reason why it waits or failed; empty if there is none.
     warnings
         Features that its slice may not print as modelled.
     """
@@ -72,7 +72,7 @@ def list_part_rows(
     printers
         All printers of the fleet.
     slots
-        Printers and times of the plates, those of waiting ones expected, by the plate's id.
+        Actual or expected printer and times of each plate, by its id.
     role
         Role of the reader.
     """
@@ -83,7 +83,7 @@ def list_part_rows(
     for part in job.parts:
         plate = plates[part.plate]
         last_print = part.own_prints[-1] if part.own_prints else None
-        progress, slot = open_prints.get(plate.id), slots.get(plate.id)
+        open_print, slot = open_prints.get(plate.id), slots.get(plate.id)
         rows.append(
             PartRow(
                 id=part.id,
@@ -92,12 +92,12 @@ def list_part_rows(
                 state=_find_state(part, plate),
                 remark=_describe_remark(part, beds.get(part.id)),
                 kind=_find_kind(part, plate),
-                progress=None if progress is None else progress.progress,
+                progress=None if open_print is None else open_print.progress,
                 ends=slot.ends
                 if slot is not None
                 else (last_print.ended if last_print is not None else None),
                 expected=format_duration(plate.estimated_s),
-                now=_describe_now(last_print, progress, job.now),
+                now=_describe_now(last_print, open_print, job.now),
                 reached=_describe_reached(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 why=_explain(plate, last_print),
@@ -131,11 +131,11 @@ def _describe_remark(part: api.PartView, printer: api.PrinterView | None) -> str
     return ", ".join(remarks)
 
 
-def _describe_now(last_print: api.PrintView | None, progress: api.PrintProgress | None, now: str) -> str:
-    if progress is None or last_print is None or last_print.started is None:
+def _describe_now(last_print: api.PrintView | None, open_print: api.PrintProgress | None, now: str) -> str:
+    if open_print is None or last_print is None or last_print.started is None:
         return ""
     duration = datetime.fromisoformat(now) - datetime.fromisoformat(last_print.started)
-    return format_duration(max(0.0, duration.total_seconds()) + progress.remaining_s)
+    return format_duration(max(0.0, duration.total_seconds()) + open_print.remaining_s)
 
 
 def _describe_reached(last_print: api.PrintView | None, expected_s: float) -> str:
@@ -152,10 +152,10 @@ def _describe_reached(last_print: api.PrintView | None, expected_s: float) -> st
     return format_duration(took_s) + deviation
 
 
-def _explain(plate: api.PlateStatus, last: api.PrintView | None) -> Sentence:
+def _explain(plate: api.PlateStatus, last_print: api.PrintView | None) -> Sentence:
     reasons: list[str] = []
-    if last is not None and not plate.printing:
-        reasons += [text for text in (last.reason or last.why or last.fault,) if text]
+    if last_print is not None and not plate.printing:
+        reasons += filter(None, [last_print.reason or last_print.why or last_print.fault])
     if plate.hold is None:
         return Sentence("; ".join(reasons))
     return Sentence("; ".join((*reasons, plate.hold.text)), plate.hold.times)

@@ -31,18 +31,18 @@ _DOCUMENT = {
     "content-security-policy": "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
     "frame-ancestors 'none'; base-uri 'none'"
 }
-"""Policy of a page that the farm wrote as one file: its own style and pictures, and no script."""
+"""Security policy of a stored page, a single file: it allows its own style and pictures, and no script."""
 _MAX_PRINTS = 2000  # maximum number of prints of other jobs in a timeline
 
 
 class JobQuery(BaseModel):
-    """Address of a job's page: the job whose curve it shows, if that is another one."""
+    """Query of a job's page: the job whose curve it shows, if it is another one."""
 
     curve: Annotated[int | None, EMPTY_IS_NONE] = None
 
 
 def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
-    """Return the routes. Pages that show dry runs keep them alive."""
+    """Return the routes. A page of a dry run keeps it alive."""
     router, services = APIRouter(route_class=PageRoute, include_in_schema=False), pages.services
     controller = services.controller
     farm = controller.fleet.fleet
@@ -53,7 +53,7 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
             return Report()
         try:
             return await asyncio.to_thread(_read_report, services.state.files / file_name)
-        except OSError:  # the page shows the rest
+        except OSError:  # the page is useful without its report
             return Report()
 
     async def show(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
@@ -85,7 +85,7 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
         files = name_stored_files(controller.books, number)
         parts = {name: services.state.files / file for name, file in files.items() if name.endswith(".stl")}
         for name in parts or ["parts.zip"]:
-            await find_stored_file(services, number, name)  # a missing one is an error, and no broken archive
+            await find_stored_file(services, number, name)  # refuses before an incomplete archive is sent
         headers = {"content-disposition": f'attachment; filename="job-{number}-parts.zip"'}
         return StreamingResponse(write_archive(parts), media_type="application/zip", headers=headers)
 
@@ -109,12 +109,12 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
 
 @lru_cache(maxsize=32)
 def _read_report(path: Path) -> Report:
-    """Read a report; a stored file never changes, and a page that is kept up to date shows it again.
+    """Read a report; cached, as a stored file never changes and a live page is rendered often.
 
     Raises
     ------
     OSError
-        If it cannot be read; that is not cached, as it may pass.
+        If it cannot be read; errors are not cached, as they may be temporary.
     """
     return parse_report(path.read_bytes())
 

@@ -1,4 +1,4 @@
-"""Options of a job as the fields of a form, in the words of users. Pure."""
+"""Options of a job as fields of a form. Pure."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from farm.model import JobOptions
 from farm.text import describe_first_error
 
 UNITS = {"1": "millimetres", "10": "centimetres", "25.4": "inches", "1000": "metres"}
-"""Units of a model, each by the factor to millimetres."""
+"""Units of length by their factor to millimetres."""
 QUALITIES = ("glue", "paper", "paper-hidden", "draft", "fast", "normal", "high")
-"""Qualities to choose from: the farm's, and Cura's."""
+"""Names of qualities to choose from: the farm's, and Cura's."""
 
 
 class Goal(StrEnum):
@@ -22,8 +22,8 @@ class Goal(StrEnum):
 
     AUTO = "auto"  # as many as save time
     COUNT = "count"
-    DEADLINE = "deadline"  # the fewest parts that end by then
-    GLUED = "glued"  # the same, with the time to glue them
+    DEADLINE = "deadline"  # the fewest parts that are printed by a time
+    GLUED = "glued"  # the fewest parts that are printed and glued by a time
 
 
 class Start(StrEnum):
@@ -37,9 +37,9 @@ class Start(StrEnum):
 class NextStep(StrEnum):
     """Choice of the step after the submission."""
 
-    PLAN = "plan"  # show the plan, and print nothing
+    PLAN = "plan"  # show the plan without printing
     PRINT = "print"
-    HOLD = "hold"  # plan it, and wait for an approval
+    HOLD = "hold"  # plan the job, and wait for approval
 
 
 _PLAIN_FIELDS = (
@@ -72,12 +72,12 @@ DEFAULTS: Mapping[str, str] = {
 
 
 def read_job_options(fields: Mapping[str, str]) -> JobOptions:
-    """Read the options of a job from the fields of a form; those left empty have their defaults.
+    """Read the options of a job from the fields of a form; empty fields have their defaults.
 
     Raises
     ------
     FarmError
-        If one is wrong, with its name.
+        If a field is invalid; the message has its name.
     """
     values: dict[str, object] = {name: fields[name] for name in _PLAIN_FIELDS if fields.get(name, "").strip()}
     try:

@@ -22,7 +22,7 @@ _STEP = ".step,.stp"
 
 @dataclass(frozen=True, slots=True)
 class SubmitChoices:
-    """Choices that the form offers, by the printers of the fleet.
+    """Choices in the form, from the printers of the fleet.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class SubmitChoices:
     materials, colours
         Kinds of material and colours on the printers.
     beds_mm
-        Each size of build volume with the model's name: width, depth and height.
+        Build volumes: name of the printer model, width, depth and height.
     timezone
         Time zone of the times in the form.
     reads_step
-        True if the extra that reads STEP is installed.
+        True if the package for STEP files is installed.
     """
 
     printers: int
@@ -80,7 +80,7 @@ def render_submit_page(
     choices
         Choices of the fleet.
     request_id
-        Identifies the submission: sent twice, it is one job.
+        Id of the submission: a form that is sent twice is one job.
     farm, reader, note
         See `render_page`.
     values
