@@ -34,7 +34,7 @@ class PrintProgress(PrintReadings, View):
     progress: float = Field(ge=0, le=1)
     remaining_s: float
     layers: int
-    pause_ends: str | None  # time at which a paused print is cancelled unless a person resumes it
+    pause_ends: str | None  # time at which a paused print is stopped unless a person resumes it
 
 
 class LastPrint(View):

@@ -35,7 +35,7 @@ def test_user_logs_in_by_the_button_sees_the_farm_and_logs_out(tmp_path, host):
             await browser.open(base)
             assert "farm web" in await browser.read_text()
             await browser.open(f"{base}/login/{farm.sessions.make_link('ann', Role.OPERATE)}")
-            assert "opens the farm as ann (operate)" in await browser.read_text()
+            assert "logs you in as ann (operate)" in await browser.read_text()
             await take_picture(browser, "login")
             await browser.press("button")
             text = await browser.read_text()

@@ -90,7 +90,7 @@ def plan(page, model):
     page.goto("/submit")
     drop_file(page, "[name=file]", model)
     assert page.locator("[name=file]").evaluate("field => field.files[0].name") == "box.stl"
-    page.get_by_role("button", name="Plan it, and show me").click()
+    page.get_by_role("button", name="Show the plan").click()
     expect(page).to_have_url(re.compile("/jobs/1$"))
     expect(page.locator("#state")).to_contain_text("Planned: 1 part on 1 printer")
     expect(page.locator("#state")).to_contain_text("Nothing prints before it is approved")

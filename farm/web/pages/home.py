@@ -162,7 +162,7 @@ def is_hot(printer: api.PrinterView) -> bool:
 def _describe_heat(printer: api.PrinterView) -> str:
     temperatures = (("nozzle", printer.nozzle_c), ("bed", printer.bed_c))
     heat = ", ".join(f"{name} {now_c:.0f} °C" for name, now_c in temperatures if now_c is not None)
-    return f"Go to {printer.name}: nothing is printed, but its heaters have not been seen off ({heat})"
+    return f"Go to {printer.name}: it has no print, but its heaters are not confirmed off ({heat})"
 
 
 def _describe_task(

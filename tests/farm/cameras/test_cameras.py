@@ -171,7 +171,7 @@ def test_still_that_cannot_be_stored_is_logged_and_changes_nothing(rig, caplog):
     rig.state.files.rmdir()
     asyncio.run(rig.tick())
     assert rig.controller.books.prints[print_id].stills == ()
-    assert "a: a still cannot be kept" in caplog.text
+    assert "a: a still cannot be stored" in caplog.text
     assert not list(rig.state.work.iterdir())
     for _ in range(14):  # a full disk must not cause requests every two seconds for hours
         rig.now_s += 4.0

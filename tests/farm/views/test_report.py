@@ -95,7 +95,7 @@ def test_steps_of_the_assembly_are_listed_with_codes_pins_and_seams():
     page = render_page(view, rows, now_time, list_figures(view), JobContents(decomposition=report))
     cells = re.findall(r"<td>([^<]*)</td>", page[page.index('<table class="steps">') :])
     assert cells == ["1", "p02", "p01", "1-2, ●●", "13, 7, 8 × 1.75", "1,234"]
-    assert "1,300 mm of seam are seen" in page and "a rim &lt;is&gt; thin" in page
+    assert "1,300 mm of seam are visible" in page and "a rim &lt;is&gt; thin" in page
     assert "Assembly" not in render_page(view, rows, now_time, list_figures(view), JobContents())
 
 

@@ -124,7 +124,7 @@ def test_stream_ends_with_the_daemon_and_its_place_is_free_again(farm):
 
     follow_stream(farm, key, react)
     assert streams._callers.total() == 0
-    with pytest.raises(Refused, match="ending"):
+    with pytest.raises(Refused, match="shutting down"):
         streams.check("key look")
 
 

@@ -1,4 +1,4 @@
-// The parts of a job: coloured by state or printer, drawn apart, or in the steps of their assembly.
+// 3D view of the parts of a job: coloured by state or printer, pulled apart, or in the steps of their assembly.
 
 import { AnimationMixer, Box3, Color, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
@@ -11,7 +11,7 @@ const STEP_S = 1.5; // of each step in the animation (decompose/export/glb.py)
 /** Return the rows of the parts by name. */
 const findRows = () => new Map([...document.querySelectorAll("tr[data-part]")].map((row) => [row.dataset.part, row]));
 
-/** Return the name of a part in the file, in which dots may be; that of the mesh has none. */
+/** Return the name of a part in the file; three.js removes the dots from the name of its mesh. */
 const nameOf = (mesh) => mesh.userData.name ?? mesh.name;
 
 const hueOf = (number) => new Color().setHSL((number * GOLDEN) % 1, 0.5, 0.55);
@@ -28,7 +28,7 @@ const addInput = (place, words, attributes, act) => {
 
 class JobView {
   constructor(place, gltf) {
-    this.stage = new Stage(place, "The parts of this job. The arrow keys turn them; the table has them in words.");
+    this.stage = new Stage(place, "The parts of this job. The arrow keys turn the view; the table describes the parts.");
     this.rows = findRows();
     this.parts = new Map();
     this.stage.content.add(gltf.scene);
@@ -46,9 +46,9 @@ class JobView {
     this.mixer = this.clip ? new AnimationMixer(gltf.scene) : null;
     this.mixer?.clipAction(this.clip).play();
     const kinds = new Set([...this.rows.values()].map((row) => row.dataset.kind));
-    this.by = kinds.size > 1 ? "state" : "printer"; // before it starts all are waiting
+    this.by = kinds.size > 1 ? "state" : "printer"; // all parts wait before the first print
     this.picked = null; // a part of the model
-    this.copy = null; // of its copies, the one whose row was chosen
+    this.copy = null; // name of the picked row if the part has several copies
     this.addControls(place);
     this.setApart(0.35);
     this.paint();
@@ -89,7 +89,7 @@ class JobView {
     }
   }
 
-  /** Make the name of a part a button that shows it. */
+  /** Turn the name of a part in the table into a button that picks the part. */
   addButton(name, row) {
     const cell = row.querySelector("th");
     if (!cell || !this.parts.has(this.findPart(name)) || cell.querySelector("button")) return;
@@ -101,7 +101,7 @@ class JobView {
     cell.append(button);
   }
 
-  /** Follow rows that were replaced, or changed their state. */
+  /** Update the view after rows were replaced or changed their state. */
   follow() {
     this.rows = findRows();
     for (const [name, row] of this.rows) this.addButton(name, row);
@@ -121,15 +121,15 @@ class JobView {
     this.stage.requestFrame();
   }
 
-  /** Colour all parts, and say what the colours mean. */
+  /** Colour all parts, and update the key of colours. */
   paint() {
     const printers = [...new Set([...this.rows.values()].map((row) => row.dataset.printer))].sort();
     const meanings = new Map();
     for (const [name, { mesh }] of this.parts) {
-      const found = new Set(this.rowsOf(name).map((row) => row.dataset[this.by === "state" ? "kind" : "printer"]));
-      const [first = "cut into smaller parts"] = found;
-      const words = found.size > 1 ? `copies with several ${this.by}s` : first;
-      const colour = this.by === "printer" && found.size === 1
+      const values = new Set(this.rowsOf(name).map((row) => row.dataset[this.by === "state" ? "kind" : "printer"]));
+      const [first = "cut into smaller parts"] = values;
+      const words = values.size > 1 ? `copies with several ${this.by}s` : first;
+      const colour = this.by === "printer" && values.size === 1
         ? hueOf(printers.indexOf(first))
         : readColour(`--fill-${STATES.includes(words) ? words : "other"}`);
       meanings.set(words, colour);
@@ -146,7 +146,7 @@ class JobView {
     this.stage.requestFrame();
   }
 
-  /** Mark a part here and in the table, with the row of one copy or with all of its rows; null for none. */
+  /** Mark a part in the view and in the table: the row of one copy, or all rows of the part; null for none. */
   pick(name, copy = null) {
     [this.picked, this.copy] = [name, copy];
     const rows = this.markRows();
@@ -156,25 +156,25 @@ class JobView {
     this.paint();
   }
 
-  /** Mark the rows of what is picked, no others, and return them. */
+  /** Mark only the rows of the picked part, and return them. */
   markRows() {
     const rows = this.copy ? [this.rows.get(this.copy)].filter(Boolean) : this.rowsOf(this.picked);
     for (const row of this.rows.values()) row.classList.toggle("picked", rows.includes(row));
     return rows;
   }
 
-  /** Return the part of the model that a row is about: the names of copies have a number behind a dot. */
+  /** Return the part of the model for the name of a row: names of copies end with a dot and a number. */
   findPart(name) {
     return this.parts.has(name) ? name : name.split(".")[0];
   }
 
-  /** Return the rows of a part: one, one for each copy, or none where it was cut again. */
+  /** Return the rows of a part: one for each copy; none if the part was cut into smaller parts. */
   rowsOf(name) {
     return [...this.rows].filter(([part]) => this.findPart(part) === name).map(([, row]) => row);
   }
 }
 
-/** Show the model that the element names, in place of its picture. */
+/** Replace the picture in an element by a 3D view of its model. */
 export const showJob = async (place) => {
   const gltf = await new GLTFLoader().loadAsync(place.dataset.model);
   const picture = place.querySelector("img");

@@ -1,4 +1,4 @@
-// A view of meshes that can be turned, drawn only when something has changed.
+// Rotatable view of meshes, drawn only after a change.
 
 import {
   AmbientLight, Box3, Color, DirectionalLight, Group, PerspectiveCamera, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
@@ -6,16 +6,19 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const FIELD_OF_VIEW_DEG = 35;
-const MARGIN = 0.95; // the corners of its sphere are empty
+const MARGIN = 0.95; // below 1, as a box does not fill its bounding sphere
 const CLICK_PX = 4; // a pointer that moved further has turned the view
 
 /** Return the value of a colour of the style sheet. */
 export const readColour = (name) => new Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 
 export class Stage {
-  /** @param {HTMLElement} place element that is filled; its text describes the view. */
+  /**
+   * @param {HTMLElement} place element to fill
+   * @param {string} label description of the view for screen readers
+   */
   constructor(place, label) {
-    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // else it is blank on paper
+    this.renderer = new WebGLRenderer({ antialias: true, preserveDrawingBuffer: true }); // a view without a buffer prints blank
     this.canvas = this.renderer.domElement;
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -37,7 +40,7 @@ export class Stage {
     this.resize();
   }
 
-  /** Draw at the next frame, once. */
+  /** Draw once at the next animation frame. */
   requestFrame() {
     if (this.waiting) return;
     this.waiting = true;
@@ -59,7 +62,7 @@ export class Stage {
     this.renderer.setSize(width, height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.draw(); // its new size has cleared it
+    this.draw(); // setting the size clears the canvas
   }
 
   /** Move the camera so that the content fills the view. */
@@ -95,7 +98,7 @@ export class Stage {
     });
   }
 
-  /** Turn the view by the arrow keys. */
+  /** Turn the view with the arrow keys. */
   turn(event) {
     const step = { ArrowLeft: [0.15, 0], ArrowRight: [-0.15, 0], ArrowUp: [0, -0.15], ArrowDown: [0, 0.15] }[event.key];
     if (!step) return;

@@ -1,4 +1,4 @@
-// A chosen model beside the printers' build volumes, before it is sent: nothing of it leaves the browser here.
+// Shows a chosen model in the printers' build volume before the upload; it sends no data.
 
 import {
   Box3, BoxGeometry, Color, EdgesGeometry, GridHelper, Group, LineBasicMaterial, LineSegments, Mesh,
@@ -11,7 +11,7 @@ import { PLYLoader } from "three/addons/loaders/PLYLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 import { Stage, readColour } from "./stage.js";
 
-const LARGEST_BYTES = 300e6; // a larger one is only checked by the farm
+const LARGEST_BYTES = 300e6; // a larger file is not shown
 const UNITS_MM = { micron: 0.001, millimeter: 1, centimeter: 10, inch: 25.4, foot: 304.8, meter: 1000 };
 
 const wrap = (geometry) => new Group().add(new Mesh(geometry));
@@ -34,7 +34,7 @@ const READERS = {
   },
 };
 
-/** Find the scale of a model by the form: a longest side counts more than a unit. */
+/** Return the scale of a model from the form: the longest side takes precedence over the unit. */
 const findScale = (form, longest) => {
   const side = Number(form.elements.longest_side_mm.value);
   return side > 0 ? side / longest : Number(form.elements.scale.value);
@@ -42,12 +42,12 @@ const findScale = (form, longest) => {
 
 const format = (lengths) => `${lengths.map((mm) => (mm < 10 ? mm.toFixed(1) : Math.round(mm))).join(" × ")} mm`;
 
-/** Say how a model compares with the build volumes; it may be turned. */
+/** Compare the size of a model in any orientation with the build volumes. */
 const compare = (size, beds) => {
   const lengths = [...size].sort((a, b) => a - b);
   const fitting = beds.filter(([, ...bed]) => bed.sort((a, b) => a - b).every((mm, axis) => lengths[axis] <= mm));
-  if (Math.max(...size) < 5) return "That is tiny: is its unit another one?";
-  if (Math.max(...size) > 5000) return "That is longer than 5 m: is its unit another one?";
+  if (Math.max(...size) < 5) return "It is smaller than 5 mm: check its unit.";
+  if (Math.max(...size) > 5000) return "It is longer than 5 m: check its unit.";
   return fitting.length
     ? `It may fit as one part on ${fitting.map(([name]) => name).join(", ")}.`
     : "It is larger than any printer: it is cut into parts.";
@@ -77,14 +77,14 @@ class UploadView {
     const reader = READERS[file?.name.split(".").pop().toLowerCase()];
     if (!file || !reader) return;
     if (file.size > LARGEST_BYTES) {
-      this.words.textContent = "It is too large to be shown here.";
+      this.words.textContent = "The file is too large for a preview.";
       return;
     }
     try {
       this.model = reader(await file.arrayBuffer());
       this.show(true);
     } catch (error) {
-      this.words.textContent = `It cannot be shown here (${error.message}); the farm checks it.`;
+      this.words.textContent = `No preview (${error.message}); the farm checks the file after the upload.`;
     }
   }
 
@@ -101,7 +101,7 @@ class UploadView {
     this.draw(scale, isNew);
   }
 
-  /** Stand the model in the middle of the largest bed; z is up. */
+  /** Place the model in the middle of the largest bed; z is up. */
   draw(scale, isNew) {
     const { content } = this.stage;
     content.clear();
@@ -109,7 +109,7 @@ class UploadView {
     this.model.scale.setScalar(scale);
     content.add(this.model);
     content.updateMatrixWorld(true);
-    const box = new Box3().setFromObject(this.model); // in the world: y is up
+    const box = new Box3().setFromObject(this.model); // in world coordinates, y is up
     this.model.position.set(-(box.min.x + box.max.x) / 2, (box.min.z + box.max.z) / 2, -box.min.y);
     const material = new MeshStandardMaterial({ color: readColour("--accent"), roughness: 0.8 });
     this.model.traverse((mesh) => {
@@ -130,7 +130,7 @@ class UploadView {
   }
 }
 
-/** Show the file that a person chooses or drops. */
+/** Show a preview of the file that a person chooses or drops. */
 export const showUpload = async (place) => {
   const beds = JSON.parse(place.dataset.beds);
   if (beds.length) new UploadView(place, document.getElementById("submit"), beds);

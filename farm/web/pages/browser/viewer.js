@@ -1,4 +1,4 @@
-// The 3D views of the pages. Where WebGL is missing, a page keeps the picture that it came with.
+// Starts the 3D view of a page. Without WebGL, the page keeps its picture.
 
 import { showJob } from "./job_view.js";
 import { showUpload } from "./upload_view.js";

@@ -19,7 +19,7 @@ from farm.web.pages.rendering import Farm, render_page
 
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
 """Lengths of the shown past: hours and label."""
-MOVES = (("", "as it is"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
+MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
 """Moves of a job on trial: values of `api.QueuePlace` and label."""
 
 

@@ -37,7 +37,7 @@ def plan_forms(services: Services, jobs: JobCommands) -> APIRouter:
         seen_plan = (await read_form(request, ReleaseForm)).plan
         plan = services.controller.books.job(number).plan
         if seen_plan is not None and seen_plan != plan:
-            raise Refused(f"the plan of job {number} has changed: look at it again")
+            raise Refused(f"the plan of job {number} has changed: review it again")
         await jobs.release(number, services.state, by, is_operator(request))
         return answer_form(request, Note(f"Job {number} prints as soon as it can."))
 

@@ -1,7 +1,7 @@
-// A job's page is loaded anew once it has other sections or parts; else its 3D view stays while the rest changes.
+// Reloads a job's page when its sections or parts change; otherwise the 3D view stays while the rest is updated.
 
 const outline = (root) =>
-  [...root.querySelectorAll("section, tr[data-part]")].map((one) => one.id || one.getAttribute("aria-labelledby")).join();
+  [...root.querySelectorAll("section, tr[data-part]")].map((element) => element.id || element.getAttribute("aria-labelledby")).join();
 
 document.addEventListener("fresh", ({ detail }) => {
   if (detail.id !== "main") return;

@@ -1,5 +1,5 @@
-// Keeps a page up to date: one stream of server-sent events brings the elements that have changed.
-// Focus, open forms and what was typed stay. Other scripts hear of each new element by the event "fresh".
+// Updates a live page: a stream of server-sent events brings the changed elements.
+// Keeps focus, open forms and typed text. The event "fresh" tells other scripts about each new element.
 
 const RETRY_MS = 3000;
 const SILENCE_MS = 15000;
@@ -30,15 +30,15 @@ const syncAttributes = (old, fresh) => {
   }
 };
 
-/** Change an element into another one, keeping the nodes that stay. Elements with ids are found by these. */
+/** Update an element to equal a new one, reusing its nodes; child elements with ids are matched by id. */
 export const sync = (old, fresh) => {
   if (old.nodeType !== Node.ELEMENT_NODE) {
     if (old.data !== fresh.data) old.data = fresh.data;
     return;
   }
   syncAttributes(old, fresh);
-  const known = new Map([...old.children].filter((one) => one.id).map((one) => [one.id, one]));
-  const wanted = new Set([...fresh.children].map((one) => one.id));
+  const known = new Map([...old.children].filter((child) => child.id).map((child) => [child.id, child]));
+  const wanted = new Set([...fresh.children].map((child) => child.id));
   let at = old.firstChild;
   for (const child of [...fresh.childNodes]) {
     while (at && at.id && !wanted.has(at.id)) at = removeAndNext(at);
@@ -67,7 +67,7 @@ const apply = (changes) => {
   if (focused !== document.activeElement && focused.isConnected) focused.focus({ preventScroll: true });
 };
 
-// -- what is shown may be old ---------------------------------------------------------------------------------
+// -- warning of outdated content ------------------------------------------------------------------------------
 
 const warning = document.createElement("p");
 warning.className = "stale";
@@ -77,7 +77,7 @@ document.getElementById("notes").append(warning);
 const showStale = (isStale) => {
   if (isStale && warning.hidden) {
     const since = new Date(heard).toLocaleTimeString([], { hour12: false });
-    warning.textContent = `No news from the farm since ${since}. What you see may have changed; trying again.`;
+    warning.textContent = `No news from the farm since ${since}. This page may be outdated; trying again.`;
   }
   warning.hidden = !isStale;
   main.classList.toggle("old", isStale);
@@ -126,7 +126,7 @@ if (page) {
   addEventListener("pagehide", disconnect);
   addEventListener("pageshow", (event) => event.persisted && connect());
   addEventListener("online", connect);
-  addEventListener("offline", () => source?.onerror()); // a stream that is open may stay silent
+  addEventListener("offline", () => source?.onerror()); // an open stream may report no error
   setInterval(() => source && Date.now() - heard > SILENCE_MS && source.onerror(), 1000);
   setInterval(showStills, STILL_MS);
   connect();

@@ -1,14 +1,14 @@
-// Times of a page in the reader's time zone. Without this script they are in the farm's.
+// Converts the times of a page from the farm's time zone to the reader's.
 
 const offsetOf = /([+-])(\d\d):(\d\d)$|Z$/;
 
-/** Return the farm's offset from UTC in minutes, as an ISO 8601 time names it. */
+/** Return the offset from UTC in minutes of an ISO 8601 time in the farm's time zone. */
 const readOffset = (iso) => {
   const found = offsetOf.exec(iso);
   return !found || !found[1] ? 0 : (found[1] === "-" ? -1 : 1) * (60 * Number(found[2]) + Number(found[3]));
 };
 
-/** Return a time in the reader's words; null where these are the farm's. Marks of a chart may have no day. */
+/** Format a time in the reader's time zone; null if both zones agree. Marks of a chart may have no day. */
 const formatMoment = (iso, text) => {
   const moment = new Date(iso);
   if (Number.isNaN(moment.getTime()) || -moment.getTimezoneOffset() === readOffset(iso)) return null;
@@ -18,12 +18,12 @@ const formatMoment = (iso, text) => {
   return moment.toLocaleString([], { ...date, hour: "2-digit", minute: "2-digit", hour12: false });
 };
 
-/** Show the times inside an element in the reader's zone, where that differs, and say so below the page. */
+/** Convert the times inside an element to the reader's time zone if it differs, and add a note to the footer. */
 const localiseTimes = (root) => {
   let isLocal = false;
   for (const element of root.querySelectorAll("time[datetime], [data-time]")) {
     if (element.closest("[data-farm-time]")) continue; // a page in the farm's zone
-    const text = element.dataset.text ?? element.textContent; // the first is a part of the second
+    const text = element.dataset.text ?? element.textContent; // `data-text` is a part of the content
     const words = formatMoment(element.dataset.time ?? element.getAttribute("datetime"), text);
     if (words === null) continue;
     isLocal = true;

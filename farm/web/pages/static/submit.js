@@ -1,4 +1,4 @@
-// Progress of an upload and of the check of its model, while the browser sends the form.
+// Shows the progress of an upload and of the check of its model while the browser sends the form.
 
 const PERIOD_MS = 500;
 
@@ -14,12 +14,12 @@ const poll = async () => {
     const answer = await fetch(`/api/v1/uploads/${form.dataset.request}`);
     if (answer.ok) progress.textContent = describeUpload(await answer.json());
   } catch {
-    // the page is being left, or the network is away: the browser says so
+    // the page is closing or the network is down: the browser reports that
   }
   setTimeout(poll, PERIOD_MS);
 };
 
-// What belongs to a choice makes it: a number of printers counts only with its button.
+// Input in a field selects the radio button of its choice, such as the number of printers.
 form.addEventListener("input", ({ target }) => {
   const choice = target.closest(".choice")?.querySelector("[type=radio]");
   if (choice && target !== choice) choice.checked = true;

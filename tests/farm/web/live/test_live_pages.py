@@ -179,7 +179,7 @@ def test_stream_over_http(tmp_path):
     assert (answer.status_code, "too many streams" in answer.text) == (409, True)
     farm.services.page_streams.close()
     response = farm.browse("GET", "/live?page=/", session)
-    assert (response.status_code, "ending" in response.text) == (409, True)
+    assert (response.status_code, "shutting down" in response.text) == (409, True)
     farm.store.close()
 
 

@@ -62,7 +62,7 @@ def read(farm, path, role=Role.OPERATE, status=200):
 def test_pages_of_a_farm_without_a_print_say_so(farm, path):
     page = read(farm, path, Role.LOOK)
     assert any(
-        message in page for message in ("Nothing was printed", "No print has ended", "It has not printed yet")
+        message in page for message in ("Nothing was printed", "No ended print", "It has not printed yet")
     )
 
 
@@ -103,7 +103,9 @@ def test_printer_page_warns_of_heat_before_it_offers_to_clear_the_bed(farm):
         farm.controller.on_snapshot(AgentSnapshot(printer="a", **facts))
         farm.controller.handle(ev.BedBecameUnknown(at_s=farm.clock.now(), printer="a", reason="so"))
         page = read(farm, "/printers/a")
-        positions = [page.count(text) for text in ("task urgent", "231 °C, not seen off", "<details open>")]
+        positions = [
+            page.count(text) for text in ("task urgent", "231 °C, not confirmed off", "<details open>")
+        ]
         assert tuple(positions) == signs
 
 
@@ -137,7 +139,7 @@ def test_history_is_exported_as_chosen(busy_farm):
 
 def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
     page = read(busy_farm, "/timeline?job=3&to=first&at=")
-    assert "Tried, not done: job 3 first in the queue" in page
+    assert "Change on trial: job 3 first in the queue" in page
     assert "earlier" in page
     assert "later" in page
     assert 'action="/jobs/3/move"' in page
@@ -171,7 +173,7 @@ def test_start_is_tried_and_an_operator_may_make_it(busy_farm):
 )
 def test_change_that_cannot_be_tried_is_explained_above_the_plan(busy_farm, query, text):
     page = read(busy_farm, f"/timeline?{query}")
-    assert "Not tried:" in page
+    assert "Change not possible:" in page
     assert text in page
     assert "2/p01" in page
 

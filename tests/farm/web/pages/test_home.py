@@ -73,7 +73,7 @@ def test_heat_without_a_print_is_told_in_words_before_everything_else(status, ch
     tasks = list_home_tasks(shown_status)
     assert [task.code for task in tasks] == (["heat", "clear"] if is_shown else ["clear"])
     page = render_home(shown_status, ANN)
-    assert ("heaters have not been seen off (nozzle 180 °C, bed 60 °C)" in page) == is_shown
+    assert ("heaters are not confirmed off (nozzle 180 °C, bed 60 °C)" in page) == is_shown
     assert ('class="hot"' in page) == is_shown
 
 

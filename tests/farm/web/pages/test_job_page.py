@@ -246,7 +246,7 @@ def test_plates_that_no_printer_can_take_are_named():
 def test_assembly_shows_steps_joints_and_parts_without_an_order():
     page = render(replace(make_data(make_night_books()), files=("instructions.html",)))
     assert "Glue p02 to p01, p03; the faces slide along each other" in page
-    assert "No order is known in which p04, p05 go together." in page
+    assert "No order is known in which p04, p05 can be assembled." in page
     assert "4.5 cm²" in page
     assert 'href="/jobs/1/instructions"' in page
 

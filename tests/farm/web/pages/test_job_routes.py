@@ -43,7 +43,7 @@ def test_dry_run_is_printed_as_it_was_seen(farm, ann):
     number = plan_job(farm, **DRY_RUN)
     old_plan_answer = farm.browse("POST", f"/jobs/{number}/release", ann, data={"plan": "old"})
     assert (old_plan_answer.status_code, get_state(farm, number)) == (303, JobState.HELD)
-    assert "has changed: look at it again" in farm.browse("GET", f"/jobs/{number}", ann).text
+    assert "has changed: review it again" in farm.browse("GET", f"/jobs/{number}", ann).text
     plan_data = {"plan": farm.controller.books.job(number).plan}
     answer = farm.browse("POST", f"/jobs/{number}/release", ann, data=plan_data)
     assert (answer.status_code, get_state(farm, number)) == (303, JobState.PRINTING)

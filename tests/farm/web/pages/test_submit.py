@@ -75,7 +75,7 @@ def test_wrong_field_is_named(fields, text):
 def test_page_offers_what_the_fleet_has():
     page = render_submit_page(list_choices(make_fleet()), REQUEST, FARM, Reader("ann", Role.PRINT))
     assert f'action="/submit?request={REQUEST}"' in page
-    assert "On this many of 2 printers" in page
+    assert "A number, of 2 printers" in page
     assert "Ultimaker 2+" in page
     assert "&#34;" in page  # the beds, as an attribute
 
