@@ -189,7 +189,10 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     args.cache.mkdir(parents=True, exist_ok=True)
-    parts = list(list_parts([int(seed) for seed in args.seeds.split(",")], args.side, args.cache))
+    seeds = [int(seed) for seed in args.seeds.split(",")]
+    parts = [
+        part for part in list_parts(seeds, args.side, args.cache) if shows_speed(part.sliced_s, part.sliced_s)
+    ]
     rows = [compare(parts, firmware, args.splits) for firmware in FIRMWARES]
     rows.append(compare(parts, "both", args.splits, pauses=3))
     if args.json:

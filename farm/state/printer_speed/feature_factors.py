@@ -18,10 +18,11 @@ MAX_PRINTS = 60
 """Number of finished prints, the latest, that count: a changed printer is learned anew after half of them."""
 MIN_FACTOR, MAX_FACTOR = 0.7, 1.5
 """Limits of the factor of a feature."""
-_SPREAD = 0.1
+_SPREAD = 0.2
 """[assumed] Usual difference between the factors of two features of one printer."""
 _MIN_NOISE = 1e-4
 """Least deviation of a ratio from the fit, which is taken as noise."""
+_FIRST_NOISE = 0.01
 _MAD_TO_SIGMA = 1.4826
 _USUAL_SIGMAS = 2.0
 """Deviation, as a multiple of the usual one, that halves the weight of a print."""
@@ -56,9 +57,7 @@ def fit_feature_factors(timings: Iterable[Timing]) -> tuple[float, ...] | None:
     prints = sorted(timings)
     if len(prints) < MIN_PRINTS:
         return None
-    centre = median(timing.ratio for timing in prints)
-    noise = _estimate_noise([timing.ratio - centre for timing in prints])
-    weights = [_weigh(timing.ratio - centre, noise) for timing in prints]
+    noise, weights = _FIRST_NOISE, [1.0] * len(prints)
     factors: tuple[float, ...] = ()
     for _ in range(_ROUNDS):
         factors = _fit_weighted(prints, weights, (noise / _SPREAD) ** 2)
