@@ -8,6 +8,8 @@ from farm.model.printer import FilamentState
 
 
 class Instruction(BaseModel):
+    """Base of all instructions."""
+
     model_config = ConfigDict(frozen=True)
 
 
@@ -21,34 +23,46 @@ class SendStart(Instruction):
 
 
 class SendEndBy(Instruction):
+    """Set the time at which an open print must end; None for no limit."""
+
     print_id: str
     printer: str
     ends_by_s: float | None
 
 
 class SendCancel(Instruction):
+    """End an open print safely."""
+
     print_id: str
     printer: str
     reason: str
 
 
 class SendPause(Instruction):
+    """Pause or resume an open print."""
+
     print_id: str
     printer: str
     wanted: bool
 
 
 class SendForget(Instruction):
+    """Remove an ended print from the agent's records."""
+
     print_id: str
     printer: str
 
 
 class SendCleared(Instruction):
+    """Report to an agent that the bed of its printer is clear."""
+
     printer: str
     filament: FilamentState | None
 
 
 class StopPlanning(Instruction):
+    """Stop the planning of a job."""
+
     job: int
 
 

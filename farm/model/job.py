@@ -16,6 +16,8 @@ from farm.text import flatten_text
 
 
 class JobState(StrEnum):
+    """State of a job."""
+
     QUEUED = "queued"
     PLANNING = "planning"  # being repaired, decomposed and sliced
     HELD = "held"  # planned; waits until a person approves it
@@ -93,6 +95,8 @@ class ModelSize(Entity):
 
 
 class Job(Entity):
+    """Model submitted by a person, with its options, its plan and its state."""
+
     id: int
     request_id: str  # of the submission: a repeated request submits nothing twice
     name: str
@@ -172,6 +176,8 @@ class Job(Entity):
 
 
 class PlanStep(StrEnum):
+    """Step of the planning of a job."""
+
     WAITING = "waiting"  # for a worker
     DECOMPOSING = "decomposing"
     SLICING = "slicing"

@@ -52,6 +52,8 @@ DEFAULT_PRINT_OPTIONS = PartPrintOptions()
 
 
 class Part(Entity):
+    """Printable piece of a job."""
+
     id: str  # "3/p01"
     job: int
     plate: str
@@ -136,6 +138,8 @@ NOMINAL_TIME_FACTORS = TimeFactors()
 
 
 class Plate(Entity):
+    """Part and G-code that a printer prints in one go."""
+
     id: str  # "3/01"
     job: int
     parts: tuple[str, ...]

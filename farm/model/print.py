@@ -8,6 +8,8 @@ from farm.model.entity import Entity
 
 
 class PrintState(StrEnum):
+    """State of a print."""
+
     ASSIGNED = "assigned"  # committed; the start request is sent to its agent
     HEATING = "heating"
     PRINTING = "printing"

@@ -10,12 +10,16 @@ from farm.model.plate import FeatureFactors, TimeFactors
 
 
 class Bed(StrEnum):
+    """State of a printer's bed."""
+
     CLEAR = "clear"
     NOT_CLEAR = "not_clear"
     UNKNOWN = "unknown"
 
 
 class FilamentState(StrEnum):
+    """Position of the tip of the filament."""
+
     PARKED = "parked"
     AT_NOZZLE = "at_nozzle"
     UNKNOWN = "unknown"

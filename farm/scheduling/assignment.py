@@ -21,6 +21,8 @@ MAX_STARTS = 15
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
+    """Plate and the printer to which it is assigned."""
+
     plate: str
     printer: str
 

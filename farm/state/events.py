@@ -41,6 +41,8 @@ class ClockSet(Event):
 
 
 class JobSubmitted(Event):
+    """A person submitted a job."""
+
     job: Job
 
 
@@ -52,6 +54,8 @@ class JobHeld(Event):
 
 
 class PlanningStarted(Event):
+    """The planning of a queued job started."""
+
     job: int
 
 
@@ -63,6 +67,8 @@ class PlanningAbandoned(Event):
 
 
 class JobPlanned(Event):
+    """A job was planned: its parts, plates, printers and times."""
+
     job: int
     parts: tuple[Part, ...]
     plates: tuple[Plate, ...]
@@ -102,12 +108,16 @@ class JobReleased(Event):
 
 
 class JobFailed(Event):
+    """A job cannot be planned, with the error that prevents it."""
+
     job: int
     error: ErrorCode
     reason: str
 
 
 class JobCancelled(Event):
+    """A person, or the farm for an abandoned dry run, cancelled a job."""
+
     job: int
     by: str = UNKNOWN_CALLER
 
@@ -130,6 +140,8 @@ class EventsCompacted(Event):
 
 
 class PlateAssigned(Event):
+    """A waiting plate was assigned to a printer, as a new print."""
+
     plate: str
     printer: str
     print_id: str
@@ -176,6 +188,8 @@ class PrintWithdrawn(Event):
 
 
 class PrintEnded(Event):
+    """A print ended: done, failed or cancelled."""
+
     print_id: str
     state: PrintState
     fault: str | None

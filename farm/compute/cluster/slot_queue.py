@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Waiting:
+    """Task that waits for a slot; the result of `turn` is whether it gets one."""
+
     group: Hashable
     urgent: bool
     turn: asyncio.Future[bool]
