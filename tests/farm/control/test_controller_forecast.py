@@ -20,6 +20,7 @@ from recording_controller import MODEL, Farm
 HOUR = 3600.0
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HEATING_S = 300.0
+ORDER = (PrintState.DONE, PrintState.PRINTING, None)  # of simultaneous changes, as in the forecast
 
 
 class Clock:
@@ -97,7 +98,11 @@ class Night:
                 moments = {PrintState.PRINTING: HEATING_S, PrintState.DONE: plate.expected_s}
                 self.say(attempt.printer, attempt.id, PrintState.HEATING, now_s)
                 for state, after_s in moments.items():
-                    heapq.heappush(self.due, (now_s + after_s, attempt.printer, attempt.id, state, now_s))
+                    self.push(now_s + after_s, attempt.printer, attempt.id, state, now_s)
+
+    def push(self, at_s, name, print_id, state, started_s):
+        """Add an action: a state of a print, or a cleared bed if there is none."""
+        heapq.heappush(self.due, (at_s, ORDER.index(state), name, print_id, started_s))
 
     def step(self):
         """Advance to the time of the next change; return False if there is none."""
@@ -122,14 +127,15 @@ class Night:
 
     def happen(self, next_s):
         """Perform the next action that is due."""
-        _, name, print_id, state, started_s = heapq.heappop(self.due)
+        _, order, name, print_id, started_s = heapq.heappop(self.due)
+        state = ORDER[order]
         if state is None:
             self.farm.clear_bed(name)
             return
         self.say(name, print_id, state, started_s, next_s if state.ended else None)
         if state.ended:
             clear_s = self.controller.rules.bed_clear_s(next_s, CLEARING_S)
-            heapq.heappush(self.due, (clear_s, name, print_id, None, 0.0))
+            self.push(clear_s, name, print_id, None, 0.0)
 
     def ends_s(self):
         """Run to the end; return the end of each plate."""
@@ -167,6 +173,17 @@ houses = st.fixed_dictionaries(
     2,
     23,
     [1013, 1084, 861, 640],
+)
+# A print of a job that may use so many printers ends at the moment at which another bed is clear.
+@example(
+    [
+        ([4.25, 4.5, 3.5, 5.0, 0.75], JobOptions(printers=3)),
+        ([3.5, 3.75, 5.75, 1.75, 3.25, 4.75], JobOptions(printers=2)),
+    ],
+    {"attended": ["08:00-18:00"]},
+    4,
+    11,
+    [1700, 260, 1161],
 )
 @given(jobs, houses, st.integers(1, 4), st.integers(0, 23), st.lists(st.integers(200, 2000), max_size=4))
 def test_forecast_is_exact_without_failures(work, start_rules, printers, hour, reels):
