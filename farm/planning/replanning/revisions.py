@@ -247,7 +247,7 @@ class _Candidates:
 
     def has_all(self, job: Job, names: Iterable[str]) -> bool:
         """Return whether a job could use all of some printers without a repair."""
-        return self._find_coming(job).keys() >= frozenset(names)
+        return all(map(self._find_coming(job).__contains__, names))
 
     def choose(self, job: Job, taken_printers: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Choose printers for a job: from those that are idle now, and from all that need no repair."""
@@ -260,11 +260,13 @@ class _Candidates:
         """Find the printers that a job could use without a repair, by name."""
         requirements, printers = derive_job_requirements(job), self._situation.printers
         key = requirements, job.not_before_s, job.options.hold
-        if key not in self._coming:
+        coming_printers = self._coming.get(key)
+        if coming_printers is None:
             matching_printers = [p for p in printers if requirements.matches(p.capabilities)]
             availability = limit_availability(Availability(printers), self._situation, job)
-            self._coming[key] = {p.name: p for p in list_coming(matching_printers, availability)}
-        return self._coming[key]
+            coming_printers = {p.name: p for p in list_coming(matching_printers, availability)}
+            self._coming[key] = coming_printers
+        return coming_printers
 
 
 def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:
