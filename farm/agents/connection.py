@@ -178,7 +178,7 @@ class AgentConnection:
 
     async def _listen(self) -> None:
         wait_s = 0.0
-        # An agent that has just started has to be ended.
+        # While stopping, connect to an agent that has just started, so that it receives the request to end.
         while not self._stopping or self._is_agent_alive(self._process):
             try:
                 await asyncio.sleep(wait_s)
@@ -203,7 +203,7 @@ class AgentConnection:
             except (DriverError, FarmError) as error:
                 self._log.warning("%s", error)
             except Exception:
-                self._log.exception("listening to its agent")
+                self._log.exception("listening to its agent failed")
             loss = None if self._host is None else self._host.describe_loss()
             is_lost = loss is not None
             self._report(

@@ -169,14 +169,14 @@ class _Group:
         The printers that are idle and clear, and get no other plate now, by name.
     busy
         Hold for busy printers; None if none is busy.
-    first
+    obstacle
         Obstacle of the first printer that cannot take a plate; None if all can.
     """
 
     names: frozenset[str]
     idle: tuple[str, ...]
     busy: Hold | None
-    first: Hold | None
+    obstacle: Hold | None
 
 
 class HoldReasons:
@@ -263,7 +263,7 @@ class HoldReasons:
                 else busy
             )
         planned_hold = self._obstacles.get(plate.planned) if plate.planned in group.names else None
-        return planned_hold or reel_hold or group.first or _make_all_taken_hold()
+        return planned_hold or reel_hold or group.obstacle or _make_all_taken_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not get an idle and clear printer; None if another plate got it."""

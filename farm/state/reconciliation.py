@@ -174,27 +174,32 @@ def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Ite
 
 
 def handle_unknown_print(
-    printer: Printer, open_print: Print | None, snapshot: AgentSnapshot, now_s: float
+    printer: Printer, recorded_print: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
     """Derive the events and instructions for a print of an agent that is not open in the books.
 
     Parameters
     ----------
-    open_print
+    recorded_print
         The print in the books, if it has ended; None if it is missing, as after a restore.
     """
     report = snapshot.print
     if report is None:
         return
     name = printer.name
-    if open_print is not None and report.extruded and not open_print.extruded and printer.bed is Bed.CLEAR:
+    if (
+        recorded_print is not None
+        and report.extruded
+        and not recorded_print.extruded
+        and printer.bed is Bed.CLEAR
+    ):
         reason = "it started a print that the farm had withdrawn: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
-    if open_print is not None and not report.state.ended:
+    if recorded_print is not None and not report.state.ended:
         reason = "the farm has recorded this print as ended"
         yield ev.SendCancel(print_id=report.print_id, printer=name, reason=reason)
         return
-    if open_print is None and printer.bed is not Bed.UNKNOWN:
+    if recorded_print is None and printer.bed is not Bed.UNKNOWN:
         reason = "it made a print that is not in the database: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if report.state.ended:

@@ -110,7 +110,7 @@ def level_by_slices(
     Raises
     ------
     FarmError
-        A part cannot be sliced (`PartSlicer.slice_parts`).
+        If a part cannot be sliced (`PartSlicer.slice_parts`).
     """
     best = slicer.slice_parts(decomposition, work / "0")
     for number in range(1, MAX_RELEVELS + 1):
@@ -128,7 +128,7 @@ def level_by_slices(
 
 
 def write_sliced(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
-    """Write parts, G-code, report and picture into a folder; returns the report with the slices.
+    """Write parts, G-code, report and picture into a folder; return the report with the slices.
 
     Parameters
     ----------

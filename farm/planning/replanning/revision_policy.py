@@ -51,7 +51,7 @@ class PlannedJob:
 
 
 def may_revise(job: PlannedJob, situation: Situation, candidates: Iterable[Sequence[str]]) -> bool:
-    """Return whether `choose_revision` needs forecasts, which take long; if not, the plan is kept."""
+    """Return whether another plan may save time, by estimates without the slow forecasts."""
     if job.end_s is None:
         return any(_differs(job, names) for names in candidates)
     if job.done_by_s is not None and job.end_s <= job.done_by_s:
