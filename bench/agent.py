@@ -267,9 +267,11 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--agents", type=int, default=8)
-    parser.add_argument("--lines", type=int, default=1000, help="an agent")
-    parser.add_argument("--rate", type=float, default=50.0, help="lines a second, an agent")
-    parser.add_argument("--megabytes", type=int, default=0, help="of the file, of which --lines are printed")
+    parser.add_argument("--lines", type=int, default=1000, help="lines of each agent")
+    parser.add_argument("--rate", type=float, default=50.0, help="lines per second of each agent")
+    parser.add_argument(
+        "--megabytes", type=int, default=0, help="size of the file, of which --lines are printed"
+    )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     result = asyncio.run(measure(options.agents, options.lines, options.rate, options.megabytes))

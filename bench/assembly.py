@@ -119,7 +119,7 @@ def assemble(folder: Path) -> Outcome:
         for part, name in names.items()
     }
     outcome = Outcome(folder.name, steps=len(steps))
-    placed = {part: np.eye(4) for part in true_poses}  # of each part in the frame of its body
+    placed = {part: np.eye(4) for part in true_poses}  # pose of each part in the frame of its body
     sockets: list[tuple[Socket, Socket]] = []
     for step in steps:
         lettered = [(part, text) for part, text in step.codes if "-" in text]
@@ -226,7 +226,7 @@ def compute_plane(face: CodedFace, turn: Floats, move: Floats) -> Floats:
 def find_placements(
     fixed: Socket, moved: Socket, pins_mm: Sequence[float] | None, keys_mm: Sequence[float] = ()
 ) -> Iterator[Floats]:
-    """Find all ways (4, 4) in which a body can be laid against another so that the pins go in.
+    """Find all placements (4, 4) of a body against another in which the pins go into their holes.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def find_placements(
 
 
 def differ(placement: Floats, other: Floats) -> bool:
-    """Check whether two ways (4, 4) differ by more than the play of the pins."""
+    """Check whether two placements (4, 4) differ by more than the play of the pins."""
     distances_mm = np.abs(placement - other)
     return bool(distances_mm[:3, 3].max() > RIGHT_MM or distances_mm[:3, :3].max() > RIGHT_TURN)
 

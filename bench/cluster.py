@@ -11,10 +11,10 @@ this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded.
 
 ``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--page FILE] [--json]`` runs
 jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
-`bench.cluster_replay`. `late_ms` is the median of what a task takes beyond its sleep, `efficiency` the work
-over workers times duration, `critical_s` the longest job on workers without number, its tasks named in
-`critical_path`; all but `late_ms` in unscaled seconds. The jobs run a second time with all drawings of a job
-by one worker: `one_draws_s`, and `ratio`, the first duration as a share of it.
+`bench.cluster_replay`. `late_ms` is the median of the time that a task takes beyond its sleep, `efficiency`
+the work over workers times duration, `critical_s` the longest job on an unlimited number of workers, its
+tasks named in `critical_path`; all but `late_ms` in unscaled seconds. The jobs run a second time with all
+drawings of a job by one worker: `one_draws_s`, and `ratio`, the first duration as a share of it.
 `--page docs/explanation/cluster.md` puts the figures there as a table.
 """
 

@@ -22,7 +22,7 @@ Call = Callable[..., Any]
 """Calls a deferred function with arguments, and waits for its result; from any thread."""
 LIMIT = Limit("measuring", 6 * 3600.0)
 MAX_PARALLEL_CALLS = 64
-"""Calls at the same time on a cluster; it runs as many as it has slots."""
+"""Maximum number of parallel calls on a cluster, which runs as many as it has slots."""
 
 
 def add_cluster_options(parser: argparse.ArgumentParser) -> None:

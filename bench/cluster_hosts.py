@@ -15,7 +15,7 @@ from virtual_network import Network
 
 WORKERS = ("w1", "w2", "w3", "w4")
 SCHEDULER, FARM = "scheduler", "farm"
-ENDING_S = 30.0  # until the tasks of a round have ended
+ENDING_S = 30.0  # maximum time for the tasks of a round to end
 SAMPLE_S = 0.2
 PORT = 8786
 NICE = -9  # of workers, whose tasks have 19 more: otherwise they hardly run on a busy computer
@@ -67,7 +67,7 @@ class Hosts:
         return {name: len(self.network.pids(name)) for name in (SCHEDULER, *WORKERS)}
 
     def end(self) -> int:
-        """End all processes like services. Returns the number of those that are left."""
+        """End all processes, as systemd ends services. Returns the number of those that are left."""
         for process in self._running.values():
             process.terminate()
         end_s = time.monotonic() + ENDING_S

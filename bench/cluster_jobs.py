@@ -41,7 +41,7 @@ PARALLEL_TASKS = {
 
 @dataclass(frozen=True, slots=True)
 class TimedTask:
-    """A task of a job: seconds from the start of the job, and of the processor, with its engine."""
+    """A task of a job: its begin and end after the start of the job, and CPU seconds with its engine."""
 
     what: str
     begin_s: float

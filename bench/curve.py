@@ -33,7 +33,7 @@ PRINTER = "ultimaker2_plus"
 
 
 def main() -> None:
-    """Measure, and print."""
+    """Measure, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -79,7 +79,7 @@ def main() -> None:
         return
     print(f"{report['boxes']} boxes of {grid.shape} cells; peak {report['peak_mb']:.0f} MB")
     for stage, times in times_s.items():
-        print(f"{stage:>8}: {times['wall_s']:6.1f} s, {times['cpu_s']:6.1f} s of the processors")
+        print(f"{stage:>8}: {times['wall_s']:6.1f} s, {times['cpu_s']:6.1f} s of CPU")
 
 
 if __name__ == "__main__":

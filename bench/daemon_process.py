@@ -50,17 +50,17 @@ class Daemon:
         self.client = Client(self.socket)
 
     def cpu_s(self) -> float:
-        """Return the CPU seconds of all its threads."""
+        """Return the CPU seconds of all threads of the daemon."""
         return time.clock_gettime((~self._process.pid << 3) | 2)
 
     def memory_mb(self) -> float:
-        """Return its resident memory, without that of its workers."""
+        """Return the resident memory of the daemon in MB, without that of its workers."""
         status = Path(f"/proc/{self._process.pid}/status").read_text()
         (line,) = (line for line in status.splitlines() if line.startswith("VmRSS"))
         return int(line.split()[1]) / 1024
 
     def answers(self) -> bool:
-        """Check whether it answers."""
+        """Check whether the daemon answers."""
         try:
             self.client.names()
         except FarmError:
@@ -70,14 +70,14 @@ class Daemon:
         return True
 
     def end(self) -> dict[str, list[float]]:
-        """End it without ending prints; return its own measurements."""
+        """End the daemon without ending prints; return its own measurements."""
         self._process.send_signal(signal.SIGTERM)
         self._process.wait(_END_S)
         measures: dict[str, list[float]] = json.loads((self._folder / MEASURES).read_text())
         return measures
 
     def kill(self) -> None:
-        """Kill it in any state."""
+        """Kill the daemon in any state."""
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
@@ -156,6 +156,6 @@ class NoticeReceiver:
         """Address in the form of apprise."""
 
     def close(self) -> None:
-        """End it."""
+        """End the server."""
         self._server.shutdown()
         self._server.server_close()

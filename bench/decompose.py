@@ -4,7 +4,7 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
        [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
        [--scheduler tls://HOST:PORT --certificates DIR]
 
-Engines other than `best` run only for the first number of printers. If one without such an option returns
+Engines other than `best` run only for the first number of printers. If an engine that takes no number returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are
 balanced again by their sliced times (`decompose.relevel`) where that is faster. Each run is a file in
 --results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without limits
@@ -62,7 +62,7 @@ FAITHFUL_SUFFIX = "-faithful"  # after an engine's name
 PART_ENGINES = ("symmetry", "cube-skeleton")  # other engines without a number of printers
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
-MAX_LEVELLINGS = 2  # by sliced times
+MAX_LEVELLINGS = 2  # maximum number of moves of the planes by sliced times
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,7 +382,9 @@ def main() -> int:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--quality", default="paper")
     parser.add_argument("--granularity", default="auto")
-    parser.add_argument("--budget", type=float, default=BUDGET_S, help="of best, about the s of one core")
+    parser.add_argument(
+        "--budget", type=float, default=BUDGET_S, help="effort of the engine best, in seconds of one core"
+    )
     parser.add_argument("--results", type=Path, default=Path("bench-results"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--no-slices", action="store_true")

@@ -100,7 +100,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--lines", type=int, default=20_000)
-    parser.add_argument("--scale", type=float, default=60.0, help="of the run at a limited clock")
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=60.0,
+        help="emulated seconds in a wall second, in the run at a limited clock",
+    )
     options = parser.parse_args()
     lines = list_moves(options.lines)
     feed_us = measure_firmware_us(lines)
@@ -119,11 +124,9 @@ def main() -> None:
     if options.json:
         print(json.dumps(figures))
         return
-    print(f"firmware alone: {feed_us:.1f} us of processor a move")
-    print(f"through the port: {round_trip_us:.1f} us a round trip, {free_cpu_us:.1f} us of processor")
-    print(
-        f"at {options.scale:g} times real time: {paced_us:.1f} us a move, {paced_cpu_us:.1f} us of processor"
-    )
+    print(f"firmware alone: {feed_us:.1f} us of CPU a move")
+    print(f"through the port: {round_trip_us:.1f} us a round trip, {free_cpu_us:.1f} us of CPU")
+    print(f"at {options.scale:g} times real time: {paced_us:.1f} us a move, {paced_cpu_us:.1f} us of CPU")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ ONE, HALF, REST = "one", "half", "rest"
 LOSS, DELAY_S = 0.05, 0.3
 _PATIENCE_S = 180.0
 _POLL_S = 2.0
-_NOTICE_S = 20.0  # in which a second notice would come
+_NOTICE_S = 20.0  # time in which a second notice would come
 
 
 def group_hosts(hosts: list[str]) -> dict[str, list[str]]:
@@ -45,7 +45,7 @@ class PrintingFleet:
         return time.monotonic() - begun_s
 
     def count_unknown(self) -> int:
-        """Count the printers of which nothing is known."""
+        """Count the printers in an unknown state."""
         return sum(printer.state == "unknown" for printer in self.daemon.client.status().printers)
 
     def count_lost(self) -> int:
@@ -74,8 +74,9 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Seconds until the loss is a task and until all is as before; hosts lost, and the events, tasks and
-        lines of notices, with their texts; prints that ended meanwhile; the daemon's share of a core.
+        Seconds until the loss is a task and until all hosts are connected again; hosts lost, and the events,
+        tasks and lines of notices, with their texts; prints that ended meanwhile; the daemon's share of a
+        core.
     """
     hosts = sum(len(fleet.names[name]) for name in groups)
     printing, noticed, begun_s = len(fleet.agents.printing), len(fleet.notices.lines), time.monotonic()

@@ -78,12 +78,12 @@ class Setting:
 
     @property
     def printer_names(self) -> list[str]:
-        """The printers that print."""
+        """Names of the printers that print."""
         return [f"um2-{number:03d}" for number in range(1, self.printers + 1)]
 
     @property
     def idle_names(self) -> list[str]:
-        """The printers that no plate fits."""
+        """Names of the printers that no plate fits."""
         return [f"abs-{number:03d}" for number in range(1, self.idle + 1)]
 
     @property
@@ -245,7 +245,7 @@ def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name:
 
 
 def list_missed(figures: dict[str, Any], goals: dict[str, float]) -> list[str]:
-    """List the figures that miss their goals; those of losses are 1 each."""
+    """List the figures that miss their goals. A loss must cause one task, one notice, and end no print."""
     missed = [name for name, limit in goals.items() if figures[name] > limit]
     for name in ("one_host_lost", "half_lost"):
         loss = figures.get(name, {"tasks": 1, "notices": 1, "prints_ended": 0})
@@ -261,8 +261,8 @@ def read_options() -> argparse.Namespace:
     )
     parser.add_argument("--idle", type=int, default=0, help="additional printers, which no plate fits")
     parser.add_argument("--plates", type=int, help=f"{PLATES_OF_A_PRINTER} for each printer by default")
-    parser.add_argument("--turns", type=int, default=40, help="prints that end")
-    parser.add_argument("--seconds", type=float, default=20.0, help="for which all print")
+    parser.add_argument("--turns", type=int, default=40, help="number of prints that end")
+    parser.add_argument("--seconds", type=float, default=20.0, help="time for which all printers print")
     parser.add_argument("--gcode-kb", type=int, default=64, help="size of each plate's G-code")
     parser.add_argument("--profile", type=Path, help="writes the daemon's profile (cProfile) to this file")
     parser.add_argument("--json", action="store_true")

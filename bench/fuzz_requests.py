@@ -180,7 +180,7 @@ def _make_body(rng: random.Random) -> tuple[bytes, str]:
 
 
 def _make_value(rng: random.Random, depth: int) -> Any:
-    """Make a value of JSON."""
+    """Make a JSON value."""
     kind = rng.randrange(8 if depth else 6)
     if kind == 6:
         return [_make_value(rng, depth - 1) for _ in range(rng.randrange(4))]
@@ -215,7 +215,7 @@ def _write_head(method: str, path: str, headers: Mapping[str, str], version: str
 
 
 def _damage_length(rng: random.Random, method: str, path: str, headers: dict[str, str], body: bytes) -> bytes:
-    """Announce a length that is not the body's."""
+    """Send a wrong length of the body."""
     length = rng.choice(("-1", "1" * 30, "x", "", "0", str(len(body) + 10), "5, 6"))
     return _write_head(method, path, {**headers, "Content-Length": length}) + body
 

@@ -35,10 +35,10 @@ from network_hosts import NetworkHosts  # type: ignore[import-not-found]
 from virtual_network import find_obstacle  # type: ignore[import-not-found]
 
 OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
-UPDATE_SHARE = 0.3  # of the first plates, when the new version is installed
+UPDATE_SHARE = 0.3  # share of the first plates that is printed when the new version is installed
 SHORTEST_S, LONGEST_S = 5.0, 60.0  # wall seconds for which a host is away; one away for 30 is lost
 ENDING_S = 90.0  # wall seconds until a service without a daemon ends: 60, and a margin
-SAMPLE_S = 20.0  # between two samples of CPU time
+SAMPLE_S = 20.0  # time between two samples of CPU time
 _TICK_S = 1 / os.sysconf("SC_CLK_TCK")
 
 
@@ -129,7 +129,7 @@ class HostNight(Night):
         spans_s = [(300.0, self.plate_s), (self.back_after_s, self.back_after_s + 2 * self.plate_s)]
         self.faults = plan_faults(args.faults, names, spans_s, random.Random(args.seed))
         self.faults_done: Counter[str] = Counter()
-        self._mends: dict[str, float] = {}  # when hosts that are away come back, on the monotonic clock
+        self._mends: dict[str, float] = {}  # return of each absent host, on the monotonic clock
         self._updated_at_s: float | None = None  # elapsed farm seconds
         self._update_waits = False
         self._daemon_pid = 0
@@ -232,7 +232,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the options."""
     parser = make_parser(__doc__)
     parser.add_argument("--hosts", type=int, default=4)
-    parser.add_argument("--faults", type=int, default=12, help="of hosts")
+    parser.add_argument("--faults", type=int, default=12, help="number of faults of hosts")
     parser.set_defaults(printers=40, plates=100, moves=400, scale=60, away_h=3.0, patience_s=1800.0)
     return parser.parse_args(arguments)
 

@@ -36,7 +36,7 @@ SUPPORT_MM3 = 1.0  # of support added: that part's figure is left out, as it is 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Part that is sliced with one kind of connectors: their amounts by price, and what they add."""
+    """Part that is sliced with one kind of connectors: their amounts by price, and the time that they add."""
 
     part: str
     bare_s: float

@@ -26,9 +26,9 @@ from slicing.settings import PartSettings, SettingsRequest, find_engine, find_re
 
 PRINTER = "ultimaker2_plus"
 BELOW_MM = 0.2  # depth below a face at which its grooves are read
-PITCH = 0.25  # of the points of a letter, on the grid of the letters
+PITCH = 0.25  # pitch of the points of a letter, on the grid of the letters
 MARGIN = 0.75  # margin around its box
-READ_SHARE = 0.8  # of the points of an arrow or a dot
+READ_SHARE = 0.8  # minimum share of the points of a legible arrow or dot
 
 
 @dataclass(frozen=True, slots=True, eq=False)

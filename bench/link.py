@@ -164,9 +164,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--part", action="append", choices=PARTS, help="only this; may be given again")
+    parser.add_argument(
+        "--part", action="append", choices=PARTS, help="part to measure, may be repeated; by default all"
+    )
     parser.add_argument("--agents", type=int, default=8)
-    parser.add_argument("--lines", type=int, default=10_000, help="an agent")
+    parser.add_argument("--lines", type=int, default=10_000, help="lines of each agent")
     parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
     parser.add_argument("--beside", type=Path, default=INTEROP, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")

@@ -132,7 +132,7 @@ class Slicer:
         )
 
     def slice_model(self, mesh: trimesh.Trimesh, overrides: dict[str, str]) -> bytes:
-        """Scale and centre a model, and slice it; return nothing if the engine fails."""
+        """Scale and centre a model, and slice it; return no bytes if the engine fails."""
         mesh = mesh.copy()
         mesh.apply_scale(min(1.0, _SIZE_MM / max(mesh.extents)))
         low_mm, high_mm = mesh.bounds
@@ -232,7 +232,7 @@ class Findings:
     def read_slice(
         self, title: str, gcode: bytes, target: PrintTarget, cuts: int, rng: random.Random
     ) -> None:
-        """Read a complete file, and with layers removed in every way."""
+        """Read a complete file, then copies of it with layers removed by each kind of cut."""
         self.whole += 1
         if (reason := find_refusal(gcode, target)) is not None:
             self.false_alarms.append(f"{title}: {reason}")

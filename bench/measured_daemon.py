@@ -94,7 +94,7 @@ class Measures:
         self._depth, self._overhead_s, self._starts = 0, 0.0, False
 
     def measure_time(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
-        """Time the outermost call: as an event if it commits something, else for `quiet_s`."""
+        """Time the outermost call: as that of an event if it commits anything, else in `quiet_s`."""
 
         def call(*args: Any, **keywords: Any) -> Any:
             self._depth += 1

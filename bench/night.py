@@ -47,7 +47,7 @@ from farm.state.transitions import apply
 MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
-AWAY_AFTER_S = 1800.0  # of farm time: the operator's night begins
+AWAY_AFTER_S = 1800.0  # farm time at which the operator's night begins
 POLL_S = 0.3  # wall seconds between two polls of the operator
 ANSWER_S = 120.0  # wall seconds for the start of a daemon on a busy machine
 
@@ -318,12 +318,12 @@ def make_parser(description: str | None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--printers", type=int, default=20)
     parser.add_argument("--plates", type=int, default=60)
-    parser.add_argument("--moves", type=int, default=300, help="of a plate")
+    parser.add_argument("--moves", type=int, default=300, help="number of moves of a plate")
     parser.add_argument("--move-s", type=float, default=20.0, help="farm seconds of a move")
     parser.add_argument("--away-h", type=float, default=5.5, help="farm hours without the operator")
     parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
-    parser.add_argument("--kills", type=int, default=2, help="of the daemon")
+    parser.add_argument("--kills", type=int, default=2, help="number of times that the daemon is killed")
     parser.add_argument("--patience-s", type=float, default=900.0, help="wall seconds for the whole night")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(

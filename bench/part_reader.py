@@ -22,7 +22,7 @@ from decompose.geometry import choose_plane_axes
 SEED_MM2, FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
 FLAT_MM = 0.01
 SLIT_MM = 0.005  # half the width of a slit between triangles of one face
-PLAY_MM = (0.1, 1.5)  # width of a hole beyond its pin
+PLAY_MM = (0.1, 1.5)  # least and greatest clearance of a hole around its pin
 RISE_MM = 0.03  # half of the height by which the bottom of a groove rises; its sides are nearer than SAME_MM
 SAME_MM = 0.12  # distance between a stroke and its points
 CLEARANCE = 0.3  # free margin around a code, as a share of the height of letters

@@ -42,7 +42,7 @@ from slicing.errors import SlicingError
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 SIDE_MM = 180.0
-CORNER_SHARE = 0.45  # of each side
+CORNER_SHARE = 0.45  # length of a cut corner, as a share of each side
 LINES = {
     "walls": ("WALL-OUTER", "WALL-INNER"),
     "infill": ("FILL",),
@@ -65,7 +65,7 @@ class Posed:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Seconds of one part by price and by slice, each in all and by feature."""
+    """Seconds of one part by price and by slice, each in total and by feature."""
 
     part: str
     quality: str
@@ -212,7 +212,7 @@ def main() -> None:
     )
     parser.add_argument("--seeds", default="1,2")
     parser.add_argument("--qualities", default="glue,paper")
-    parser.add_argument("--pieces", default="low,high", help="and whole")
+    parser.add_argument("--pieces", default="low,high", help="pieces of each model: low, high or whole")
     parser.add_argument("--shapes", action="store_true")
     parser.add_argument("--cache", type=Path, required=True)
     parser.add_argument("--json", action="store_true")

@@ -49,7 +49,7 @@ KINDS = {
     "brim_s": ("brim",),
 }
 REST = ("slope ends", "infill ends", "travel", *SUPPORT)
-ROUNDS, MIN_ERROR = 30, 1e-3  # of the fit; smaller errors count as this large
+ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; smaller errors count as this large
 TABLES = "columns"  # the term of the tables, in place of those of supports
 
 
@@ -174,7 +174,7 @@ def main() -> int:
     parser.add_argument(
         "--unseen", type=int, metavar="SEED", help="models of bench.unseen instead of this project's"
     )
-    parser.add_argument("--parts", type=int, default=2, help="of each model and number of printers")
+    parser.add_argument("--parts", type=int, default=2, help="parts of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--cache", type=Path, help="a folder that keeps slices")
     parser.add_argument("--json", action="store_true", help="one object on stdout")

@@ -319,7 +319,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--kind", action="append", help="only kinds whose names contain this")
-    parser.add_argument("--faults", type=int, default=200, help="of each kind")
+    parser.add_argument("--faults", type=int, default=200, help="number of faults of each kind")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()

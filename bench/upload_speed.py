@@ -66,7 +66,7 @@ def upload(farm: WebFarm, key: str, size: int, form: bool, share: float = 1.0) -
     Returns
     -------
     seconds, status, text
-        From the first byte to the answer; status 0 for an upload that was cut.
+        Seconds from the first byte to the answer; status 0 for an upload that was cut.
     """
     head, head_bytes, tail_bytes = make_request(farm, key, size, form)
     with socket.create_connection(("127.0.0.1", farm.port), PATIENCE_S) as connection:

@@ -41,7 +41,7 @@ from farm.upkeep.upkeep import Upkeep
 DAY_S = 86400.0
 BEGIN_S = 1_790_000_000.0
 PARTS = 8
-PICTURE_BYTES = 17_000  # the mean of its parts
+PICTURE_BYTES = 17_000  # mean size of the pictures of parts
 STORED_BEFORE_S = 7200.0  # wall seconds for which stored files are kept
 NIGHT = {
     "model": [1009943],

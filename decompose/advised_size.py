@@ -22,7 +22,7 @@ HALVINGS = 8  # number of times that the range of sizes is halved
 CLOSE_RATIO = 1.005  # ratio of two sizes at which the search between them ends
 TRIALS = 4  # maximum number of full decompositions, each of a smaller model than the last one
 TRIAL_STEP = 0.96  # ratio of the size of a trial to the size of the trial before
-TRIAL_BUDGET_S = 2.0  # enough to find any result, not the best one
+TRIAL_BUDGET_S = 2.0  # enough to find a result, though not the best one
 
 
 def advise_longest_side_mm(
@@ -49,7 +49,7 @@ def advise_longest_side_mm(
     if max_scale is None:
         return None
     coarse = replace(options, granularity=COARSE_GRANULARITY)
-    low, high = 0.0, max_scale * 1.15  # a part may fit when it lies askew, which the tables do not know
+    low, high = 0.0, max_scale * 1.15  # a part may fit at an angle, which the tables leave out
     scale = max_scale
     for _ in range(HALVINGS):
         if _has_result(model, scale, printers, coarse, cost, executor):
@@ -72,8 +72,7 @@ def advise_longest_side_mm(
 def _find_scale(
     model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
 ) -> float | None:
-    """Find about the largest scale, below 1, at which the parts by a coarse grid are not more than the
-    printers.
+    """Find about the largest scale below 1 at which a coarse grid needs no more parts than printers.
 
     The grid is not scaled; the printers' rooms grow instead. Times have no influence on the fit.
     """

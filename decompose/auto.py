@@ -83,7 +83,7 @@ def decompose_auto(
     Raises
     ------
     NoFit, GeometryError
-        As in `decompose.decompose_model`, if all of the printers are not enough.
+        As in `decompose.decompose_model`, if even all of the printers are not enough.
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
@@ -98,7 +98,7 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Compute the makespan of the first 1, 2, ... printers by the tables; too few printers are left out.
+    """Compute the makespan of the first 1, 2, ... printers by the tables; numbers too small are left out.
 
     Unequal printers are grouped in classes, on a coarser grid, since there are more ways to distribute parts
     among them; a number of printers of a class has their mean speed.

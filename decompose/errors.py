@@ -55,7 +55,7 @@ class NoFit(DecomposeError):
         Minimum number of printers of the same kinds that would be enough, or a lower bound on it; None if it
         is not known, or if no number would be enough.
     is_too_large
-        A smaller model would fit (`advised_size` finds how large it may be).
+        Whether a smaller model would fit (`advised_size` finds its maximum size).
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Rule(StrEnum):
 
     CLOSED = "closed"  # each part is a closed manifold of positive volume
     ONE_PIECE = "one-piece"
-    FITS = "fits"  # in its pose, on its printer
+    FITS = "fits"  # each part fits its printer, in its pose
     OWN_PRINTER = "own-printer"  # no printer has more parts than it may print
     NO_OVERLAP = "no-overlap"
     SURFACE = "surface"  # the original surface is covered exactly once

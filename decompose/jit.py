@@ -93,7 +93,7 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _list_other_folders(name: str) -> Iterator[Path]:
-    """List the folders for a user without write access beside the sources; the last is of this process."""
+    """List folders for a user who may not write beside the sources; the last is for this process alone."""
     with contextlib.suppress(RuntimeError):  # a user without a home
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "farm" / name
     with contextlib.suppress(OSError):

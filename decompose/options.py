@@ -13,7 +13,7 @@ FILAMENT_MM = 2.85
 THIN_FILAMENT_MM = 1.75
 MIN_PIN_MM, MAX_PIN_MM = 1.0, 10.0
 PIN_FIT_MM = 0.4
-"""[assumed] Width of a printed hole across its flats beyond a pin of filament that fits it."""
+"""[assumed] Clearance of a printed hole: width across the flats, less the diameter of its filament pin."""
 
 
 class Engine(StrEnum):
@@ -89,11 +89,11 @@ class ConnectorOptions:
     pin_mm
         Diameter of the pins; None for no pins.
     pin_fit_mm
-        Width of a hole across its flats beyond the pin.
+        Clearance of a hole: width across the flats, less the diameter of the pin.
     marks
         Whether the numbers of the parts are cut into these faces.
     printer_fits_mm
-        Names of printers whose fit differs, each with its own.
+        Fits of the printers that have another one than `pin_fit_mm`, by name.
     taken_mm
         Distances between the two pins of steps that have already been drilled, as in the neighbours of a part
         that is cut again.

@@ -17,7 +17,7 @@ class PrinterRoom:
     time_factor: float = 1.0
 
     def fits(self, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-        """Check whether a part of these extents fits one of the boxes, turned about Z if need be."""
+        """Check whether a part of these extents fits one of the boxes, turned about z if necessary."""
         return any(
             height_mm <= z and ((width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y))
             for x, y, z in self.boxes

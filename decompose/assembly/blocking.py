@@ -74,7 +74,7 @@ def find_blocking(solids: Sequence[Solid], axes: Floats) -> Bools:
 
 
 def make_frame(axis: Floats, axes: Sequence[Floats] | Floats = ()) -> Floats:
-    """Make a frame (3, 3) of unit vectors as rows: an axis, and two across, one of `axes` if it can be."""
+    """Make a frame (3, 3) of unit vectors as rows: an axis, and two across, one of `axes` if possible."""
     return np.stack([axis, *_complete_frame(axis, axes)])
 
 
@@ -84,7 +84,7 @@ def _find_overlap_mm(lo: Floats, hi: Floats) -> Floats:
 
 
 def _complete_frame(axis: Floats, axes: Sequence[Floats] | Floats) -> tuple[Floats, Floats]:
-    """Choose two unit vectors orthogonal to an axis and to each other, one of the given axes if it can be."""
+    """Choose two unit vectors orthogonal to an axis and to each other, one of the given axes if possible."""
     across = next((other for other in axes if abs(float(other @ axis)) < SAME_AXIS), None)
     if across is None:
         across = np.cross(np.eye(3)[int(np.abs(axis).argmin())], axis)

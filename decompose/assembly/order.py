@@ -3,7 +3,8 @@
 The search begins with the complete assembly and takes it apart: a set of parts is split into two that can be
 moved apart along an axis, and each of which is held together by glue, until single parts are left. The steps
 of the assembly are these splits in reverse order.
-A partition into boxes of one frame can always be split so; for others, a set that cannot is a fault.
+A partition into boxes of one frame can always be split in this way; in other partitions, a set that cannot be
+split is a fault.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class AssemblyStep:
         One more than the highest level of the steps that make the two bodies: the glue of all steps of a
         level can dry at the same time.
     work_s, starts_s
-        A person's time for the step, and its start after that of the first step, with one person at work.
+        A person's time for the step, and the time from the start of the first step to its own, with one
+        person at work.
     """
 
     moved_parts: tuple[int, ...]

@@ -43,7 +43,7 @@ def _replay_bodies(count: int, joints: Sequence[Joint], assembly: Assembly) -> I
     for n, step in enumerate(assembly.steps, 1):
         for side in (step.moved_parts, step.fixed_parts):
             if bodies[side[0]] != set(side):
-                yield f"step {n} takes {_name_parts(side)} for one body"
+                yield f"step {n} takes {_name_parts(side)} as one body"
         joined_body = frozenset((*step.moved_parts, *step.fixed_parts))
         bodies |= dict.fromkeys(joined_body, joined_body)
     for joint in joints:

@@ -13,7 +13,7 @@ DRY_S = 120.0
 """Time until a glued body can be handled: cyanoacrylate sets in 30 s; an estimate."""
 CLEAN_S = 30.0  # to remove the brim of a part before its first use
 HANDLE_S = 45.0  # to find two bodies, fit them without glue, and read the page
-HOLD_S = 30.0  # to hold the bodies until the glue does
+HOLD_S = 30.0  # to hold the bodies until the glue holds
 UNSTEADY_HOLD_S = 30.0  # additional time if the lower body does not stand
 JOINT_S = 10.0  # to align each further joint
 GLUE_S_PER_MM2 = 0.005  # to apply the glue

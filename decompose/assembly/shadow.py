@@ -1,4 +1,4 @@
-"""Shadows of parts along an axis: where each begins and ends on a grid of parallel lines.
+"""Shadows of parts along an axis: the ends of each part on a grid of parallel lines.
 
 A part that is moved along an axis to any distance runs into another if, on some line along that axis, the
 other has material further on. So the ends of both parts on all lines give the answer for any distance.
@@ -26,7 +26,7 @@ class Shadow:
     Attributes
     ----------
     first
-        Numbers of the first line along both axes across.
+        Numbers of the first line along each of the two axes across.
     low, high
         (lines, lines) least and greatest coordinate along the axis, mm; inf and -inf if there is none.
     """
@@ -36,7 +36,7 @@ class Shadow:
     high: Floats
 
     def blocks(self, other: Shadow) -> tuple[bool, bool]:
-        """Check whether this part stops the other one when that is moved along the axis, and against it."""
+        """Check whether this part blocks another one that moves along the axis, and against it."""
         start = np.maximum(self.first, other.first)
         end = np.minimum(np.add(self.first, self.low.shape), np.add(other.first, other.low.shape))
         if (start >= end).any():

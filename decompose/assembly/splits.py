@@ -3,7 +3,7 @@
 Faces that close along their normal take pins and keys, and the glue stays on them. A split all of whose faces
 close is never worse than another: any way to take the set apart also takes apart the two sets that it leaves,
 along the same faces or fewer. So a choice arises only where each split slides. There the splits with least
-sliding glue are compared, each by what slides until single parts are left.
+sliding glue are compared by all glue that slides until single parts are left.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_EXAMINED = 400  # sets taken apart for that; then the split with the least s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Two sets (n,) of which the first moves along the direction with a number."""
+    """Two sets of parts as masks (n,), of which the first moves along a direction, given by its number."""
 
     moved: Bools
     fixed: Bools
@@ -76,7 +76,7 @@ class Glue:
         return float(self.area_mm2[split.moved][:, split.fixed].sum())
 
     def measure_sliding_mm2(self, split: Split) -> float:
-        """Measure the area that a split glues, less what closes along its direction."""
+        """Measure the area that a split glues, without the faces that close along its direction."""
         closing_mm2 = float(self.closing_mm2[split.direction][split.moved][:, split.fixed].sum())
         return max(0.0, self.measure_mm2(split) - closing_mm2)
 
@@ -101,7 +101,7 @@ class SplitSearch:
     Attributes
     ----------
     glue
-        Between the n parts.
+        Glue between the n parts.
     directions
         (d, 3) unit vectors along which bodies may move.
     blocking
@@ -118,7 +118,7 @@ class SplitSearch:
     _sliding_mm2: dict[bytes, float] = field(default_factory=dict)
 
     def find_split(self, parts: Bools) -> Split | None:
-        """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as can be.
+        """Find the best split of a set (n,) into two that can be moved apart, in as few bodies as possible.
 
         Among splits that close, halves of equal size are preferred, as their glue dries side by side.
         """
@@ -142,7 +142,7 @@ class SplitSearch:
         return compared[0] if len(compared) == 1 else min(compared, key=self._measure_all_sliding_mm2)
 
     def _measure_all_sliding_mm2(self, split: Split) -> float:
-        """Measure what slides in a split and in those that follow, if each has the least sliding glue."""
+        """Measure the sliding glue of a split and of the following ones, each with the least sliding glue."""
         sliding_mm2 = self.glue.measure_sliding_mm2(split)
         for parts in (split.moved, split.fixed):
             key = parts.tobytes()

@@ -52,7 +52,7 @@ def _make_round(
 ) -> list[Outcome]:
     """Make the attempts of a round one after the other, and report the spent share of the budget."""
     budget_s = problem.options.best.budget_s
-    spent_s = budget_s - sum(trial.effort_s for trial in trials)  # they have all that is left
+    spent_s = budget_s - sum(trial.effort_s for trial in trials)  # they share the remaining budget
 
     def report_spent(attempt_s: float) -> None:
         if budget_s > 0.0:

@@ -13,10 +13,10 @@ from decompose.arrays import Floats
 from decompose.connectors.faces import Side
 from decompose.connectors.records import Pin
 
-REACH_MM = 60.0  # glue further from each pin gets another
-NEAR_SHARE = 0.95  # share of a step's glue that has to be nearer
+REACH_MM = 60.0  # distance of glue from the nearest pin at which another pin is placed
+NEAR_SHARE = 0.95  # minimum share of a step's glue that is nearer
 GLUE_MM = 5.0  # pitch of the points of glue
-WORTH_MM2 = 100.0  # glue for which another pin is worthwhile
+WORTH_MM2 = 100.0  # minimum area of glue for which another pin is worthwhile
 
 
 @dataclass(frozen=True, slots=True, eq=False)

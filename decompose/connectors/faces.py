@@ -15,8 +15,8 @@ from decompose.options import PIN_FIT_MM
 from decompose.pieces import Joint, JointFace, list_polygons
 
 SLAB_MM = 8.0  # depth to which gaps below a face are found at once; few tools reach deeper
-SKIN_MM = 0.05  # depth at which the examination of a part begins: at the face itself rounding leaves films
-LEVEL_SIN = 0.5  # of the angle between a face and the vertical of the pose, from which it counts as level
+SKIN_MM = 0.05  # depth at which the examination of a part begins: rounding leaves films at the face itself
+LEVEL_SIN = 0.5  # minimum sine of the angle between a level face and the vertical of the pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,9 +30,9 @@ class Blank:
     solid
         In the frame of the joints, mm.
     up
-        (3,) the bed's up in the part's pose, in the same frame.
+        (3,) upward direction of the bed in the part's pose, in the same frame.
     pin_fit_mm
-        Width of its holes across their flats beyond the pin.
+        Clearance of its holes: width across the flats, less the diameter of the pin.
     """
 
     name: str
@@ -104,7 +104,7 @@ class Room:
         return abs(float(side.into @ self.blanks[side.part].up)) > LEVEL_SIN
 
     def find_room(self, side: Side, depth_mm: float) -> shapely.Geometry:
-        """Find the area of a face below which a part is solid to a depth and a rim, and free of other tools.
+        """Find the area of a face below which a part is solid to a depth plus a rim, and free of other tools.
 
         Returns
         -------

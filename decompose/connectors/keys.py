@@ -1,7 +1,7 @@
 """Places of keys: pins that lie along a joint, half in a V groove of each part.
 
 A key serves joints whose rims have no room for a hole. Its groove is shallow and tapers, so that it stays
-inside of a thin wall which slopes. It holds the parts across its length by its sides, along it by its ends.
+inside of a sloping thin wall. It holds the parts across its length by its sides, along it by its ends.
 Where faces slide over each other, keys lie along the direction of the step: the groove of one part ends on
 both sides, and that of the other leaves it through a face that closes, so that the key enters there.
 """
@@ -31,18 +31,18 @@ from decompose.connectors.tools import (
 )
 from decompose.pieces import list_polygons
 
-SHORT_MM = 5.0  # length of the shorter key of a pair, and of further ones
-LONGER_MM = 1.0  # than the mouth of the short groove: turned half around, the long key stays on its rims
-END_MM = 0.25  # free at each end of a key
+SHORT_MM = 5.0  # length of the shorter key of a pair, and of additional keys
+LONGER_MM = 1.0  # excess over the mouth of the short groove, on whose rims a reversed long key stays
+END_MM = 0.25  # gap at each end of a key
 LEVELS = 6  # depths at which the wall around a groove is examined
 NEAREST_MM = 12.0  # least distance of two keys, or of a key from a pin
-LEVEL_LOSS = 0.1  # of the worth of a place for each level face, where a groove prints several times longer
+LEVEL_LOSS = 0.1  # loss of weight of a place for each level face: a groove there prints several times longer
 MAX_TRIED = 20  # places that are tried, the best first
 PITCH_MM = 1.0  # least distance of the points between which grooves are tried
-MAX_POINTS = 150  # of them on one face
+MAX_POINTS = 150  # maximum number of these points on a face
 SEAT_MM = 3.0  # distance of the places that are tried on faces that slide
-SLACK_MM = 0.05  # rounding of buffers
-MAX_EXIT_MM = 80.0  # longest way of a key that slides through its groove
+SLACK_MM = 0.05  # tolerance for the rounding of buffers
+MAX_EXIT_MM = 80.0  # maximum distance that a key slides through its groove
 
 
 def choose_key_lengths_mm(key_mm: float) -> tuple[float, float]:
@@ -72,8 +72,8 @@ class KeyPlace:
     site, at_mm, along
         Its faces, its middle (3,), and its direction (3,).
     open_part, exit_mm
-        Part whose groove leaves it along that direction, and how far from the middle; None where no groove
-        does.
+        Part whose groove has an exit along that direction, and the distance of the exit from the middle; None
+        if no groove has one.
     """
 
     site: Site
@@ -85,10 +85,9 @@ class KeyPlace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeySlide:
-    """Way of a key on a site: the side that its groove leaves, and the direction (3,) in which it does.
+    """Path of a key on a site: the side through which its groove exits, and the direction (3,) of the exit.
 
-    The moved part comes from the direction of the step, so that its groove leaves it against that, and the
-    groove of the fixed part along it.
+    The groove of the moved part exits against the direction of the step, that of the fixed part along it.
     """
 
     site: Site
@@ -242,12 +241,12 @@ class KeyPlacer:
     Attributes
     ----------
     maker
-        For the step.
+        Maker of keys for the step.
     sites, glue_mm, pins
         Faces of the step that close along its direction; points (n, 3) of all of its glue; its pins and keys
         so far.
     taken_mm
-        Distances of the pairs of other steps, from which that of its pair differs by `distinct_mm`.
+        Distances of the pairs of other steps; that of this pair differs from each by `distinct_mm`.
     """
 
     maker: KeyMaker
@@ -259,7 +258,7 @@ class KeyPlacer:
     _places: dict[float, list[KeyPlace]] = field(default_factory=dict)
 
     def place_pair(self) -> None:
-        """Place a long and a short key as far apart as can be."""
+        """Place a long and a short key as far apart as possible."""
         lengths_mm = self.maker.lengths_mm
         long, short = (self._list_places(length_mm) for length_mm in lengths_mm)
         if not long or not short:
@@ -281,7 +280,7 @@ class KeyPlacer:
                 return
 
     def place_second(self) -> None:
-        """Place a short key as far from the only pin as can be, or where there is none, anywhere."""
+        """Place a short key as far as possible from the only pin; anywhere if there is no pin."""
         places = self._list_places(SHORT_MM)
         if not places:
             return
@@ -373,7 +372,7 @@ def _hull(points: Floats) -> shapely.Geometry:
 
 
 def _list_rim(polygon: shapely.Polygon) -> tuple[Floats, float]:
-    """List points (n, 2) along the rims of a polygon; return their distance too."""
+    """List points (n, 2) along the rims of a polygon; also return the distance between them."""
     rings = [polygon.exterior, *polygon.interiors]
     pitch_mm = max(PITCH_MM, sum(ring.length for ring in rings) / MAX_POINTS)
     points = [shapely.line_interpolate_point(ring, np.arange(0.0, ring.length, pitch_mm)) for ring in rings]

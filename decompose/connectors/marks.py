@@ -1,6 +1,6 @@
 """Places of marks: on both faces of each joint the number of the other part, and an arrow up.
 
-On faces that are printed upright, the own number stands before it.
+On faces that are printed upright, the part's own number precedes it.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ SIZES_MM = ((5.0, 0.35), (4.0, 0.35))  # height of letters, depth of their groov
 ARROW = "^"
 ARROW_CELL = 7.0  # width of the arrow's cell on the grid of the letters
 DOTS = 3
-DOT_PITCH = 4.0  # of dots, on the grid of the letters
-UNLIKE_MM = 0.002  # by which strokes differ in depth: operations on solids err where faces coincide
+DOT_PITCH = 4.0  # distance of two dots, on the grid of the letters
+UNLIKE_MM = 0.002  # difference in depth of strokes: operations on solids err where faces coincide
 GRID_MM = 2.0  # pitch of the places that are tried
 LEVEL = 0.99  # cosine to the vertical from which a face is level, and the arrow points to the back
 
@@ -73,7 +73,7 @@ def place_marks(
 
 
 def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> list[Mark]:
-    """Mark the largest face that takes the text on both of its sides; else each side that does, or dots."""
+    """Mark the largest face with room for the text on both sides; else each side with room, or draw dots."""
     best: list[Mark] = []
     for pair in pairs:
         marks = [
@@ -94,7 +94,7 @@ def _mark_joint(room: Room, pairs: Sequence[tuple[Side, Side]], dots: int) -> li
 
 
 def _number_parts(room: Room, joints: Sequence[Joint], marks: Sequence[Mark]) -> list[Mark]:
-    """Write the part's own number where no mark of it does."""
+    """Write the own number of each part that has no mark with it."""
     numbered_parts = {mark.part for mark in marks if mark.text.startswith(f"{room.blanks[mark.part].name}-")}
     new_marks = []
     for part, blank in enumerate(room.blanks):
@@ -204,7 +204,7 @@ def _find_upward(side: Side) -> Floats:
 
 
 def _text_frame(side: Side, upward: Floats, turn: int) -> Floats:
-    """Return rows x, y and the direction out of the face, as one who looks at the face reads the text."""
+    """Return rows x, y and the direction out of the face, for a text that is read from outside."""
     out = -side.into
     right = np.cross(upward, out)
     return np.stack([upward, -right, out]) if turn else np.stack([right, upward, out])

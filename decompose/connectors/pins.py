@@ -1,8 +1,8 @@
-"""Places of pins: for each step of the assembly two far apart, and more where the glue is far from them.
+"""Places of pins: two far apart for each step of the assembly, and more where its glue is far from these.
 
-The two differ in depth, so that a body that is turned half around stays open by millimetres; and no two steps
-have their pins at the same distance, so that a body fits nowhere else. Where holes have no room, keys lie
-along the joint.
+The two pins differ in depth, so that the joint stays open by millimetres if a body is turned by 180 degrees.
+Their distance differs from step to step, so that a body fits only in its own place. Where there is no room
+for holes, keys lie along the joint.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from decompose.pieces import Joint, list_polygons
 
 SHALLOW = 1.05  # depth of the shallow hole of a pair, in diameters of the pin
 SHALLOWEST_MM = 2.5  # least depth of a hole
-DEEPER_MM = 3.0  # of the other: turned half around, a body stays open by this less both ends and their tips
-END_MM = 0.5  # free at each end of a pin
+DEEPER_MM = 3.0  # excess of the deep hole: a body turned half around stays open by about this
+END_MM = 0.5  # gap at each end of a pin
 DISTINCT_MM = 0.7  # least difference between the distances of two pairs, besides twice the fit
-NEAREST_PAIR_MM = 8.0  # nearer to each other, two pins fix no angle
-FAR_PAIR_MM = 80.0  # further apart, one hole is a slot
-SLOT_MM = 0.25  # by which it is longer both ways: 0.2 % of shrinkage and the play of the pins
+NEAREST_PAIR_MM = 8.0  # minimum distance of two pins that fix an angle
+FAR_PAIR_MM = 80.0  # distance of two pins from which one hole is a slot
+SLOT_MM = 0.25  # elongation of a slot at each end, for 0.2 % of shrinkage and the play of the pins
 PLACES_MM = 15.0  # pitch of the places that are tried for glue that is far from pins
-MAX_FURTHER_PINS = 8  # pins of a step besides the two
-COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # further inside, where that keeps this share of the distance
-ROUND_MM = 0.03  # by which an inner corner of a buffer may be cut
+MAX_FURTHER_PINS = 8  # maximum number of pins of a step besides its pair
+COMFORT_MM, COMFORT_SHARE = 2.0, 0.8  # additional margin, if the pair keeps this share of its distance
+ROUND_MM = 0.03  # margin for buffers, which may cut inner corners
 CORNER_MM = 0.5  # corners of a hull that stand out by less are left out
-ALONG = 0.999
+ALONG = 0.999  # minimum cosine between a normal and the direction along it
 LEVEL = 1e-7  # maximum sine of the angle between a face that slides and its direction
 
 
@@ -51,7 +51,7 @@ def choose_depths_mm(pin_mm: float) -> tuple[float, float]:
 
 
 def choose_keys_mm(pin_mm: float) -> list[float]:
-    """Choose the diameters of keys: that of the pins, and of thin filament where it has no room."""
+    """Choose the diameters of keys: that of the pins, then that of thin filament, for places without room."""
     return sorted({pin_mm, min(pin_mm, THIN_FILAMENT_MM)}, reverse=True)
 
 
@@ -60,7 +60,7 @@ def place_pins(
 ) -> tuple[list[Pin], list[tuple[int, str]]]:
     """Place the pins of all steps, and add their holes to the room's tools.
 
-    The distance of a pair differs from those of all others, and from those that are taken.
+    The distance of a pair differs from those of all others, and from those in `options`.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
 
 
 def _describe_shape(pin: Pin) -> tuple[float, bool]:
-    """Describe what keeps a pin out of another's holes; a thin key goes into all grooves of its length."""
+    """Describe the size that a pin's holes must share; a thin key fits all grooves of its length."""
     return pin.length_mm, pin.along is None
 
 
@@ -219,7 +219,7 @@ class _Placer:
         return self.room.blanks[side.part].up
 
     def _place_pair(self, taken_mm: Sequence[float]) -> list[Pin]:
-        """Place a deep and a shallow pin as far apart as can be, at a distance of their own."""
+        """Place a deep and a shallow pin as far apart as possible, at a distance that no other pair has."""
         deep, shallow = (self._find_places(index) for index in range(2))
         best_pair = self._find_farthest_pair(deep, shallow)
         if best_pair is None:
@@ -289,7 +289,7 @@ class _Placer:
         return float(np.linalg.norm(self._flat((start_mm - end_mm)[None])))
 
     def _place_one(self) -> list[Pin]:
-        """Place one pin in the middle of the widest place, deep if it can be."""
+        """Place one pin in the middle of the widest place, deep if possible."""
         for index in range(2):
             places = self._find_places(index)
             areas = [(p, n) for n, place in enumerate(places) for p in list_polygons(place) if p.area > 0.0]

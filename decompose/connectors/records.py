@@ -84,7 +84,7 @@ class Pin:
 
     @property
     def slides(self) -> bool:
-        """Return whether it is a key that enters a groove lengthwise, while the faces slide."""
+        """Whether it is a key that enters a groove lengthwise while the faces slide."""
         return self.along is not None and abs(float(self.along @ self.axis)) > SLIDING_COS
 
 
@@ -171,7 +171,7 @@ class Connectors:
         ]
 
     def without_part(self, part: int, reason: str) -> Connectors:
-        """Return the connectors without those that cut a part, and store the reason."""
+        """Return the connectors without those that cut a part, with the reason among the failures."""
         return replace(
             self,
             pins=tuple(pin for pin in self.pins if all(hole.part != part for hole in pin.holes)),

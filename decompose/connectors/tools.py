@@ -59,7 +59,7 @@ def make_hole(
     into
         (3,) unit vector of the axis, into the part.
     up
-        (3,) the bed's up in the part's pose, in the same frame.
+        (3,) upward direction of the bed in the part's pose, in the same frame.
     size_mm
         Width across the flats, and depth.
     stretch_mm
@@ -120,7 +120,7 @@ def _choose_across(into: Floats, up: Floats) -> tuple[Floats, Floats]:
 def overhang_sin(points_mm: Floats, into: Floats, up: Floats) -> float:
     """Compute the sine of the angle to the vertical of the flattest ceiling of a convex tool (n, 3).
 
-    The mouth does not count. Negative without an overhang.
+    The mouth does not count. The sine is negative if nothing overhangs.
     """
     normals = ConvexHull(points_mm).equations[:, :3]
     sides = normals[normals @ into > _MOUTH]
@@ -138,7 +138,7 @@ def closes_in_a_step(tool: Tool, up: Floats) -> bool:
     tool
         The tool.
     up
-        (3,) the bed's up in the pose of its part, in the same frame.
+        (3,) upward direction of the bed in the pose of its part, in the same frame.
     """
     heights = tool.points_mm @ up
     high_mm = float(heights.max())

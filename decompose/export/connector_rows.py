@@ -83,7 +83,7 @@ def explain_pins(decomposition: Decomposition, step: int) -> str:
     if any(pin.along is not None and pin.diameter_mm < pin_mm for pin in pins):
         sentences.append("Without filament of that size leave these grooves empty, and line the rims up.")
     if len(pins) == 1 and upright:
-        sentences.append("One pin leaves a turn free: line the rims up.")
+        sentences.append("One pin does not prevent a rotation: line the rims up.")
     return " ".join(sentences)
 
 

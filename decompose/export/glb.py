@@ -78,7 +78,7 @@ def write_glb(parts: Sequence[Part], path: Path, steps: Sequence[AssemblyStep] =
     path
         File to write.
     steps
-        Steps of the assembly, for the animation; without any, there is none.
+        Steps of the assembly, for the animation; by default there is no animation.
     """
     visual: Any = trimesh.visual  # untyped
     scene: Any = trimesh.Scene()

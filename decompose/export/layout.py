@@ -65,7 +65,7 @@ def draw_layout(parts: Sequence[Part], order: Sequence[int], places: Sequence[Be
 def _lay_out(
     parts: Sequence[Part], order: Sequence[int], places: Sequence[BedPlace | None]
 ) -> tuple[list[Shape], Floats]:
-    """Lay out the shapes of parts and beds; also points (n, 3) in mm in front of them, for their names."""
+    """Lay out the shapes of parts and beds, and points (n, 3) in mm in front of them for their names."""
     colours = make_part_colours(len(parts))
     beds = [places[number] if places else None for number in order]
     meshes = [

@@ -124,7 +124,7 @@ class Drawing:
     frame
         Directions of the screen's right, its up, and the eye, as rows (3, 3).
     origin_mm, pixels_per_mm
-        Of the picture's lower left corner in the frame, and the scale.
+        Coordinates of the picture's lower left corner in the frame, and the scale.
     """
 
     picture: Floats

@@ -11,7 +11,7 @@ from decompose.errors import ModelTooDetailed
 BYTES_PER_TRIANGLE = 1500  # maximum memory for reading and repairing a triangle, measured
 OTHER_BYTES = 256 * 2**20  # memory of a process with its libraries
 HEAD_BYTES = 64 * 1024
-"""Number of first bytes of a file that suffice here."""
+"""Number of bytes at the start of a file that these checks need."""
 
 STL_HEADER_BYTES, STL_COUNT_BYTES, STL_FACE_BYTES = 80, 4, 50
 _PLY_FACES = re.compile(rb"element\s+face\s+(\d{1,18})")
@@ -69,13 +69,13 @@ def read_face_count(data: bytes) -> int:
 
 
 def count_ply_faces(head: bytes) -> int:
-    """Read the number of faces from a PLY's header; 0 if it does not say."""
+    """Read the number of faces from a PLY's header; 0 if it has none."""
     match = _PLY_FACES.search(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 
 
 def count_off_faces(head: bytes) -> int:
-    """Read the number of faces from the first lines of an OFF; 0 if they do not say."""
+    """Read the number of faces from the first lines of an OFF; 0 if they have none."""
     match = _OFF_COUNTS.match(head, 0, HEAD_BYTES)
     return int(match[1]) if match else 0
 

@@ -65,7 +65,7 @@ def check_limits(name: str, data: bytes, suffix: str, memory_bytes: int | None) 
 
 
 def count_triangles(data: bytes, suffix: str) -> int:
-    """Count the triangles or faces that a file gives; 0 if it does not say."""
+    """Count the triangles or faces that a file states; 0 if it states none."""
     match suffix:
         case ".stl":
             return read_face_count(data) if is_binary_stl(data) else data.count(b"endloop")

@@ -40,10 +40,10 @@ from decompose.geometry.weld import weld_triangles
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp")
 TINY_MM = 5.0  # longest side below which the unit is probably not the mm
-SMALLEST_MM = 0.1  # thinner than the line of any nozzle
+SMALLEST_MM = 0.1  # minimum longest side: a smaller model is thinner than the line of any nozzle
 LARGEST_MM = 1e6  # maximum coordinate: beyond it double precision is too coarse for cuts
 FLAT_RATIO = 1e-6  # minimum thickness, as a share of the longest side
-_BATCH_TRIANGLES = 100_000  # measured at a time
+_BATCH_TRIANGLES = 100_000  # number of triangles that are measured at a time
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
 

@@ -125,7 +125,7 @@ def resolve_overlaps(solid: Solid) -> tuple[Solid, float]:
 
 
 def _has_lost_nothing_else(resolved_mm3: float, solid: Solid, united_solid: Solid) -> bool:
-    """Check that the union has lost no body, no volume besides the overlaps, and none of the size."""
+    """Check that the union has lost no body and no volume besides the overlaps, and has kept the size."""
     besides_mm3 = abs(solid.volume_mm3 - united_solid.volume_mm3 - resolved_mm3)
     return (
         besides_mm3 <= MAX_LOST_SHARE * resolved_mm3 + 1e-3 * solid.volume_mm3

@@ -24,7 +24,7 @@ MAX_READING_S = 300.0
 MAX_GLB_BYTES = 2**31
 
 _BEGIN, _END = b"ISO-10303-21;", b"END-ISO-10303-21;"
-_EDGE_BYTES = 1024  # number of bytes at each end of a file that are searched for these
+_EDGE_BYTES = 1024  # number of bytes at each end of a file that are searched for these marks
 _MM = 1000.0  # GLB is in metres
 _FACE_BYTES = 120  # maximum bytes of a face in a GLB: three corners with normals, and their numbers
 _GLB_HEAD_BYTES = 2**20
@@ -39,7 +39,7 @@ sys.exit(cascadio.step_to_glb(sys.argv[1], sys.argv[2], float(sys.argv[3]), floa
 
 
 def read_step(name: str, data: bytes, max_triangles: int | None = None) -> Floats:
-    """Read the solids of a STEP file, in the unit that it gives.
+    """Read the solids of a STEP file, converted from its unit to mm.
 
     Parameters
     ----------

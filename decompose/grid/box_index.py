@@ -32,7 +32,7 @@ def box_index(box: Box, shape: Shape) -> int:
     box
         x0, y0, z0, x1, y1, z1 in cells, half-open.
     shape
-        Of the grid, in cells.
+        Shape of the grid, in cells.
     """
     return int(compute_index(box, shape))
 

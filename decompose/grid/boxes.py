@@ -285,7 +285,7 @@ def price_boxes(
     cost
         Print time of a part.
     executor
-        Executor for half of the work, threads are enough; None to do it serially.
+        Executor for half of the work; threads are enough. None to do it serially.
     """
     prefix = []
     for axis, cut in enumerate(grid.cuts):

@@ -21,7 +21,7 @@ MAX_DIVISION = 4
 def refine_cells(
     grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, max_cells: int
 ) -> NeededCells:
-    """Find the needed part of a grid's needed cells, each of them divided.
+    """Divide the needed cells of a grid, and find the fine cells among them that are needed.
 
     Parameters
     ----------

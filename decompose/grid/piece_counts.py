@@ -250,7 +250,7 @@ def count_pieces(
     pieces
         (boxes,) filled in.
     executor
-        Executor for half of the work, threads are enough; None to do it serially.
+        Executor for half of the work; threads are enough. None to do it serially.
     """
     _, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2

@@ -1,4 +1,4 @@
-"""Glue joints between pieces: area and width of each, and the pieces that are bad to glue."""
+"""Glue joints between pieces: area and width of each, and the pieces that cannot be glued well."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Piece that makes a partition bad to glue, and the reason as the end of a sentence."""
+    """Piece that cannot be glued well, and the reason as the end of a sentence."""
 
     piece: int
     reason: str
@@ -152,7 +152,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
 def find_faults(
     pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, joints: Sequence[Joint] | None = None
 ) -> list[Fault]:
-    """Find the pieces that make a partition bad to glue, at most one for each reason.
+    """Find the pieces that cannot be glued well, at most one for each reason.
 
     Slivers are less than SLIVER_MM thick beside a cut, or are flakes thinner than two walls. Loose pieces
     have joints that do not hold (`Joint.holds`), and their other joints do not connect them to their body. A

@@ -122,7 +122,7 @@ def _follow_ray(
 
     Parameters
     ----------
-    normals, marked, overhang_cos
+    normals, is_marked, overhang_cos
         (m, 3) float64 unit normals of all faces; the others as of `sweep_columns`.
     ends
         (runs, 5) float64, of `Runs`, filled in from the first crossing of the ray on.
@@ -175,7 +175,7 @@ def _add_run(
 
     Parameters
     ----------
-    passing_sums, ending
+    passing_sums, ending_sums
         (LEVELS, 4) float64 sums of the runs that continue above a level, and of those that end below it.
     place
         x and y of the column in mm.
@@ -206,8 +206,8 @@ def _add(sums: Floats, level: int, place: tuple[float, float], bottom: float, to
 def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float) -> tuple[float, float]:
     """Sum the height of air under runs of solid that neither a run nor a support beside them carries.
 
-    If runs begin beside each other on about one level, in an edge, the first of them counts, and of the
-    others both sides of the strip of support below them.
+    Where runs beside each other begin at about the same height, as along an edge, the first one counts as a
+    tower; of the others, both sides of the strip of support below them count.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def _sum_towers_mm(runs: Runs, supports: Floats, carried_mm: float, step: float)
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
             bottom, air = ends[k, 0], ends[k, 2]
-            # A leaning thin wall is carried by a neighbour that is lower by its fall between two columns.
+            # A leaning thin wall is carried by a neighbour that is lower by its slope between two columns.
             reached = bottom - ends[k, 4] * step
             if air <= MIN_GAP_MM:
                 continue
@@ -315,7 +315,7 @@ def _sum_islands_mm(
 
 @jit
 def _fill_level(runs: Runs, ny: int, z: float, kind: Bytes, shape: tuple[int, int]) -> int:
-    """Fill a raster (rows * row,) with what every second column has at a height; count its rectangle's cells.
+    """Fill a raster (rows * row,) from every second column at a height; count the cells of its rectangle.
 
     kind: 1 for solid, 2 for support, else 0. The columns are (nx, ny), the raster is of `shape`.
     """

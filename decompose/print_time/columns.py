@@ -38,7 +38,7 @@ class Columns:
     holes_mm
         Height of all holes of the part in each layer.
     island_paths_mm2, hole_paths_mm2
-        Those of islands and of holes, each times the mean distance from one to the next.
+        Heights of islands and of holes, each times the mean distance from one to the next.
     first_layer
         (nx, ny) bool: the part or its support stands on the bed; columns are `step_mm` apart.
     propped_mm2, props_mm

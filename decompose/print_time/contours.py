@@ -15,7 +15,7 @@ from decompose.jit import jit
 from decompose.print_time.surfaces import Surfaces, measure_surfaces
 
 RISING_SHARE = 1.5
-"""Width by which skin goes on under a wall that rises from it, over the width of the walls that stand at an
+"""Width by which skin continues under a wall that rises from it, over the width of the walls that stand at an
 edge: under the walls, and further by what Cura expands it. Measured on a block that stands on another."""
 
 

@@ -192,7 +192,7 @@ _PRICES = np.dtype([(item.name, np.float64) for item in fields(CostModel)])
 
 @lru_cache(maxsize=64)
 def _make_record(cost: CostModel) -> Prices:
-    """Make the record of a cost; kept, because it takes as long as many prices."""
+    """Make the record of a cost; cached, because it takes as long as many prices."""
     record: Prices = np.array([astuple(cost)], dtype=_PRICES)[0]
     record.setflags(write=False)
     return record

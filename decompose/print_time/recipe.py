@@ -241,7 +241,7 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
 
 
 def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
-    """Compute the seconds of the terms, as `time_terms` does, whose features only a pose shows."""
+    """Compute the seconds of the terms whose features only a pose shows, as in `time_terms`."""
     r, layer = recipe, recipe.layer_height_mm
     skin = r.skin_s_mm / r.line_width_mm
     stop_s = r.travel_mm_s / r.acceleration_mm_s2 / 2.0

@@ -1,7 +1,7 @@
 """Thin walls and sheets of a part, by rays through it: where infill, inner walls or skins find no room.
 
-Between the walls of a thin one, a slicer prints a single line at the speed of skin instead of infill. If
-the inner walls do not fit either, such a line replaces them.
+Between the outer walls of a thin wall, a slicer prints a single line at the speed of skin instead of infill.
+If the inner walls do not fit either, such a line replaces them.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ class Work(StrEnum):
     """Kinds of work, by their units."""
 
     FACE_GRIDDED = "face-gridded"  # a triangle of the model, added to a grid
-    BOX_PRICED = "box-priced"  # in a room
-    SUM = "sum"  # of two sides of a cut, in a search for a partition
+    BOX_PRICED = "box-priced"  # a box of the grid, priced for a room
+    SUM = "sum"  # a sum of the two sides of a cut, in a search for a partition
     FACE_CUT = "face-cut"  # a triangle of a solid that is cut
     FACE_POSED = "face-posed"  # a triangle of a piece whose best pose is searched
     PIECE_POSED = "piece-posed"

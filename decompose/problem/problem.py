@@ -47,7 +47,7 @@ class Problem:
     printers
         Free printers, one piece each at most; a printer of several rounds appears once for each.
     executor
-        Executor for work that may run in parallel, threads are enough; None to run it serially.
+        Executor for work that may run in parallel; threads are enough. None to run it serially.
     effort
         Work done and the budget: a search that does not end by itself stops when it is spent, with the best
         result so far.
@@ -56,8 +56,8 @@ class Problem:
     best_known_s
         Makespan of the best result so far: no bound is proven for a result that ends later.
     thorough
-        Shift the planes of other partitions of a grid besides the best one, and shift moved planes again,
-        within the budget.
+        Whether to shift also the planes of partitions besides the best one, and moved planes again, within
+        the budget.
     frame
         (3, 3) ``v_cut = frame @ v_model``: rotation of the model so far.
     """
@@ -126,14 +126,14 @@ class Problem:
         """Build the grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
-        # On its cells, and on the finer ones that divide them.
+        # Each face is clipped twice: to the cells, and to the finer ones that divide them.
         self.effort.record(Work.FACE_GRIDDED, 2 * len(faces))
         overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
         rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
         return build_grid(vertices[faces], self.granularity(model), rules, plane_at)
 
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
-        """Price every box of a grid; it fits if it fits all of these rooms, by default all printers."""
+        """Price every box of a grid; a box fits if it fits all rooms, by default those of all printers."""
         boxes = price_boxes(grid, list(rooms or self.rooms), self.cost, self.executor)
         self.effort.record(Work.BOX_PRICED, len(boxes.seconds))
         return boxes

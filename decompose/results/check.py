@@ -38,8 +38,8 @@ def check_result(
     Parameters
     ----------
     boxes_mm
-        (b, 2, 3) boxes that were cut out; the interior of the model outside of them is not printed. None
-        where nothing may be missing.
+        (b, 2, 3) boxes that were cut out; the interior of the model outside of them is not printed; no
+        box if nothing may be missing.
 
     Returns
     -------
@@ -128,7 +128,9 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
     hollow_mm3 = 0.0 if hollow is None else hollow.volume_mm3
     if abs(missing_mm3 - hollow_mm3) > SURFACE_SHARE * model_mm3:
         raise GeometryError(
-            Rule.INSIDE, None, f"{missing_mm3:.1f} mm3 are missing, outside of the boxes are {hollow_mm3:.1f}"
+            Rule.INSIDE,
+            None,
+            f"{missing_mm3:.1f} mm3 are missing, but {hollow_mm3:.1f} are outside of all boxes",
         )
     if hollow is None or hollow_mm3 <= CRUMB_SHARE * model_mm3:
         return

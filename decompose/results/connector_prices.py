@@ -41,7 +41,7 @@ def count_tools(connectors: Connectors, part: int, up: Floats) -> Counter[str]:
     part
         Number of the part.
     up
-        (3,) the bed's up in its pose.
+        (3,) upward direction of the bed in its pose.
     """
 
     def name_price(kind: str, into: Floats, suffix: str = "") -> str:

@@ -19,20 +19,20 @@ from decompose.pieces import Joint
 from decompose.results.overhangs import measure_ceiling_mm2
 
 EPS_MM3 = 1e-3  # rounding of an operation on solids
-EPS_MM2, SPECK_MM2 = 0.005, 0.3  # ceiling of a layer in a hole, and where strokes of a mark cross
+EPS_MM2, SPECK_MM2 = 0.005, 0.3  # maximum ceiling of a layer in a hole, and at crossing strokes
 RIM_MM = 1.15  # least wall around a tool, and between two: the rim of the search less its rounding
 FILM_MM = 0.06  # depth at a face that rounding may leave undecided
 HOLE_DEG, GROOVE_DEG = 40.5, 48.0  # flattest ceilings, from the vertical; supports begin at 50
 SIDE = -0.99
-SWELL_MM = 0.005  # by which tools are larger in the check that nothing else was removed
-THIN_MM = 0.05  # what is thinner is an error of the operation where faces of tools nearly coincide
-KEY_END_MM = 0.25  # free at each end of a key
+SWELL_MM = 0.005  # growth of the tools in the check that nothing else was removed
+THIN_MM = 0.05  # minimum thickness of a real difference: less is an error at faces that nearly coincide
+KEY_END_MM = 0.25  # gap at each end of a key
 KEY_RIM_MM = 0.75  # least wall around the groove of a key
 ARC_SEGMENTS = 4  # lines of a quarter of a circle, which is drawn outside of it
 COAXIAL = 1.0 - 1e-9
 LEVEL = 1e-6
-FAR_MM = 2000.0  # beyond all parts
-OPEN_MM = 1.0  # gap by which a body that is turned half around has to stay open
+FAR_MM = 2000.0  # distance beyond all parts
+OPEN_MM = 1.0  # minimum gap of a joint whose body is turned half around
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ def _make_rod(pin: Pin, exit_direction: Floats | None = None) -> Solid:
 
 
 def find_wrong_fits(pins: Sequence[Pin], taken_mm: Sequence[float] = ()) -> list[str]:
-    """Find pairs of pins that let a body in turned half around, or at the place of another step.
+    """Find pairs of pins that admit a body turned half around, or in the place of another step.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ class _Group:
 
     @property
     def speck_mm2(self) -> float:
-        """Ceiling of a layer that is allowed: where strokes cross, specks are."""
+        """Allowed ceiling of a layer: where strokes cross, specks need support."""
         return SPECK_MM2 if self.kind == "mark" else EPS_MM2
 
     def _draw_outline(self) -> shapely.Geometry:
@@ -246,7 +246,7 @@ class _Group:
 
     @property
     def exits(self) -> bool:
-        """Return whether it is a groove that leaves its part through a second face."""
+        """Whether it is a groove that leaves its part through a second face."""
         return self.tools[0].exit is not None
 
     def is_hidden(self, undrilled: Solid) -> bool:

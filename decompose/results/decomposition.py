@@ -38,7 +38,7 @@ class Part:
     printer
         Name of the printer that it is meant for.
     brim_width_mm, layer_0_expansion_mm
-        Chosen for the part; None for the values of the quality.
+        Values chosen for the part; None for those of the quality.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are cut faces, which are hidden once the parts are
         glued.
@@ -183,13 +183,15 @@ class Decomposition:
     Attributes
     ----------
     serial_s, serial_as_is_s
-        The whole model on one imagined large printer: in its best pose, and as it stands in its file.
+        Time of the whole model on one imaginary large printer: in its best pose, and as it stands in its
+        file.
     makespan_s, sum_s
         Time when the last part ends, on its printer at its speed; and the sum over all parts, without speeds.
     grid_makespan_s
         The longest box of the search's partition as its tables price it: in the best of the axis poses, with
-        supports down to the bed and the quality's brim; a box that was posed truly, at no less than its true
-        price. `makespan_s` is for the pose that a part is printed in, and may be less or more.
+        supports down to the bed and the quality's brim; a box whose pieces were posed is priced at no less
+        than their true price. `makespan_s` is for the pose that a part is printed in, and may be less or
+        more.
     lower_bound_s
         Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
         lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an engine
@@ -212,7 +214,7 @@ class Decomposition:
     cutting
         Boxes of the engine `guillotine`, from which its planes can be moved again.
     curve
-        Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
+        Makespan of each number of printers by the tables, in seconds; empty unless the number was chosen.
     yaw_deg
         Angle by which `best` turned the model about z before it was cut.
     attempts
@@ -250,7 +252,7 @@ class Decomposition:
     def compute_possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
         """Compute the share of the makespan that a perfect balance of the same total work would save.
 
-        With it all printers would work until the end, each at its own speed.
+        With such a balance all printers would work until the end, each at its own speed.
         """
         busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
         return 1.0 - busy_s / self.makespan_s

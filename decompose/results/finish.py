@@ -30,18 +30,20 @@ from decompose.results.decomposition import Coverage, Cutting, Decomposition, Pa
 SPARE_SHARE = 0.97  # share of the makespan that a steadier pose may take: prices have errors of some per cent
 
 
-def finish_result(problem: Problem, partition: Partition, serial: tuple[float, float]) -> Decomposition:
+def finish_result(
+    problem: Problem, partition: Partition, serial_times_s: tuple[float, float]
+) -> Decomposition:
     """Pose, number, assign and check an engine's pieces; stage times are left to the caller.
 
     Parameters
     ----------
-    serial
+    serial_times_s
         Seconds of the whole model, from `decompose.estimate_serial_s`.
 
     Raises
     ------
     NoFit
-        The parts do not fit the printers, each on another one.
+        The parts do not fit the printers with one part on each.
     GeometryError
         The result breaks a geometry rule.
     """
@@ -53,7 +55,7 @@ def finish_result(problem: Problem, partition: Partition, serial: tuple[float, f
     coverage = check_result(parts, boxes_mm, partition.model, problem.printers, problem.options.min_wall_mm)
     problem.on_stage("check")
     return _build_decomposition(
-        problem, partition, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm, parts)
+        problem, partition, parts, coverage, serial_times_s, _record_cutting(problem, pieces, boxes_mm, parts)
     )
 
 
@@ -73,7 +75,7 @@ def _build_decomposition(
     partition: Partition,
     parts: Sequence[Part],
     coverage: Coverage,
-    serial: tuple[float, float],
+    serial_times_s: tuple[float, float],
     cutting: Cutting | None,
 ) -> Decomposition:
     factors = {printer.name: printer.time_factor for printer in problem.printers}
@@ -87,8 +89,8 @@ def _build_decomposition(
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
-        serial_s=serial[0],
-        serial_as_is_s=serial[1],
+        serial_s=serial_times_s[0],
+        serial_as_is_s=serial_times_s[1],
         makespan_s=makespan_s,
         sum_s=sum(p.price_s for p in parts),
         grid_makespan_s=grid.makespan_s,
@@ -109,7 +111,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     poses = [_require_pose(pose) for pose in problem.find_poses(pieces)]
     assigned_printers = assign_printers(apply_time_ratios(pieces, poses), problem.printers)
     if assigned_printers is None:
-        raise NoFit(f"{len(poses)} parts do not fit these printers, each on one of its own", len(poses))
+        raise NoFit(f"{len(poses)} parts do not fit these printers with one part on each", len(poses))
     poses = _find_steady_poses(problem, pieces, poses, assigned_printers)
     digits = max(2, len(str(len(pieces))))
     return [

@@ -17,8 +17,8 @@ from decompose.geometry import Solid, choose_plane_axes
 
 LAYER_MM = 0.2
 REACH_MM = LAYER_MM * math.tan(math.radians(50.0))  # reach of a layer beyond the one below, without support
-RING_MM = 1.0  # shorter rings are dropped by the slicer
-SLACK_MM = 0.004  # rounding of sections
+RING_MM = 1.0  # minimum length of a ring: the slicer drops shorter ones
+SLACK_MM = 0.004  # tolerance for the rounding of sections
 LEVEL = 0.5  # minimum vertical component of the normal of a level face; others are upright
 AIR_MM = 5.0  # thickness of the air in front of an upright face, and around its tools
 
@@ -41,7 +41,7 @@ def measure_ceiling_mm2(
     face_mm
         Coordinate of the face along `into`.
     up
-        (3,) the bed's up in the pose of the part, in the same frame.
+        (3,) upward direction of the bed in the pose of the part, in the same frame.
     exit_direction
         (3,) unit vector along which they leave the part through another face, above which nothing is printed.
     """

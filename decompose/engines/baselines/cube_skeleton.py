@@ -9,7 +9,7 @@ skeleton.
 printers. Otherwise the cube is also refined against the mesh, and the one whose pieces end sooner is taken;
 regions larger than a printer are cut on a grid, and neighbours that are printed fastest are merged until each
 piece has a printer.
-Where nothing can be hollowed, the largest cube deep inside is a piece of its own.
+Where nothing can be hollowed, the largest cube deep inside is a separate piece.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
 def remove_diagonals(cells: Bools, kept_cells: Bools | None = None) -> Bools:
     """Remove cells that meet others only along an edge, where the remaining surface would touch itself.
 
-    The cells of one box may be excepted (`kept`).
+    Some cells may be excepted (`kept_cells`).
     """
     cells = cells.copy()
     kept_cells = np.zeros_like(cells) if kept_cells is None else kept_cells
@@ -154,7 +154,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 
 
 def move_planes_to(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
-    """Move the nearest planes of a grid to the sides of a cube (2, 3); the planes, and the cube in cells.
+    """Move the nearest planes of a grid to the sides of a cube (2, 3); return them, and the cube in cells.
 
     A side next to a flat face of the solid, where a plane would cut slivers off, is moved inwards.
     """

@@ -129,7 +129,7 @@ def _join_leaves(first: list[Leaves], second: list[Leaves], printers: int) -> Le
 
 
 def _cut_halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
-    """Cut a piece by a plane; the pieces on both sides, as far as they are not empty."""
+    """Cut a piece by a plane; return the pieces on both sides that are not empty."""
     planes = np.vstack([piece.planes, [*normal, at_mm]])
     sides = piece.solid.split_by_plane(normal, at_mm)
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
@@ -178,7 +178,7 @@ class _PublishedForm(_Form):
 
 
 class _CorrectedForm(_Form):
-    """The method that the authors' program means, with parts that fit."""
+    """The method as the authors intend it, with parts that fit."""
 
     def price_part(self, piece: Piece) -> _Part:
         """Price a piece as a part."""

@@ -64,7 +64,7 @@ def find_longest_s(parts: Sequence[BoxPart]) -> float:
 def find_spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
     """Compute the length (3,) that a part may gain along each axis alone, in all rooms.
 
-    inf if it fits one of them only when rotated off the axes, as the length is then not known.
+    The length is not known, and inf, if the part fits one of them only when rotated off the axes.
     """
     spare_mm = np.full(3, math.inf)
     for room in rooms:

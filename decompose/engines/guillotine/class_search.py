@@ -140,7 +140,7 @@ class _ClassSearch(ExactSearch):
         return cuts
 
     def _may_succeed(self, max_s: float, close_s: float) -> bool:
-        """Check whether such a partition could exist if every printer were the best one for each box."""
+        """Check whether a partition could succeed if every printer were the best one for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(printer_class.count for printer_class in self.classes)
         solver = Partitioner(best)

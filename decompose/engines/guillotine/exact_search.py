@@ -87,8 +87,8 @@ class ExactSearch:
 
     The tables take the solid in a cell as one piece, and price a box in the axis poses without regard to
     whether it stands. The true pieces and prices of the chosen boxes are put into the tables where they are
-    more, and the search is repeated. A box with a piece that is bad to glue is excluded. Counts and prices
-    only grow, so the makespan only grows.
+    higher, and the search is repeated. A box with a piece that cannot be glued well is excluded. Counts and
+    prices only grow, so the makespan only grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
@@ -214,7 +214,7 @@ class ExactSearch:
         return has_more
 
     def _forbid_faulty(self, boxes: list[Box]) -> bool:
-        """Exclude boxes with a piece that is bad to glue from the table; return whether there was one."""
+        """Exclude boxes with a badly glued piece from the table; return whether there was one."""
         owners = [box for box in boxes for _ in self.cut[box]]
         pieces = [piece for box in boxes for piece in self.cut[box]]
         faults = find_faults(pieces, self.problem.options.min_glue_mm2)
@@ -243,9 +243,9 @@ class ExactSearch:
         problem, model = self.problem, self.problem.model
         if self.rejections:
             return NoFit(
-                f"every partition has a part that is bad to glue; in the last of {len(self.rejections)} one "
-                f"{self.rejections[-1]}: take more printers, a greater --longest-side, or (farm "
-                "decompose) a lower --min-glue"
+                f"every partition has a part that cannot be glued well; in the last of "
+                f"{len(self.rejections)} one {self.rejections[-1]}: take more printers, "
+                "a greater --longest-side, or (farm decompose) a lower --min-glue"
             )
         printers_needed = self.solver.solve(sys.float_info.max)  # finite: inf means no fit
         if printers_needed >= UNREACHABLE:

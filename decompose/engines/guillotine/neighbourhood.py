@@ -257,7 +257,7 @@ class Window:
 
     @property
     def boxes(self) -> int:
-        """Number of boxes in its tables."""
+        """Number of boxes in the window's tables."""
         return len(self._solver.boxes.seconds)
 
     @property

@@ -76,7 +76,7 @@ class Partitioner:
         self._executor = executor
         self._states, self._sums = list_class_states([other.count for other in others])
         self._value: Table = np.zeros(0, np.int16)
-        self._has_ties = False  # to be broken when boxes are chosen
+        self._has_ties = False  # whether ties are broken when boxes are chosen
         self._keys: dict[int, int] | None = None  # of the boxes that may be chosen, where ties are broken
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
@@ -154,7 +154,7 @@ class Partitioner:
     def list_class_shares(self) -> tuple[Ints, Ints]:
         """List usable numbers (m, classes) of the others, and the fewest (m,) of the first class with each.
 
-        Of the last solution; `UNREACHABLE` or more where there is none.
+        Both are those of the last solution; `UNREACHABLE` or more if there is none.
         """
         index = box_index(self._root, self.boxes.shape)
         value = self._value[index :: len(self.boxes.seconds)]
@@ -182,7 +182,7 @@ class Partitioner:
         return chosen_boxes
 
     def _find_value(self, box: Box, state: int) -> int:
-        """Find the value of a box in the last solution; a value that no box reaches where none is known."""
+        """Find the value of a box in the last solution; a value above that of any box if it is not known."""
         index = box_index(box, self.boxes.shape)
         if self._keys is not None:
             return self._keys.get(int(self.boxes.trimmed[index]), UNREACHABLE * PART)

@@ -72,8 +72,8 @@ def shift_planes(
     Returns
     -------
     list[Piece]
-        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
-        was in one box is in one box or, if it need not be printed (`grid.needed_cells`), in none.
+        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. Solid
+        that was in one box stays in one box, or is in none if it need not be printed (`grid.needed_cells`).
     """
     grown_boxes = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(

@@ -1,4 +1,4 @@
-"""Choice among partitions of as few parts: that of least work, then that of the least area of cuts.
+"""Choice among partitions with equally few parts: by the least work, then by the least area of cuts.
 
 Few boxes are in any partition of the fewest parts. They are listed from the whole downwards, by cuts whose
 sides add up to the fewest, and their keys (`recursion.make_key`) are summed upwards.

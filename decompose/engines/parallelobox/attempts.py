@@ -1,6 +1,6 @@
 """Metaheuristic: the best of many attempts, with decreasing numbers of seeds and several draws of each.
 
-With fewer seeds more printers are left for the void fill, so that they are enough more often.
+With fewer seeds more printers are left for the void fill, so that they suffice more often.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 
 class Run(Protocol):
-    """The builtin `map`, or an executor's: calls a function with each item, returns the results in order."""
+    """The builtin `map`, or an executor's: calls a function with each argument, in order."""
 
     def __call__(self, function: Callable[[T], R], arguments: Iterable[T], /) -> Iterable[R]: ...
 

@@ -67,8 +67,8 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     best = min(candidates, key=_Candidate.rank)
     if best.fault and not problem.options.faithful:
         raise NoFit(
-            f"every attempt of parallelobox that was examined has a part that is bad to glue; in the best it "
-            f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
+            f"every attempt of parallelobox that was examined has a part that cannot be glued well; in "
+            f"the best it {best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
         )
     figures = problem.compute_grid_figures(best.space.grid, best.space.boxes, list(best.cut), best.pieces)
     problem.on_stage("bound")
@@ -97,7 +97,7 @@ class _SearchSpace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Candidate:
-    """Partition that was cut, the time when its last piece ends, and a piece that is bad to glue, if any."""
+    """Cut partition, the time when its last piece ends, and a piece that cannot be glued well, if any."""
 
     space: _SearchSpace
     cut: dict[Box, list[Piece]]

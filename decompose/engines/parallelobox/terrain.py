@@ -26,9 +26,9 @@ class Terrain:
     barred
         (nx, ny, nz) cells that no block may take: those of the other half, if the model was cut in two.
     seconds
-        (boxes,) of `Boxes`: +inf if a box does not fit.
+        (boxes,) of `BoxTables`: +inf if a box does not fit.
     pieces
-        (boxes,) of `Boxes`.
+        (boxes,) of `BoxTables`.
     printing
         (boxes,) P, the price of printing a box that ends at needed cells on all sides.
     overhang

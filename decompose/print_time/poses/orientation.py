@@ -53,7 +53,7 @@ def find_best_pose(
     printers
         The part has to fit all of them; empty for a printer without limits.
     fit_first_layer
-        Choose the brim and the first layer's expansion too.
+        Whether the brim and the first layer's expansion are chosen too.
 
     Returns
     -------

@@ -34,7 +34,7 @@ SUPPORTED_CONTACT_SHARE = 0.1  # share of the adhesion for the area that support
 BRIM_FOOTING_SHARE = 0.5  # share of a brim's width that counts as footing
 PULL_N = 0.5
 
-# [assumed] People are warned of a part so tall on so small a foot, even if it stands by its brim.
+# [assumed] A part this tall on such a small foot gets a warning, even if its brim holds it.
 SMALL_FOOT_MM2 = 300.0
 SLENDER = 6.0  # such as 100 mm high on 300 mm2
 WEIGHT_N_MM3 = 1.25e-5
@@ -128,7 +128,7 @@ def measure_pose(
     cost
         Print time of a part.
     fit_first_layer
-        Choose the brim and the first layer's expansion too.
+        Whether the brim and the first layer's expansion are chosen too.
     """
     (features,), _ = sum_pose_features(vertices, faces, rotation[None], cost, cut=cut)
     return measure_from_features(PartMesh(vertices, faces, cut), rotation, features, cost, fit_first_layer)

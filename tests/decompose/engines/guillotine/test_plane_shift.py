@@ -147,7 +147,7 @@ def test_last_round_prices_every_part(cone: Solid, cost: CostModel, monkeypatch:
 def test_useless_round_is_not_repeated_after_the_budget(
     faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Make every moved part ten times slower in its true pose, or bad to glue."""
+    """Make every moved part ten times slower in its true pose, or impossible to glue well."""
     task = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
     grid = task.build_grid(task.model)
     pose = Problem.find_pose
