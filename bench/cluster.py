@@ -7,7 +7,8 @@ result is taken once, no task and in the end no process is left on any host.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
 this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded. ``... drawings [--parts
-20,100] [--json]`` draws the parts of such jobs, by one worker and by several.
+20,100] [--json]`` draws the parts of such jobs, by one worker and by several. ``... search [--parts 20,100]
+[--workers 1,2] [--budget S] [--json]`` searches for the parts of such jobs, its attempts by several workers.
 
 ``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--page FILE] [--json]`` runs
 jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
@@ -61,11 +62,12 @@ FAULT_COLUMNS = {
 def main() -> None:
     """Parse the command line, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("what", choices=["faults", "jobs", "drawings", "replay"])
+    parser.add_argument("what", choices=["faults", "jobs", "drawings", "search", "replay"])
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--parts", default="20,100")
     parser.add_argument("--workers", help="1,2 for jobs, and 4,16,64,256 for replay")
+    parser.add_argument("--budget", type=float, default=200.0, help="budget of a search, s of one core")
     parser.add_argument("--record", type=Path, help="file for the times of the tasks")
     parser.add_argument("--tasks", type=Path, default=RECORDED_JOBS, help="file with the times of the tasks")
     parser.add_argument("--jobs", type=int, help="default: one for each four workers")
@@ -81,6 +83,8 @@ def main() -> None:
             figures = measure_faults(args.rounds, args.seed, folder, args.json)
         elif args.what == "jobs":
             figures = {"runs": measure_jobs(args, folder)}
+        elif args.what == "search":
+            figures = {"runs": measure_searches(args, folder)}
         elif args.what == "drawings":
             figures = {"runs": measure_drawings(args, folder)}
         else:
@@ -116,6 +120,17 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
     if args.record is not None:
         args.record.write_text(json.dumps(records, indent=1) + "\n")
     return rows
+
+
+def measure_searches(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
+    """Search for the parts of each job by each number of workers."""
+    from bench.cluster_jobs import measure_search
+
+    return [
+        measure_search(parts, workers, args.budget, folder)
+        for parts in map(int, args.parts.split(","))
+        for workers in map(int, (args.workers or "1,2").split(","))
+    ]
 
 
 def measure_drawings(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ does not depend on other load, and the ratio of the durations hardly does.
 from __future__ import annotations
 
 import asyncio
+import json
 import resource
 import shutil
 import time
@@ -16,14 +17,16 @@ from pathlib import Path
 from typing import Any
 
 from bench.unseen import draw_model
+from decompose.files.names import REPORT
 from decompose.geometry import round_triangles, write_stl
-from farm.compute import CHECKING, Deferred, Limit, Pool, Workers
+from farm.compute import CHECKING, Deferred, Limit, Pool, PoolShare, Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions
 from farm.paths import StateFolder
 from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.drawings import split_steps
+from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposeTask, Plan, PlanRequest
 from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm
 
@@ -36,6 +39,7 @@ PARALLEL_TASKS = {
     "draw_overview",
     "draw_some_steps",
     "draw_job",
+    "try_grid",
 }  # tasks that run at the same time
 
 
@@ -133,6 +137,57 @@ async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]
         "expected_s": plan.expected_s,
         "plates": sorted(plate.sha256 for plate in plan.plates),
         "tasks": [asdict(task) for task in pool.tasks],
+    }
+
+
+def measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
+    """Search for the parts of a job by a number of workers, without slices. Returns its figures.
+
+    Returns
+    -------
+    dict
+        `duration_s`; `cpu_s` of all tasks; `chain_s`, the longest tasks of the stages together; `ratio`, that
+        as a share of `cpu_s`; `attempts`, the tasks of each stage; `makespan_s`; `effort_s`; `tasks`.
+    """
+    return asyncio.run(_measure_search(parts, workers, budget_s, folder))
+
+
+async def _measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
+    state = StateFolder(folder / f"{parts}-{workers}-search")
+    own = Workers(folder / "workers", workers, warm=warm)
+    while own.starting is not None:
+        await asyncio.sleep(0.1)
+    try:
+        job, fleet = _make_job(parts, state)
+        work = state.work / "job"
+        work.mkdir(parents=True)
+        model = state.files / job.model_file
+        task = DecomposeTask(
+            1, model, job.options, fleet.printers, 1, work, budget_s=budget_s, side_by_side=True
+        )
+        pool = TimingPool(own)
+        begin_s = time.monotonic()
+        decomposed_job = await SearchRounds(PoolShare(pool, 1), task).run()
+        duration_s = time.monotonic() - begin_s
+    finally:
+        own.close()
+    report = json.loads((work / REPORT).read_text())
+    shutil.rmtree(state.root)
+    tasks = [asdict(timed_task) for timed_task in pool.tasks]
+    stages = list_stages(tasks)
+    chain_s = sum(max(times_s) for stage in stages for times_s in stage.values())
+    cpu_s = sum(timed_task.cpu_s for timed_task in pool.tasks)
+    return {
+        "parts": len(decomposed_job.parts),
+        "workers": workers,
+        "duration_s": duration_s,
+        "cpu_s": cpu_s,
+        "chain_s": chain_s,
+        "ratio": chain_s / cpu_s,
+        "attempts": [len(times_s) for stage in stages for times_s in stage.values()],
+        "makespan_s": report["makespan_s"],
+        "effort_s": sum(attempt["effort_s"] for attempt in report["attempts"]),
+        "tasks": tasks,
     }
 
 
