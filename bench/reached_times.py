@@ -1,8 +1,8 @@
 """Actual and expected times of finished prints, from the books of a farm.
 
 For each printer: its successful prints that show its speed, the actual time of their layers over
-CuraEngine's, the `time_factor` learned from them, and the error of the expected time without and with it.
-Each print is predicted from the prints before it.
+CuraEngine's, the `time_factor` learned from them, and the error of the expected time without it, with it, and
+with the factors by feature. Each print is predicted from the prints before it.
 
 Usage: python -m bench.reached_times STATE_FOLDER [--json]
 """
@@ -18,10 +18,16 @@ from pathlib import Path
 
 import numpy as np
 
-from farm.model import PrintState
+from farm.model import PrintState, TimeFactors
 from farm.paths import StateFolder
 from farm.state import Books
-from farm.state.printer_speed import shows_speed, update_time_factor
+from farm.state.printer_speed import (
+    MAX_PRINTS,
+    Timing,
+    fit_feature_factors,
+    shows_speed,
+    update_time_factor,
+)
 from farm.state.storage import Store
 
 
@@ -35,6 +41,7 @@ class Row:
     time_factor: float
     error_without: float  # mean of |reached / expected - 1|, layers alone
     error_with: float
+    error_by_feature: float  # with the factors by feature from the prints before; else as `error_with`
 
 
 def list_rows(books: Books) -> Iterator[Row]:
@@ -44,7 +51,8 @@ def list_rows(books: Books) -> Iterator[Row]:
             (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),
             key=lambda p: p.ended_s or 0.0,
         )
-        factor, ratios, factors_before = 1.0, [], []
+        factor, ratios, factors_before, by_feature = 1.0, [], [], []
+        timings: list[Timing] = []
         for attempt in ended_prints:
             plate = books.plates[attempt.plate]
             if attempt.started_s is None or attempt.ended_s is None:
@@ -54,6 +62,10 @@ def list_rows(books: Books) -> Iterator[Row]:
                 continue
             ratios.append(reached_s / plate.sliced_s)
             factors_before.append(factor)
+            learned = TimeFactors(factor, fit_feature_factors(timings[-MAX_PRINTS:]))
+            by_feature.append(learned.compute_factor(plate.feature_shares))
+            if plate.feature_shares is not None:
+                timings.append(Timing(plate.feature_shares, ratios[-1]))
             factor = update_time_factor(factor, plate.sliced_s, reached_s, attempt.starved_s)
         if ratios:
             ratio, factors = np.array(ratios), np.array(factors_before)
@@ -64,6 +76,7 @@ def list_rows(books: Books) -> Iterator[Row]:
                 time_factor=factor,
                 error_without=float(np.abs(ratio - 1).mean()),
                 error_with=float(np.abs(ratio / factors - 1).mean()),
+                error_by_feature=float(np.abs(ratio / np.array(by_feature) - 1).mean()),
             )
 
 
@@ -81,11 +94,11 @@ def main() -> None:
     if arguments.json:
         print(json.dumps({"printers": [asdict(row) for row in rows]}, indent=2))
         return
-    print("printer     prints  reached/expected  time_factor  error without  with")
+    print("printer     prints  reached/expected  time_factor  error without  with  by feature")
     for row in rows:
         print(
             f"{row.printer:12}{row.prints:5}{row.mean_ratio:18.3f}{row.time_factor:13.3f}"
-            f"{row.error_without:15.1%}{row.error_with:6.1%}"
+            f"{row.error_without:15.1%}{row.error_with:6.1%}{row.error_by_feature:12.1%}"
         )
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from itertools import islice
 
-from farm.model import FeatureFactors, Plate, Print, Printer, PrintState, Shares
+from farm.model import FeatureFactors, Plate, Print, Printer, PrintState
 from farm.state.books import Books, replace_fields
 from farm.state.printer_speed.feature_factors import MAX_PRINTS, MIN_PRINTS, Timing, fit_feature_factors
 from farm.state.printer_speed.time_factor import shows_speed, update_time_factor
+
+_CANDIDATES = 4 * MAX_PRINTS
+"""Number of the latest prints among which those that show the speed are found."""
 
 
 def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
@@ -28,7 +32,7 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
         return printer
     factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
     printer = replace_fields(printer, time_factor=factor)
-    if plate.features is None or not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
+    if _make_timing(books, attempt) is None:
         return printer
     timings, own = list_timings(books, printer), True
     if len(timings) < MIN_PRINTS:
@@ -44,31 +48,35 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
 def list_timings(books: Books, printer: Printer) -> list[Timing]:
     """List the latest prints of a printer that show its speed, at most MAX_PRINTS, the newest first."""
     prints = (p for p in books.prints.values() if p.printer == printer.name)
-    newest = heapq.nlargest(MAX_PRINTS, _list_usable(books, prints))
-    return [Timing(shares, ratio) for _, _, shares, ratio in newest]
+    return [timing for _, timing in _list_newest(books, prints)]
 
 
 def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Timing]:
-    """List the latest prints of all printers of a plate's family, as if this printer had printed them."""
+    """List the latest prints of all printers of a plate's family, scaled to the speed of one printer."""
     prints = (p for p in books.prints.values() if books.plates[p.plate].family == plate.family)
-    newest = heapq.nlargest(MAX_PRINTS, _list_usable(books, prints))
     return [
-        Timing(shares, ratio * printer.time_factor / books.printer(books.prints[name].printer).time_factor)
-        for _, name, shares, ratio in newest
+        Timing(timing.shares, timing.ratio * printer.time_factor / books.printer(name).time_factor)
+        for name, timing in _list_newest(books, prints)
     ]
 
 
-def _list_usable(books: Books, prints: Iterable[Print]) -> Iterator[tuple[float, str, Shares, float]]:
-    """Yield the end, the id, the shares and the ratio of each print that shows the speed by feature."""
-    for attempt in prints:
-        if attempt.state is not PrintState.DONE or attempt.ended_s is None or attempt.paused:
-            continue
-        plate, reached_s = books.plates[attempt.plate], _compute_reached_s(books, attempt)
-        if reached_s is None or not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
-            continue
-        shares = plate.feature_shares
-        if shares is not None:
-            yield attempt.ended_s, attempt.id, shares, reached_s / plate.sliced_s
+def _list_newest(books: Books, prints: Iterable[Print]) -> list[tuple[str, Timing]]:
+    """List the printers and timings of the latest prints that show the speed by feature."""
+    done_prints = (p for p in prints if p.state is PrintState.DONE and not p.paused)
+    candidates = heapq.nlargest(_CANDIDATES, done_prints, key=lambda p: (p.ended_s or 0.0, p.id))
+    timings = ((attempt.printer, _make_timing(books, attempt)) for attempt in candidates)
+    return list(islice(((name, timing) for name, timing in timings if timing is not None), MAX_PRINTS))
+
+
+def _make_timing(books: Books, attempt: Print) -> Timing | None:
+    """Make the timing of a finished print; None if it does not show the speed by feature."""
+    plate, reached_s = books.plates[attempt.plate], _compute_reached_s(books, attempt)
+    shares = plate.feature_shares
+    if shares is None or reached_s is None:
+        return None
+    if not shows_speed(plate.sliced_s, reached_s, attempt.starved_s):
+        return None
+    return Timing(shares, reached_s / plate.sliced_s)
 
 
 def _compute_reached_s(books: Books, attempt: Print) -> float | None:
