@@ -83,9 +83,9 @@ Shares = tuple[float, ...]
 
 
 class FeatureSeconds(Entity):
-    """Sliced seconds of a plate's layers by what they print; the supports with the brim.
+    """Sliced seconds of a plate's layers by feature; supports include the brim.
 
-    Travel is all that extrudes nothing, retractions included.
+    Travel is all time without extrusion, including retractions.
     """
 
     walls_s: float
@@ -96,14 +96,14 @@ class FeatureSeconds(Entity):
 
     @property
     def shares(self) -> Shares | None:
-        """Share of each feature in the time of all; None if all are 0."""
+        """Share of each feature in the total time; None if the total is 0."""
         seconds = (self.walls_s, self.infill_s, self.skins_s, self.supports_s, self.travel_s)
         total_s = sum(seconds)
         return tuple([value_s / total_s for value_s in seconds]) if total_s > 0.0 else None
 
 
 class FeatureFactors(Entity):
-    """Actual over sliced time of each feature of the layers, learned from finished prints."""
+    """Ratios of actual to sliced time of each feature of the layers, learned from finished prints."""
 
     walls: float
     infill: float
@@ -121,7 +121,7 @@ class FeatureFactors(Entity):
 
 @dataclass(frozen=True, slots=True)
 class TimeFactors:
-    """Actual over sliced time of a printer's layers: of all, and by feature once enough prints have ended."""
+    """Ratios of actual to sliced time of a printer's layers: of all, and by feature after enough prints."""
 
     overall: float = 1.0
     by_feature: tuple[float, ...] | None = None  # in the order of `Shares`

@@ -65,7 +65,7 @@ class Printer(Entity):
 
     @property
     def time_factors(self) -> TimeFactors:
-        """Factors from which the time of any plate on it follows."""
+        """Factors that determine the time of any plate on this printer."""
         by_feature = None if self.feature_factors is None else self.feature_factors.factors
         return TimeFactors(self.time_factor, by_feature)
 

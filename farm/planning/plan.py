@@ -111,7 +111,7 @@ class DecomposeTask:
     budget_s
         Budget of the search for parts; None for the decomposition's default.
     side_by_side
-        Return a `PausedJob` before a round of several attempts of the search.
+        True to return a `PausedJob` before a round of several attempts of the search.
     """
 
     job: int
@@ -133,16 +133,16 @@ class DecomposeTask:
 
 @dataclass(frozen=True, slots=True)
 class PausedJob:
-    """A job whose search for parts has paused before a round of attempts (farm.planning.parts.paused_job).
+    """Job whose search for parts has paused before a round of attempts; see `farm.planning.parts.paused_job`.
 
     Attributes
     ----------
     record
         File with the best result so far.
     attempt_count
-        Number of attempts of the round, which may be made side by side.
+        Number of attempts of the round, which may run in parallel.
     spent_share
-        Share of the budget that is spent, 0 to 1.
+        Used share of the budget, 0 to 1.
     """
 
     record: Path

@@ -54,7 +54,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
     Returns
     -------
     DecomposedJob | PausedJob
-        A paused job with `DecomposeTask.side_by_side` alone.
+        A paused job only with `DecomposeTask.side_by_side`.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
 
 
 def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | PausedJob:
-    """Write the parts of a search into the folder of the task; its record, if it has paused.
+    """Write the parts of a search into the folder of the task, or its record if the search has paused.
 
     The record is a pickle of the best result, for workers of the same version.
     """

@@ -1,4 +1,4 @@
-"""Job whose search for parts has paused: an attempt of its next round, and the rest. Runs in a worker."""
+"""Job whose search for parts has paused: attempts of its next round, and its continuation, in workers."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Pa
     Raises
     ------
     FarmError
-        `settings` or `model`, with the reason. An attempt without a result is no error.
+        `settings` or `model`, with the reason. An attempt without a result is not an error.
     """
     folder.mkdir(exist_ok=True)
     with _open_search(task, record, folder) as search:
@@ -59,19 +59,19 @@ def try_grid(task: DecomposeTask, record: Path, number: int, folder: Path) -> Pa
 def continue_job(
     task: DecomposeTask, record: Path, outcomes: Sequence[Path | str]
 ) -> DecomposedJob | PausedJob:
-    """Go on with a paused job after a round of attempts, and write its parts.
+    """Continue a paused job after a round of attempts, and write its parts.
 
     Parameters
     ----------
     record
         See `PausedJob`.
     outcomes
-        For each attempt of the round its file, or the reason why there is none.
+        File of each attempt of the round, or the reason why the attempt has none.
 
     Raises
     ------
     FarmError
-        As in `decompose_job`.
+        See `decompose_job`.
     """
     with _open_search(task, record, task.folder) as search:
         best = search.resume(
@@ -87,7 +87,7 @@ def continue_job(
 
 @contextmanager
 def _open_search(task: DecomposeTask, record: Path, folder: Path) -> Iterator[PausedSearch]:
-    """Read a paused job, with threads, and write the progress of its search into a folder."""
+    """Open the search of a paused job, with threads; its progress is written into a folder."""
     progress = ProgressFile(folder)
     with (
         translate_errors(),

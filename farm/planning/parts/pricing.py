@@ -59,7 +59,7 @@ def estimate_time_factors(
 ) -> dict[str, float]:
     """Estimate the time factor of each printer for the parts of a model, before it is cut.
 
-    A partition has one speed for each printer: that for the features of the whole model.
+    A partition assumes one speed for each printer: its speed for the features of the whole model.
 
     Parameters
     ----------

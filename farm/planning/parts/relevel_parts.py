@@ -65,9 +65,9 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
-    """Compute the time of each part at its printer's factor for its own features, relative to the job's.
+    """Compute the time of each part, scaled by its printer's factor for the part over that for the job.
 
-    The planes are moved with one speed for each printer, which is that for the features of the job.
+    Moving planes assumes one speed for each printer, which is its speed for the features of the whole job.
     """
     parts = sliced_job.parts
     totals_s = map(sum, zip(*(astuple(part.result.features) for part in parts), strict=True))

@@ -1,4 +1,4 @@
-"""Rounds of a search for parts in the workers: the attempts of each side by side, then the next round."""
+"""Rounds of a search for parts in the workers: attempts of one round in parallel, then the next round."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 
 class SearchRounds:
-    """Search for the parts of a job, a task for each attempt of a round.
+    """Search for the parts of a job, with a task for each attempt of a round.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class SearchRounds:
         return answer
 
     def read_progress(self, now_s: float) -> DecomposeProgress | None:
-        """Read the progress of all tasks; None if none has started.
+        """Read the progress of all tasks; None if no task has started.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class SearchRounds:
             await asyncio.gather(*attempts, return_exceptions=True)  # until their workers have ended
 
     async def _make_attempt(self, record: Path, number: int, folder: Path) -> Path | str:
-        """Make an attempt; one that exceeds a limit has no result, as there is one already."""
+        """Make an attempt; return its file, or the limit that it exceeded: an earlier result exists then."""
         try:
             outcome: Path = await self._workers.run(
                 try_grid, self._task, record, number, folder, limit=DECOMPOSING

@@ -1,6 +1,6 @@
 """Time factors by feature, fitted to finished prints: a ridge regression, robust and bounded.
 
-The daemon, which fits them, imports no NumPy; five equations are solved here without it.
+Five linear equations are solved without NumPy, which the daemon does not import.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from farm.model import Shares
 MIN_PRINTS = 30
 """Least number of finished prints from which factors by feature are learned."""
 MAX_PRINTS = 60
-"""Number of finished prints, the latest, that count: a changed printer is learned anew after half of them."""
+"""Number of latest finished prints that are used; half of them suffice to learn a changed printer again."""
 MIN_FACTOR, MAX_FACTOR = 0.7, 1.5
 """Limits of the factor of a feature."""
 _SPREAD = 0.2
 """[assumed] Usual difference between the factors of two features of one printer."""
 _MIN_NOISE = 1e-4
-"""Least deviation of a ratio from the fit, which is taken as noise."""
+"""Lower limit of the estimated noise: the deviation of ratios from the fit."""
 _FIRST_NOISE = 0.01
 _MAD_TO_SIGMA = 1.4826
 _USUAL_SIGMAS = 2.0
@@ -31,7 +31,7 @@ _ROUNDS = 20
 
 @dataclass(frozen=True, slots=True, order=True)
 class Timing:
-    """Finished print: shares of its features, and actual over sliced time of its layers."""
+    """Times of a finished print: shares of its features, and actual over sliced time of its layers."""
 
     shares: Shares
     ratio: float
@@ -40,9 +40,9 @@ class Timing:
 def fit_feature_factors(timings: Iterable[Timing]) -> tuple[float, ...] | None:
     """Fit the factor of each feature to finished prints, in any order.
 
-    A ratio is taken as the mean of the factors, weighted by the shares. Factors differ from each other only
-    as far as prints with other shares show it: features in constant shares, or absent, get the mean ratio.
-    A print far from the others, such as one that was paused without notice, has hardly any weight.
+    The model of a ratio is the mean of the factors, weighted by the shares. Only prints with different shares
+    make factors differ: features with constant shares, or absent ones, get the mean ratio. An outlier, such
+    as a print that was paused without a record, has hardly any weight.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
     books
         Books with the print.
     printer
-        Its printer, as far as the event has changed it.
+        Its printer, with the changes by the event so far.
     attempt
         The print.
     """

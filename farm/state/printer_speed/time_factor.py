@@ -14,9 +14,10 @@ _WEIGHT = 0.25
 
 
 def shows_speed(expected_s: float, reached_s: float, starved_s: float = 0.0) -> bool:
-    """Return whether a print's time shows the speed of its printer; the parameters are those below.
+    """Return whether a print's time shows the speed of its printer; see `update_time_factor`.
 
-    A print that took less than half or more than twice as long does not: it was paused, or the clock was set.
+    It does not if it is less than half or more than twice the expected time: the print was paused, or the
+    clock was set.
     """
     if expected_s < MIN_LEARNED_S or reached_s <= 0.0 or starved_s > MAX_STARVED_SHARE * reached_s:
         return False
@@ -40,8 +41,8 @@ def update_time_factor(factor: float, expected_s: float, reached_s: float, starv
     Returns
     -------
     float
-        Between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`; the same if the
-        print does not show the speed.
+        New factor, between MIN_TIME_FACTOR and MAX_TIME_FACTOR, and at most 1/40 away from `factor`; `factor`
+        itself if the print does not show the speed.
     """
     if not shows_speed(expected_s, reached_s, starved_s):
         return factor
