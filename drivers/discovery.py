@@ -59,7 +59,7 @@ def list_plugged_devices(
     fleet
         Name and port of each printer.
     devices, by_path
-        Devices of the host (None: all), and folder of the links by USB socket; replaced in tests.
+        Devices of the host, None for all, and the folder with links by USB socket; tests replace both.
 
     Returns
     -------

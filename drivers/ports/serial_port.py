@@ -209,7 +209,7 @@ class Device:
     """Serial device of this host, found without opening it."""
 
     path: Path
-    description: str  # by its maker
+    description: str  # product name from its USB descriptor
 
 
 def list_devices() -> list[Device]:

@@ -10,7 +10,7 @@ from itertools import groupby
 from drivers.ports.port import Port
 
 _CHUNKS = 400
-_LINES = 400  # a reply with them is below the limit of a message, whatever their bytes
+_LINES = 400  # a reply with 400 lines of any content is below the size limit of a message
 _CHUNK_BYTES = 512
 _MAX_LINE_LENGTH = 200
 
@@ -60,7 +60,7 @@ class WireRecord:
 
 
 def split_lines(chunks: Iterable[tuple[float, bool, bytes]]) -> Iterator[RecordedLine]:
-    """Split chunks into lines, each at the time of the first chunk of its direction that has a part of it."""
+    """Split chunks into lines, each with the time of the chunk in which it begins."""
     for sent, group in groupby(chunks, key=lambda chunk: chunk[1]):
         began_s, partial = 0.0, b""
         for at_s, _, data in group:

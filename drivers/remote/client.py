@@ -46,7 +46,7 @@ class AgentClient:
     route
         Connection to another host; None for an agent on this one.
     on_message
-        Called for every line of the agent, even an unreadable one: the agent is alive.
+        Called for every line of the agent, even an unreadable one, as it shows that the agent is alive.
     """
 
     def __init__(

@@ -15,10 +15,10 @@ from farm.state import Books
 MIN_INTERVAL_S = 2.0
 LARGEST_INTERVAL_S = 60.0
 MAX_STILL_AGE_S = MIN_INTERVAL_S
-"""Age up to which a still is shown again instead of a new one."""
+"""Age up to which a viewer gets the last still instead of a new one."""
 END_S = 60.0
 """Wall seconds after the end of a print in which its last still is taken; later the bed may be clear."""
-_FIRST_LAYERS_SHARE = 10
+_FIRST_LAYERS_DIVISOR = 10
 """Divisor of the layer count: the first layer is still visible during the first tenth of the layers."""
 
 
@@ -45,7 +45,7 @@ class CameraState:
         return replace(self, attempt_s=now_s)
 
     def succeed(self) -> CameraState:
-        """Return the state after a still."""
+        """Return the state after a successful attempt."""
         return replace(self, failures=0, problem=None)
 
     def fail(self, problem: str) -> CameraState:
@@ -106,5 +106,5 @@ def _shows_first_layer(print_id: str, snapshot: AgentSnapshot | None) -> bool:
     if report is None or report.print_id != print_id or report.layer is None:
         return False
     return report.state is PrintState.PRINTING and 2 <= report.layer <= max(
-        3, report.layers // _FIRST_LAYERS_SHARE
+        3, report.layers // _FIRST_LAYERS_DIVISOR
     )

@@ -47,7 +47,7 @@ def check_host(host: str | None, names: Collection[str]) -> Refusal | None:
     name = match[1].lower().rstrip(".")
     if name == _LOCAL or name in names or _is_address(name.strip("[]")):
         return None
-    return Refusal(421, f"{name} is no name of this farm: add it to `web.names` in fleet.yaml")
+    return Refusal(421, f"{name} is not a name of this farm: add it to `web.names` in fleet.yaml")
 
 
 def check_origin(method: str, host: str | None, origin: str | None, fetch_site: str | None) -> Refusal | None:

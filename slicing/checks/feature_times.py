@@ -27,9 +27,9 @@ _GROUPS = {
 
 @dataclass(frozen=True, slots=True)
 class FeatureTimes:
-    """Seconds of the layers of a slice by what they print; their sum is the time of the layers.
+    """Seconds of the layers of a slice by feature; their sum is the time of the layers.
 
-    Supports include the brim or skirt. Travel is all that extrudes nothing, retractions included.
+    Supports include the brim or skirt. Travel includes all moves without extrusion, and retractions.
     """
 
     walls_s: float

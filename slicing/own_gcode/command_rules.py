@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-_SCRIPT_ADVICE = "remove it of your slicer's start, end or layer script"
+_SCRIPT_ADVICE = "remove it from your slicer's start, end or layer script"
 
 PRINTED_COMMANDS = frozenset(
     (
@@ -76,9 +76,9 @@ REFUSED_COMMANDS = {
 """Commands refused anywhere in a file, with the reason."""
 
 _REASONS_IN_PRINT = {
-    "G28": "homes in the middle of the print: remove it of your slicer's layer script",
-    "M84": "switches the motors off in the middle of the print: remove it of your slicer's layer script",
-    "M18": "switches the motors off in the middle of the print: remove it of your slicer's layer script",
+    "G28": "homes in the middle of the print: remove it from your slicer's layer script",
+    "M84": "switches the motors off in the middle of the print: remove it from your slicer's layer script",
+    "M18": "switches the motors off in the middle of the print: remove it from your slicer's layer script",
     "M201": f"changes the printer's limits: {_SCRIPT_ADVICE}",
     "M203": f"changes the printer's limits: {_SCRIPT_ADVICE}",
     "M81": f"switches the power off: {_SCRIPT_ADVICE}",

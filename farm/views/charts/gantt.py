@@ -45,7 +45,7 @@ class Bar:
     text
         Tooltip.
     time
-        Time that the tooltip names; None if it names none.
+        Time in the text of the tooltip; None if it contains none.
     """
 
     printer: str
@@ -83,8 +83,8 @@ class Gantt:
     ----------
     key
         Kinds of bars in the chart.
-    axis
-        Width of the printers' names; half a time label fits between them and the first bar.
+    names_width
+        Width of the column of printer names; half a time label fits between it and the first bar.
     """
 
     height: int
@@ -92,7 +92,7 @@ class Gantt:
     rows: tuple[Row, ...]
     key: tuple[str, ...]
     width: int = _WIDTH
-    axis: int = _LEFT - 40
+    names_width: int = _LEFT - 40
     top: int = _TOP
     bar_height: int = _ROW - 5
 

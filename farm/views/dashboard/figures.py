@@ -28,7 +28,7 @@ class Figures:
         Time on printers: of all prints, and of those that failed, were cancelled or are bad.
     grams, wasted_grams
         Filament of all prints, and of the wasted ones.
-    expected_s, reached_s
+    expected_s, actual_s
         Expected and actual time of the prints that are done without a pause. Their ratio shows the accuracy
         of forecasts.
     """
@@ -43,7 +43,7 @@ class Figures:
     grams: float = 0.0
     wasted_grams: float = 0.0
     expected_s: float = 0.0
-    reached_s: float = 0.0
+    actual_s: float = 0.0
 
     @property
     def success(self) -> float | None:
@@ -53,7 +53,7 @@ class Figures:
     @property
     def deviation(self) -> float | None:
         """Share by which prints took longer than expected; None if none is done."""
-        return self.reached_s / self.expected_s - 1 if self.expected_s else None
+        return self.actual_s / self.expected_s - 1 if self.expected_s else None
 
 
 def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate]) -> Figures:
@@ -85,7 +85,7 @@ def sum_figures(name: str, prints: Iterable[Print], plates: Mapping[str, Plate])
         grams=sum(attempt.grams for attempt in ended_prints),
         wasted_grams=sum(attempt.grams for attempt in wasted_prints),
         expected_s=sum(plates[attempt.plate].expected_s for attempt in compared_prints),
-        reached_s=sum(map(compute_duration_s, compared_prints)),
+        actual_s=sum(map(compute_duration_s, compared_prints)),
     )
 
 

@@ -97,7 +97,7 @@ class Shift:
     name: str
     end: str | None
     new_end: str | None
-    later_s: float | None
+    delay_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class TimelineView:
     Attributes
     ----------
     past_s
-        Time from its begin to now, in seconds.
+        Time from its start to now, in seconds.
     unprintable_parts
         Parts that no printer can take.
     jobs_without_plan
@@ -150,7 +150,7 @@ def describe_fleet_timeline(
     situation
         Situation for a forecast.
     past_s
-        Time from the begin of the timeline to now, in seconds.
+        Time from the start of the timeline to now, in seconds.
     change
         A change to a job on trial: the timeline shows the plan with the change.
 
@@ -183,7 +183,7 @@ def describe_fleet_timeline(
                 name=shift.job.name,
                 end=context.format_time(shift.end_s),
                 new_end=context.format_time(shift.new_end_s),
-                later_s=shift.later_s,
+                delay_s=shift.delay_s,
             )
             for shift in shifts
         ),

@@ -26,7 +26,7 @@ class HistoryFilter:
 
 @dataclass(frozen=True, slots=True)
 class JobOutcome:
-    """Job that has ended or been printed: expected and reached parallel printing time, in seconds.
+    """Job that has ended or been printed: expected and actual parallel printing time, in seconds.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class JobOutcome:
     state: JobState
     ended: str | None
     expected_s: float | None
-    reached_s: float | None
+    actual_s: float | None
     assembled: str | None = None
     assembly_expected_s: float | None = None
     assembly_s: float | None = None
@@ -49,7 +49,7 @@ class JobOutcome:
     @property
     def deviation(self) -> float | None:
         """Share by which the job took longer than expected; None if either time is unknown."""
-        return self.reached_s / self.expected_s - 1 if self.expected_s and self.reached_s else None
+        return self.actual_s / self.expected_s - 1 if self.expected_s and self.actual_s else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ def _describe_outcome(context: ViewContext, job: Job) -> JobOutcome:
         state=job.state,
         ended=context.format_time(job.ended_s),
         expected_s=job.expected_s,
-        reached_s=measure_times(context, job).makespan_s if is_printed else None,
+        actual_s=measure_times(context, job).makespan_s if is_printed else None,
         assembled=context.format_time(job.assembled_s),
         assembly_expected_s=job.assembly_s,
         assembly_s=job.gluing_s,

@@ -44,7 +44,7 @@ class JobShift:
     new_end_s: float | None
 
     @property
-    def later_s(self) -> float | None:
+    def delay_s(self) -> float | None:
         """Delay of the end by the change, in seconds; negative if it ends earlier, None if unknown."""
         return None if self.end_s is None or self.new_end_s is None else self.new_end_s - self.end_s
 
@@ -85,12 +85,14 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
         Farm time, seconds since the epoch.
     """
     changed_books = apply_change(books, change, now_s)
-    others = tuple(_renew(plate, changed_books) for plate in situation.waiting if plate.job != change.job)
+    others = tuple(
+        _update_rank(plate, changed_books) for plate in situation.waiting if plate.job != change.job
+    )
     plates = (p for p in books.plates_of(books.job(change.job)) if books.plate_state(p) is PlateState.WAITING)
     return situation.with_waiting((*others, *describe_plates(plates, changed_books)))
 
 
-def _renew(plate: WaitingPlate, books: Books) -> WaitingPlate:
+def _update_rank(plate: WaitingPlate, books: Books) -> WaitingPlate:
     job = books.job(plate.job)
     return replace(plate, priority=job.priority, rank=job.moved_rank)
 

@@ -86,7 +86,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
             makespan_s = elapsed_s + _estimate_growth_s(plates, runs, remaining_s or 0.0) or job.expected_s
         if remaining_s is not None and _is_end_known(context, job, plates):
             end_s = context.now_s + remaining_s
-    reached_s = sum(map(compute_duration_s, prints))
+    printing_s = sum(map(compute_duration_s, prints))
     return JobTimes(
         runs=runs,
         elapsed_s=elapsed_s,
@@ -94,7 +94,7 @@ def measure_times(context: ViewContext, job: Job) -> JobTimes:
         end_s=end_s,
         speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
         utilisation=_compute_utilisation(job, prints, plates, runs, makespan_s) if makespan_s else None,
-        starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
+        starved_share=sum(p.starved_s for p in prints) / printing_s if printing_s else None,
     )
 
 

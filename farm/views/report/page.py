@@ -73,11 +73,11 @@ def render_page(
     Parameters
     ----------
     job, others
-        The job, and the prints of all jobs.
+        The job, and ended prints of all jobs, for the chart.
     now
         Farm time in the farm's time zone; open prints are drawn until then.
     facts
-        Figures of the job, each with a name, as text.
+        Names and texts of the job's figures.
     contents
         Pictures, and the steps of the assembly.
     """

@@ -67,7 +67,7 @@ class StatedFilament:
             return None
         return (
             f"line {self.line} says that it takes {self.amount:.{_DIGITS}g} {unit} of filament, and "
-            f"{amount:.{_DIGITS}g} {unit} are in it"
+            f"its lines extrude {amount:.{_DIGITS}g} {unit}"
         )
 
 

@@ -108,10 +108,10 @@ def describe_change(change: Change | None, query: TimelineQuery) -> str:
     return f"job {change.job} {' and '.join(filter(None, (place, start)))}"
 
 
-def describe_shift(later_s: float | None) -> str:
+def describe_shift(delay_s: float | None) -> str:
     """Describe the delay of an end: the duration, and whether it is later or earlier."""
-    if later_s is None:
+    if delay_s is None:
         return "–"
-    if abs(later_s) < 60.0:
+    if abs(delay_s) < 60.0:
         return "the same"
-    return f"{format_duration(abs(later_s))} {'later' if later_s > 0 else 'earlier'}"
+    return f"{format_duration(abs(delay_s))} {'later' if delay_s > 0 else 'earlier'}"

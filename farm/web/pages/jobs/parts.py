@@ -32,7 +32,7 @@ class PartRow:
         Completed share of the open print, 0 to 1; None without one.
     ends
         End of its print, expected or actual, ISO 8601; None if unknown.
-    expected, now, reached
+    expected, now, actual
         Printing times: planned; expected of the open print by its progress; actual of the last print.
     why
         Reason why it waits or failed; empty if there is none.
@@ -50,7 +50,7 @@ class PartRow:
     ends: str | None
     expected: str
     now: str
-    reached: str
+    actual: str
     filament: str
     why: Sentence
     warnings: Sequence[str]
@@ -98,7 +98,7 @@ def list_part_rows(
                 else (last_print.ended if last_print is not None else None),
                 expected=format_duration(plate.estimated_s),
                 now=_describe_now(last_print, open_print, job.now),
-                reached=_describe_reached(last_print, plate.estimated_s),
+                actual=_describe_actual(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 why=_explain(plate, last_print),
                 warnings=plate.warnings,
@@ -138,7 +138,7 @@ def _describe_now(last_print: api.PrintView | None, open_print: api.PrintProgres
     return format_duration(max(0.0, duration.total_seconds()) + open_print.remaining_s)
 
 
-def _describe_reached(last_print: api.PrintView | None, expected_s: float) -> str:
+def _describe_actual(last_print: api.PrintView | None, expected_s: float) -> str:
     if (
         last_print is None
         or last_print.state is not PrintState.DONE

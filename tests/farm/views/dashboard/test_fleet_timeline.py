@@ -84,8 +84,8 @@ def test_attended_and_quiet_hours_are_in_the_background():
 def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
     books = make_night_books()
     view = describe(books, Change(3, moves=True, before=1))
-    later_s = {shift.job: shift.later_s for shift in view.shifts}
-    assert later_s[3] < 0.0 < later_s[1]
+    delay_s = {shift.job: shift.delay_s for shift in view.shifts}
+    assert delay_s[3] < 0.0 < delay_s[1]
     planned_parts = [row.part for row in view.table if row.kind == "planned"]
     assert planned_parts[0] == "3/p01"
     assert books.jobs[3].moved_rank is None  # nothing was changed
@@ -95,10 +95,10 @@ def test_job_that_is_moved_to_the_front_ends_earlier_and_delays_the_others():
 def test_later_start_delays_the_job_alone():
     change = Change(2, not_before_s=NOW_S + 20_000.0)
     view = describe(make_night_books(), change)
-    later_s = {shift.job: shift.later_s for shift in view.shifts}
-    assert later_s[2] > 10_000.0
-    assert later_s[3] <= 0.0
-    assert later_s[1] == 0.0
+    delay_s = {shift.job: shift.delay_s for shift in view.shifts}
+    assert delay_s[2] > 10_000.0
+    assert delay_s[3] <= 0.0
+    assert delay_s[1] == 0.0
 
 
 def test_held_job_is_tried_as_if_it_was_approved():

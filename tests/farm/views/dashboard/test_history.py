@@ -42,7 +42,7 @@ def test_history_has_figures_jobs_and_prints():
     assert [(group.name, group.prints) for group in view.by_printer] == [("a", 2), ("b", 1), ("c", 1)]
     assert [group.name for group in view.by_material] == ["PLA"]
     assert [group.name for group in view.by_month] == ["2023-11"]
-    assert [(job.id, job.expected_s, job.reached_s) for job in view.jobs] == [(1, 100.0, 120.0)]
+    assert [(job.id, job.expected_s, job.actual_s) for job in view.jobs] == [(1, 100.0, 120.0)]
     assert view.jobs[0].deviation == pytest.approx(0.2)
     assert [(row.printer, row.reason or row.why) for row in view.rows[:2]] == [
         ("c", "warped"),
