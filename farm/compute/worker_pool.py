@@ -120,7 +120,7 @@ class Workers:
         self, work: Callable[..., T], *args: object, limit: Limit = CHECKING, group: Hashable = None
     ) -> T:
         """Run a function in a worker, and once more if the worker dies; see `Pool.run`."""
-        ended = ""
+        exit_text = ""
         group = object() if group is None else group
         for _ in range(_TRIES):
             worker = await self._acquire_worker(group, limit.urgent)
@@ -140,8 +140,8 @@ class Workers:
             except EOFError:
                 if self._is_closed:
                     raise FarmError(_CLOSED) from None
-                ended = worker.wait()
-                log.warning("worker %d ended unexpectedly (%s)", worker.pid, ended)
+                exit_text = worker.wait()
+                log.warning("worker %d ended unexpectedly (%s)", worker.pid, exit_text)
                 continue
             finally:
                 self._running -= Counter([group])
@@ -157,8 +157,8 @@ class Workers:
                 raise answer.error
             return answer  # type: ignore[no-any-return]
         raise FarmError(
-            f"{limit.what} ended its worker process {_TRIES} times ({ended}): most often too little memory; "
-            "scale the model down or simplify its mesh"
+            f"{limit.what} ended its worker process {_TRIES} times ({exit_text}): most often "
+            "too little memory; scale the model down or simplify its mesh"
         )
 
     def close(self) -> None:

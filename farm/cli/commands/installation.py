@@ -145,12 +145,12 @@ def doctor(places: Places, json: Json = False) -> None:
     """
     from farm.doctor import Level, check_installation, collect_facts  # slow to load
 
-    version = error = None
+    version = daemon_error = None
     try:
         version = Client(places.socket).status().daemon.version
-    except FarmError as trouble:
-        error = str(trouble)
-    findings = check_installation(collect_facts(places, version, error))
+    except FarmError as error:
+        daemon_error = str(error)
+    findings = check_installation(collect_facts(places, version, daemon_error))
     if json:
         rows = [
             {

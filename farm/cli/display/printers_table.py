@@ -87,13 +87,13 @@ def _format_action(printer: api.PrinterView) -> str:
         return "connect"
     if printer.maintenance is not None:
         return f"maintenance --done ({printer.maintenance})"
-    words = {
+    action_by_code = {
         HoldCode.NEEDS_INSPECTION: "inspect, then clear",
         HoldCode.BED_NOT_CLEAR: "clear",
         HoldCode.FILAMENT_UNKNOWN: "clear with --filament",
         HoldCode.PRINTER_ABSENT: "wait (connecting)",
     }
-    return words.get(printer.hold.code, "")
+    return action_by_code.get(printer.hold.code, "")
 
 
 def _format_nozzle(printer: api.PrinterView) -> str:

@@ -60,7 +60,7 @@ def cut_part(task: ReplanTask) -> Pieces:
         with translate_errors():
             raise
     pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in stored_decomposition.parts)
-    job_parts = [*(_make_drawn(task.files, other) for other in task.others), *stored_decomposition.parts]
+    job_parts = [*(_convert_part(task.files, other) for other in task.others), *stored_decomposition.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(job_parts, picture)
     write_glb(job_parts, assembly)
@@ -110,7 +110,7 @@ def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
     return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
 
 
-def _make_drawn(files: Path, part: Part) -> Drawn:
+def _convert_part(files: Path, part: Part) -> Drawn:
     """Convert the record of a part to a part for the picture."""
     to_model = np.reshape(part.geometry.to_model, (4, 4))
     return Drawn(Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, "")
