@@ -27,7 +27,7 @@ _SMALLEST_STEP_S = 1.0  # smaller changes add up
 class Clock:
     """Conversion of wall time to farm time: ``farm = anchor_s + (wall - anchor_s) * scale + ahead_s``.
 
-    Wall time is that of `read_wall_s`.
+    Wall time comes from `read_wall_s`.
 
     Parameters
     ----------

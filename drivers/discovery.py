@@ -34,7 +34,7 @@ class PluggedDevice:
     Attributes
     ----------
     port
-        Stable path by USB socket if there is one; else that of the device.
+        Stable path by USB socket if it exists, else the path of the device.
     device
         Path of the device.
     description

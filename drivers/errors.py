@@ -60,7 +60,7 @@ class Fault(StrEnum):
     HEATER_TIMEOUT = "heater_timeout"  # a heater does not reach its target
     THERMAL_RUNAWAY = "thermal_runaway"  # a heater fell below its target
     HEATER_STUCK_ON = "heater_stuck_on"  # a heater exceeds its target, or does not cool when off
-    PAUSE_TIMEOUT = "pause_timeout"  # nobody resumed the print in time
+    PAUSE_TIMEOUT = "pause_timeout"  # no person resumed the print in time
     HOURS_ENDED = "hours_ended"  # the print was allowed only in attended hours
     TARGET_CHANGED = "target_changed"  # a person or the firmware set a temperature
     WRONG_PRINTER = "wrong_printer"  # not the expected printer

@@ -61,7 +61,7 @@ def acquire_lock(path: Path) -> int | None:
 
 
 def write_pid(descriptor: int) -> None:
-    """Write the process id into the lock file, so that `kill_holder` can kill this process."""
+    """Write the process id into the lock file, for `kill_holder`."""
     os.pwrite(descriptor, b"%-*d" % (_PID_BYTES, os.getpid()), 0)
 
 

@@ -165,7 +165,7 @@ class Snapshot(PrinterReadings, _AgentMessage):
     bed_unknown_reason: str | None = Field(
         default=None, validation_alias="doubt", serialization_alias="doubt"
     )
-    alarm: str | None = None  # a heater that cannot be switched off: a person has to act at once
+    alarm: str | None = None  # a heater that cannot be switched off: a person must act immediately
     reset_verified: bool = True  # a pulse of DTR was confirmed to reset this board
     print: PrintSnapshot | None = None
 
@@ -227,7 +227,7 @@ class CancelPrint(_Request):
 
 
 class PausePrint(_Request):
-    """Pause a print so that it can be resumed. No effect unless it prints."""
+    """Pause a print, which can be resumed. No effect unless it prints."""
 
     do: Literal["pause"] = "pause"
     id: int
@@ -251,7 +251,7 @@ class ForgetPrint(_Request):
 
 
 class ListPrints(_Request):
-    """List all prints that had not ended at a given time, such as that of a restored backup."""
+    """List all prints that had not ended at a given time, such as the time of a restored backup."""
 
     first_protocol: ClassVar[int] = 2
     do: Literal["list"] = "list"

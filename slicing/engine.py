@@ -51,7 +51,7 @@ class EngineLimits:
     timeout_s
         Wall-clock seconds after which the run is stopped, with all of its processes.
     memory_bytes
-        Memory besides that of the layers.
+        Memory besides the memory of the layers.
     """
 
     layers: int

@@ -76,7 +76,7 @@ class SliceRejected(SlicingError):
     """
 
     def __init__(self, rule: Rule, detail: str) -> None:
-        super().__init__(rule, detail)  # both in `args`, so that it passes between processes
+        super().__init__(rule, detail)  # both in `args`, as pickling rebuilds the error from them
         self.rule = rule
         self.detail = detail
 

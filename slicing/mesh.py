@@ -88,7 +88,7 @@ def add_waves(corners: Floats) -> Floats:
 
 
 def _cut_triangles(corners: Floats, axis: int, plane_mm: float) -> Floats:
-    """Cut triangles (n, 3, 3) at a plane, so that none lies on both of its sides.
+    """Cut triangles (n, 3, 3) at a plane; none of the results lies on both of its sides.
 
     Both triangles of an edge are cut at exactly the same point.
     """
@@ -113,7 +113,7 @@ def _cut_triangles(corners: Floats, axis: int, plane_mm: float) -> Floats:
 
 
 def _roll_corners(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """Rotate the order of each triangle's corners, so that the marked one (n, 3) comes first."""
+    """Rotate the order of each triangle's corners to begin with its marked corner (n, 3)."""
     rows, start = np.arange(len(corners)), first.argmax(axis=1)
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 

@@ -1,4 +1,4 @@
-"""Store of slices by content, so that the same plate is sliced once. `slicing.cache` trims its folder."""
+"""Store of slices by content, in which equal plates share a slice. `slicing.cache` trims its folder."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class StoredSlice:
             sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted, FeatureTimes(**entry["features"]))
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        with contextlib.suppress(OSError):  # `slicing.cache` takes the file's time as that of its last use
+        with contextlib.suppress(OSError):  # `slicing.cache` reads the file's time as its last use
             os.utime(self.folder / f"{self.key}.json")
         return sliced
 

@@ -1,4 +1,4 @@
-"""Agent: the process that owns one printer's serial port, and keeps printing whatever happens to the daemon.
+"""Agent: the process that owns one printer's serial port, and continues printing if the daemon ends.
 
 `loop` is its select loop, `server` its socket, `requests` handles the daemon's requests, `status` makes
 snapshots. `board` has the port with link and session, `idle_watch` watches a board without a print,

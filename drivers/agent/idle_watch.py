@@ -47,11 +47,11 @@ class FilamentWatch:
         self._has_printed = True
 
     def note_reset(self) -> None:
-        """Ignore positions until the next print: after a reset all positions are alike."""
+        """Ignore positions until the next print: after a reset, every printer reports the same position."""
         self._has_printed, self.rest_position = False, None
 
     def forget(self) -> None:
-        """Stop trusting the journal: somebody used the printer."""
+        """Stop trusting the journal, as a person has used the printer."""
         self.is_certain, self.rest_position = False, None
 
     def judge_position(self, answer: bytes) -> None:

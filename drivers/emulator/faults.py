@@ -45,7 +45,7 @@ class Faults:
     reset_after: int = 0  # resets (brown-out)
     silent_after: int = 0  # reads and sends nothing until it is reset; its heaters stay on
     sleep_after: int = 0  # does nothing for `SLEEP_S`, and then continues
-    stuck_after: int = 0  # requests the same line forever
+    stuck_after: int = 0  # requests the same line without end
     kill_after: int = 0  # kill(), as when its dead-man expires
     zero_after: int = 0  # silently sets the nozzle's target to 0
     # heaters and sensors
@@ -55,7 +55,7 @@ class Faults:
     weak_bed: bool = False  # gets no warmer than `WEAK_BED_C`
     nozzle_dies_after: int = 0
     bed_dies_after: int = 0
-    nozzle_burns_after: int = 0  # its switch is shorted: full power whatever the target
+    nozzle_burns_after: int = 0  # its switch is shorted: full power at any target
     bed_burns_after: int = 0
     stop_after: int = 0  # the nozzle's sensor is open: MAXTEMP, and the firmware stops
     nozzle_short_after: int = 0  # the nozzle's sensor is shorted: MINTEMP

@@ -55,7 +55,7 @@ class Firmware:
         A line without effect that is answered with the number of the last accepted line; the beginning of
         that answer.
     last_line_resends
-        The answer is followed by a ``Resend`` and perhaps an ok, and lines sent after the query are lost.
+        A ``Resend`` and possibly an ok follow the answer, and lines sent after the query are lost.
     acknowledges_read_moves
         Moves are acknowledged when they are read; else after execution, as all other commands are.
     ok_details
@@ -65,7 +65,7 @@ class Firmware:
     fault_texts
         Texts that mark a line as a fault, in order: the first match counts.
     stop_moves
-        Command that empties the queue of moves, so that the head stops.
+        Command that empties the queue of moves and thus stops the head.
     halt
         Command that switches everything off until the board is reset; None if there is no such command.
     reports_executed_steps

@@ -123,7 +123,7 @@ class MotionState:
             self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
     def _set_coordinate(self, axis: int, value: float) -> None:
-        """Apply a G92: shift the coordinates, those of the buffered moves as well."""
+        """Apply a G92: shift all coordinates, including the coordinates of buffered moves."""
         shift = value - self.position[axis]
         self.position = self.position.copy()
         self.position[axis] = value

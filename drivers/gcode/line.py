@@ -17,7 +17,7 @@ from drivers.errors import BadGcode
 from drivers.firmware import Firmware
 
 MAX_NUMBER = 1e6
-"""Upper bound of lengths, speeds and temperatures, so that commands computed from them fit a line."""
+"""Upper bound of lengths, speeds and temperatures: commands computed from them must fit a line."""
 
 # Nearly every line of a file is matched, and an empty branch is faster than "?". No possessive quantifiers:
 # before Python 3.11.5 they match wrongly.
@@ -28,7 +28,7 @@ _WORD = re.compile(rb" *([A-Z])(?: *(-?(?:\d+(?:\.\d*)?|\.\d+)))?")
 _MOVE_CODES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
 _OMITTED_CODES = frozenset(
     (b"M105", b"M117", b"M118")
-)  # the link polls by itself; display texts act as commands
+)  # the link polls on its own schedule; display texts act as commands
 
 is_plain_move = _PLAIN_MOVE.match
 """Match a move that is in canonical form already and needs no further check."""

@@ -43,7 +43,7 @@ class AgentWatch:
     folder
         Its folder.
     kept_installation
-        Installation that the agent keeps after a failed update; None for that of this process.
+        Installation that the agent keeps after a failed update; None for the installation of this process.
     on_change
         Called when its state has changed.
 

@@ -64,7 +64,7 @@ class HostPlaces:
 
     @contextmanager
     def open_socket_path(self) -> Iterator[str]:
-        """Yield a path of the socket: that of a deep folder would be too long."""
+        """Yield a short path of the socket, as its path in a deep folder would be too long."""
         descriptor = os.open(self.folder, os.O_PATH | os.O_DIRECTORY)
         try:
             yield f"/proc/self/fd/{descriptor}/host.sock"
@@ -139,7 +139,7 @@ def reach_service(places: HostPlaces) -> socket.socket:
 
 
 def _start_service(places: HostPlaces) -> subprocess.Popen[bytes]:
-    """Start the service in its own process session, so that it outlives this connection."""
+    """Start the service in its own process session, in which it survives this connection."""
     installation = Installation.of_this_process()
     try:
         places.make()

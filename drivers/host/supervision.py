@@ -9,7 +9,7 @@ from typing import Any
 
 _FIRST_WAIT_S = 0.5
 _MAX_WAIT_S = 60.0
-_STEADY_S = 60.0  # an agent that ran for this long is started again at once
+_STEADY_S = 60.0  # an agent that ran for this long is restarted without delay
 _VOLATILE = {
     "": ("now_s", "starved_s"),
     "nozzle": ("now_c",),

@@ -44,7 +44,7 @@ class Trial:
 
 
 def judge_trial(trial: Trial) -> str | bool:
-    """Judge a new agent: True if it is good, False if that is not known yet, else its fault in words.
+    """Judge a new agent: True if it is good, False if that is not known yet, else a text on its fault.
 
     A printer that could not be reached before need not be reached now.
     """

@@ -76,14 +76,14 @@ class Link:
         self._due_s = now_s + self._opening.first_s
 
     def on_restarted(self, now_s: float) -> None:
-        """Accept that the board restarted by itself, and continue with its banner."""
+        """Accept an unrequested restart of the board, and continue with its banner."""
         self._reset()
         self.phase = Phase.BANNER
         self._opening.has_restarted = True
         self._due_s = now_s + self._opening.quiet_s
 
     def on_closed(self) -> None:
-        """Stop: the port was closed."""
+        """Stop, as the port was closed."""
         self._reset()
 
     def send(self, now_s: float, *commands: bytes) -> None:
@@ -138,7 +138,7 @@ class Link:
     # --- messages of the board ---
 
     def receive(self, data: bytes, now_s: float) -> Events | None:
-        """Process bytes from the port. Never raises, whatever they are.
+        """Process bytes from the port. Never raises, even for invalid bytes.
 
         Returns None if the only effect is that the next line of the program is to be written.
         """

@@ -73,7 +73,7 @@ class NetPort:
         return self._local_end.fileno()
 
     def read(self) -> bytes:
-        """Read the bytes received so far, perhaps none. Raises PortError if the port was disconnected."""
+        """Read the bytes received so far, if any. Raises PortError if the port was disconnected."""
         try:
             data = self._local_end.recv(_BYTES)
         except BlockingIOError:

@@ -82,7 +82,7 @@ class SerialPort:
         return self._fd
 
     def read(self) -> bytes:
-        """Read the bytes received so far, perhaps none.
+        """Read the bytes received so far, which may be none.
 
         Raises
         ------

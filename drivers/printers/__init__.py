@@ -36,6 +36,6 @@ BEDS: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
 
 
 def find_firmware(model: str) -> Firmware:
-    """Find the firmware of a model; an unknown model gets the most common one, so that it can be stopped."""
+    """Find the firmware of a model; the most common one for an unknown model, which must be stoppable."""
     profile = BEDS.get(model)
     return ULTIMAKER2_FIRMWARE if profile is None else profile.firmware

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.messages import Filament, PrintSnapshot
 
-RECENT_PRINTS = 1000  # ended prints kept in memory: more than those of a week
+RECENT_PRINTS = 1000  # ended prints kept in memory, more than a week has
 
 
 @dataclass(frozen=True, slots=True)

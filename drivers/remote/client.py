@@ -189,7 +189,7 @@ class AgentClient:
             self._reading = None
 
     async def _open(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        # The path of a socket is limited to 107 bytes, unlike that of a state folder.
+        # The path of a socket is limited to 107 bytes, but the path of a state folder is not.
         descriptor = os.open(self._folder, os.O_PATH | os.O_DIRECTORY)
         try:
             path = f"/proc/self/fd/{descriptor}/{AGENT_SOCKET}"

@@ -26,7 +26,7 @@ class Installation:
     Parameters
     ----------
     python
-        Its interpreter; its folder has no symbolic links, so that a link to the version in use may move.
+        Its interpreter, in a folder without symbolic links, as a link to the version in use may change.
     folder
         Folder that contains `drivers`.
     """
@@ -62,7 +62,7 @@ class Installation:
 def spawn_agent(
     printer: str, model: str, port: str, folder: Path, clock: Clock, power_off_cmd: str | None = None
 ) -> subprocess.Popen[bytes]:
-    """Start an agent in its own process session, so that it outlives the caller.
+    """Start an agent in its own process session, in which it survives the caller.
 
     If the environment names a systemd unit (`FARM_AGENT_UNIT`, with %i for the printer), that unit is started
     instead, and the returned process is systemctl's.
@@ -79,7 +79,7 @@ def spawn_agent(
     Returns
     -------
     subprocess.Popen
-        The process. Poll it regularly, so that it leaves no zombie when it ends.
+        The process. Poll it regularly to reap it when it ends.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Emergency stop: ends a printer's heat from outside, whatever its agent and the daemon are doing.
+"""Emergency stop: switches a printer's heaters off without its agent or the daemon, which may hang.
 
 1. The agent is killed: a stopped or hung process answers no request, and killing it frees the port.
 2. Its lock is taken, so that no other agent starts meanwhile.

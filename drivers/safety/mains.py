@@ -23,7 +23,7 @@ _STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # parts of its stderr that are k
 class PowerOff:
     """A run of the command. Its methods neither wait nor raise.
 
-    The command has its own session, so that it outlives an agent that is killed.
+    The command runs in its own session, and thus survives an agent that is killed.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds
 def connect(context: SessionContext) -> Script:
     """Reset the board and wait until it answers, with its heaters off and its line count at 0.
 
-    A restarted board has no dead-man armed. A board that cannot be reset keeps its dead-man, whoever armed
-    it, until its heaters are reported off.
+    A restarted board has no dead-man armed. A board that cannot be reset keeps its dead-man until its heaters
+    are reported off, as another host may have armed it.
     """
     link = context.link
     for _ in range(TRIES):

@@ -48,7 +48,7 @@ def identify(context: SessionContext) -> Script:
 def check_height(context: SessionContext, home: bytes) -> Script:
     """Verify the Z of this model's home position; `home` is the file's first G28.
 
-    An Extended is 100 mm taller, whatever its firmware reports.
+    An Extended is 100 mm taller, even if its firmware reports otherwise.
     """
     if home != b"G28" and b"Z" not in home:
         return

@@ -19,7 +19,7 @@ PARKED_SLACK_MM = 0.25
 LIFT_MM = 10.0
 LAST_EXTRUSION_MM = 6.5  # extruded only after the head is back: a full nozzle oozes while it travels
 PAUSE_LIMIT_S = 7200.0
-PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, so nobody starts an SD print
+PAUSE_FEED_S = 4.0  # a command shows "Printing with USB" for 5 s, to deter people from an SD print
 
 
 def unpark(context: SessionContext) -> Script:
@@ -75,7 +75,7 @@ def can_pause(context: SessionContext) -> bool:
 def pause(context: SessionContext, program: Program, done_lines: int) -> Script:
     """Park, keep the bed warm, wait for a person, and return.
 
-    The filament is parked, so that it is in place however the pause ends. Source:
+    The filament is parked, as it must be in place at every end of the pause. Source:
     docs/explanation/ultimaker2-serial.md, section 5.
     """
     firmware = context.firmware

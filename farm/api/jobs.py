@@ -20,7 +20,7 @@ class PartView(View):
 
     @property
     def own_prints(self) -> list[PrintView]:
-        """Prints of this part, without those of the part that it was cut from."""
+        """Prints of this part, without prints of the part from which it was cut."""
         return [attempt for attempt in self.prints if attempt.part == self.id]
 
 

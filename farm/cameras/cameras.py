@@ -207,6 +207,6 @@ def _store(state: StateFolder, image: Image) -> str:
 
 
 def _consume_error(task: asyncio.Task[Image]) -> None:
-    """Read the error of a fetch that nobody awaits, so that asyncio does not log it."""
+    """Read the error of a fetch without a viewer: asyncio logs errors that are never read."""
     if not task.cancelled():
         task.exception()

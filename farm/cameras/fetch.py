@@ -152,7 +152,7 @@ def _load_authorities() -> ssl.SSLContext:
 async def _look_up(url: httpx.URL) -> list[str]:
     """Find the addresses of a host.
 
-    Uses a daemon thread of its own: a name server that does not answer blocks a look-up for half a minute,
+    Uses a separate daemon thread: a name server that does not answer blocks a look-up for half a minute,
     and asyncio's look-up would block a shared thread, for which the process also waits at its end.
 
     Raises

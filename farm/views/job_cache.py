@@ -18,7 +18,7 @@ MAX_JOBS = 1000
 
 @dataclass(slots=True)
 class JobContents:
-    """Parts and plates of a job in views; the holds of plates are those of the last view."""
+    """Parts and plates of a job in views; each view updates the holds of the plates."""
 
     parts: list[api.PartView]
     plates: list[api.PlateStatus]

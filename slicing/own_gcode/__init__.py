@@ -1,4 +1,4 @@
-"""A person's own G-code, read by the firmware's rules and rewritten so that the farm can print it."""
+"""A person's own G-code, read by the firmware's rules and rewritten for printing on the farm."""
 
 from slicing.gcode_lines import MAX_LINE_BYTES, quote_text
 from slicing.own_gcode.acceptance import AcceptedGcode, accept_gcode

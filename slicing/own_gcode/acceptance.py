@@ -151,7 +151,7 @@ def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: Pri
 
 
 def _compute_section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
-    """Compute the mean section of the lines, over that of a line a nozzle wide and a layer high.
+    """Compute the ratio of the lines' mean section to the section of a line a nozzle wide and a layer high.
 
     Raises
     ------

@@ -83,7 +83,7 @@ def check_machine(
     nozzle_mm
         The nozzle that it was sliced for; None if it does not say.
     section_ratio
-        Ratio of its lines' section to that of a line as wide as the nozzle.
+        Ratio of the section of its lines to the section of a line as wide as the nozzle.
     target
         The printer that is to print it.
 

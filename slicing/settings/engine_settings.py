@@ -195,7 +195,7 @@ def _format_scopes(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     }
     # The engine reads it in both scopes, and prints no support where it is false in either.
     extruder["support_enable"] = global_["support_enable"]
-    # The mesh is scaled before it is placed, so that the checks compare the printed shape.
+    # The mesh is scaled before it is placed, as the checks compare the printed shape.
     full_size = dict.fromkeys(SHRINKAGE_KEYS, "100.0")
     global_ |= {key: full_size[key] for key in full_size.keys() & global_.keys()}
     extruder |= {key: full_size[key] for key in full_size.keys() & extruder.keys()}

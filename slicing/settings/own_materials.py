@@ -21,7 +21,7 @@ _DIAMETER_MM = (1.0, 4.0)
 _ROOT = f"{{{NAMESPACES['m']}}}fdmmaterial"
 
 # Kinds of material whose profiles fit an own material of a kind for which Cura has none. [assumed]: they are
-# printed in much the same way; temperatures and cooling are those of the material's file.
+# printed in much the same way; temperatures and cooling come from the material's file.
 RELATED_NAMES = {
     "PETG": "CPE",
     "PET": "CPE",

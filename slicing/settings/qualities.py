@@ -47,7 +47,7 @@ class Quality:
     hidden: HiddenLayers | None = None  # None: as visible faces
 
 
-# The settings of the Parallelobox paper's own prints, so that times can be compared with it.
+# The settings of the prints in the Parallelobox paper, for comparisons of times with it.
 _PAPER = Quality(
     ("fast", "standard"),
     {

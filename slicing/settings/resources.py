@@ -54,7 +54,7 @@ def find_resources(environ: Mapping[str, str] = os.environ, own_materials: Path 
     environ
         The environment.
     own_materials
-        Folder with own material files; None for that of `FARM_MATERIALS`, if it is set.
+        Folder with own material files; None for the folder in `FARM_MATERIALS`, if it is set.
 
     Raises
     ------
@@ -99,7 +99,7 @@ class Profile:
 
 @dataclass(frozen=True, slots=True)
 class Resources:
-    """Cura's folder of resources, and that of own materials; every file is read once in a process."""
+    """Cura's folder of resources, and the folder of own materials; a process reads each file once."""
 
     root: Path
     own_materials: Path | None = None

@@ -100,7 +100,7 @@ def _convert_value(machine: Machine, key: str, text: str) -> object:
 
 
 def _find_variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
-    """Find the nozzle's name and values; those of the definition if there are no profiles for nozzles."""
+    """Find the nozzle's name and values; from the definition if there are no profiles for nozzles."""
     if machine.has_variants:
         profiles = resources.read_profiles("variants", machine.model)
         available = {

@@ -92,7 +92,7 @@ class EmulatedFirmware(Listener):
         self._time_s = now_s
 
     def feed(self, data: bytes, now_s: float) -> bytes:
-        """Process bytes from the host (perhaps none) up to `now_s`, and return the bytes for the host."""
+        """Process bytes from the host, if any, up to `now_s`, and return the bytes for the host."""
         if self.noise is not None and data:
             data = self.noise.carry_to_board(data)
         machine = self.machine
@@ -335,7 +335,7 @@ class EmulatedFirmware(Listener):
             case "sleep_after":
                 self._asleep_until_s = now_s + SLEEP_S  # and then continue
             case "stuck_after":
-                self._stuck_number = self._last_number + 1  # requests the next line forever
+                self._stuck_number = self._last_number + 1  # requests the next line without end
             case "kill_after":
                 self.kill(now_s)
             case "zero_after":

@@ -72,7 +72,7 @@ class Listener(ABC):
         self._busy_message_s = math.inf  # time of the next busy message
         self._buffer: deque[bytes] = deque()
         self._last_number = 0
-        self._stuck_number = -1  # the line that is requested forever
+        self._stuck_number = -1  # line that is requested without end
         if self.noise is not None:
             self.noise.forget()
 

@@ -75,7 +75,7 @@ class Planner:
     Parameters
     ----------
     limits
-        Read at every move, so that M-codes may change them.
+        Read at every move, as M-codes may change them.
     start
         Position of head and feeder.
     on_move
@@ -109,7 +109,7 @@ class Planner:
         return len(self._blocks)
 
     def compute_free_s(self) -> float:
-        """Return the time at which one more move fits: minus infinity, or the end of the executing move."""
+        """Return the time at which a further move fits: minus infinity, or the end of the executing move."""
         return self._end_s if len(self._blocks) >= CAPACITY else -math.inf
 
     def advance(self, now_s: float) -> None:
@@ -132,7 +132,7 @@ class Planner:
 
     @property
     def end_s(self) -> float:
-        """Return the time at which the executing move ends; the queue is not empty."""
+        """Time at which the executing move ends; the queue must not be empty."""
         return self._end_s
 
     def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:

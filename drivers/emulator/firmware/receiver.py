@@ -11,7 +11,7 @@ import re
 RING_BYTES = 127
 LINE_BYTES = 95
 
-# A complete numbered move as slicers write it, perhaps with a second blank of `add_frame`: the fast path.
+# A complete numbered move as slicers write it, optionally with a second blank of `add_frame`: the fast path.
 _MOVE = re.compile(
     rb"N(\d+) ?G[01](?:  ?F(\d+\.?\d*))?"
     + b"".join(rb"(?:  ?%b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))

@@ -25,7 +25,7 @@ class EmulatedBoard:
     Attributes
     ----------
     head_mm
-        True position of the head (x, y, z), whatever the firmware assumes.
+        True position of the head (x, y, z), which the firmware may not know.
     filament_mm
         Net filament through the feeder since power on.
     filament_end_mm

@@ -62,7 +62,7 @@ class Noise:
         return self.carry(data)
 
     def check_accepted(self, number: int, line: bytes) -> None:
-        """Compare an accepted line with the one that was sent under this number, white space aside.
+        """Compare an accepted line with the line sent under this number, ignoring white space.
 
         Two doubled spaces leave the checksum as it was, and the firmware skips them.
         """

@@ -27,7 +27,7 @@ class Heater:
     Attributes
     ----------
     burns
-        True if its switch is shorted: full power whatever the target.
+        True if its switch is shorted: full power at any target.
     """
 
     __slots__ = (
@@ -59,7 +59,7 @@ class Heater:
         self.target_c = target_c
 
     def compute_temperature_c(self, now_s: float) -> float:
-        """Compute the temperature at a time that is not before that of the last call."""
+        """Compute the temperature at a time, which must not be before the time of the last call."""
         if now_s > self._time_s:
             if self.burns:
                 self._approach(now_s - self._time_s, is_powered=True)

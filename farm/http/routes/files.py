@@ -19,7 +19,7 @@ _CONTENT = {"content": {"application/octet-stream": {"schema": {"type": "string"
 
 
 def file_routes(services: Services) -> APIRouter:
-    """Return the routes of files. A name is looked up among those of the job; it is never used as a path."""
+    """Return the routes of files. A name is looked up among the job's files, and never used as a path."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}/files")

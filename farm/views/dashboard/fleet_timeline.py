@@ -27,7 +27,7 @@ SIGNS = {
     "printing": "▶",
     PLANNED: "",
 }
-"""Signs before the names of parts, so that a state is not shown by its colour alone."""
+"""Signs before the names of parts, as not all people see the colours of the states."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Routes with which a program requests a key of its own, compatible with OctoPrint's plugin `appkeys`.
+"""Routes with which a program requests its own key, compatible with OctoPrint's plugin `appkeys`.
 
 They require no key. A request has no effect until an operator grants it on the farm's host.
 """

@@ -82,7 +82,7 @@ class Completeness:
             self._figures.read(comment, number)
 
     def change_flow(self) -> None:
-        """Record that the file changes the flow, so that more or less filament is fed than E says."""
+        """Record that the file changes the flow, which feeds more or less filament than E states."""
         self._figures.change_flow()
 
     @property

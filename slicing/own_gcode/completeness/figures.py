@@ -125,7 +125,7 @@ class FiguresReader:
             self._is_exact = True
 
     def change_flow(self) -> None:
-        """Record that the file changes the flow, so that more or less filament is fed than E says."""
+        """Record that the file changes the flow, which feeds more or less filament than E states."""
         self._is_flow_changed = True
 
     @property
