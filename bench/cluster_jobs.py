@@ -27,7 +27,7 @@ from farm.planning.inspection.inspect_submission import inspect_model
 from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.drawings import split_steps
 from farm.planning.parts.search_rounds import SearchRounds
-from farm.planning.plan import DecomposeTask, Plan, PlanRequest
+from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, PlanRequest
 from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm
 
 MODEL = "ultimaker2_plus"
@@ -207,6 +207,7 @@ def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
     model = state.files / job.model_file
     task = DecomposeTask(1, model, job.options, fleet.printers, 1, work, budget_s=BUDGET_S)
     decomposition = decompose_job(task)
+    assert isinstance(decomposition, DecomposedJob)  # a search pauses only with `side_by_side`
     record, overview = decomposition.drawing_record, work / "overview.png"
     ranges = split_steps(decomposition.steps)
     files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
