@@ -31,7 +31,7 @@ TURN = 0.99  # least cosine between arrows, or normals, that agree
 RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # largest error of a correct placement: distance, and entry of the rotation
 
 
-PlacedFace = tuple[CodedFace, str, Floats, Floats]  # with the part's number, and its turn and move
+PlacedFace = tuple[CodedFace, str, Floats, Floats]  # face, number of its part, turn and move of the part
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,7 @@ MODELS = (
     "thingi10k-1053374.stl", "thingi10k-41084.stl", "thingi10k-77951.stl",
 )  # fmt: skip
 PRINTER = "ultimaker2_plus"
-FAITHFUL_SUFFIX = "-faithful"  # after an engine's name
+FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 PART_ENGINES = ("symmetry", "cube-skeleton")  # other engines without a number of printers
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"

@@ -25,7 +25,7 @@ from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 ROOT = Path(__file__).parents[1]
 PYTHON = ROOT / ".venv" / "bin" / "python"
 TIMEOUT_S = 600.0
-_NO_FAULT = ("BitOr", "RemoveDecorator")  # in annotations, and of functions that a decorator registers
+_NO_FAULT = ("BitOr", "RemoveDecorator")  # mutants that change no behaviour
 
 
 @dataclass(frozen=True, slots=True)

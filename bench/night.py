@@ -200,13 +200,13 @@ class Night:
             self._end()
 
     def _status(self) -> api.Status:
-        give_up = time.monotonic() + ANSWER_S
+        deadline_s = time.monotonic() + ANSWER_S
         while True:
             try:
                 return self.client.status()
             except DaemonUnreachable as error:
-                if time.monotonic() > give_up:
-                    raise SystemExit(f"its daemon has not come back: {error}") from error
+                if time.monotonic() > deadline_s:
+                    raise SystemExit(f"the daemon has not answered for {ANSWER_S:.0f} s: {error}") from error
                 time.sleep(POLL_S)
 
     def _cause_failures(self, view: api.Status, job: api.JobView) -> None:

@@ -83,10 +83,11 @@ def plan_next_round(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
     """Plan the attempts that follow those of a state; none at the end of the search.
 
     The first grid is tried alone. Where it is coarser than the usual one, for a small budget, and has no
-    sound result, the usual one follows with the whole budget, then Parallelobox: a model has to be cut. The
-    next rounds are other grids, the model turned about z, and other grids at the best angle. The attempts
-    of a round have equal shares of the remaining budget. A round has as many attempts as can each have the
-    effort of the first one, and at least one; the others form the next round, with the rest of the budget.
+    sound result, the usual one follows with the whole budget, then Parallelobox, as any result is better than
+    none. The next rounds are other grids, the model turned about z, and other grids at the best angle. The
+    attempts of a round have equal shares of the remaining budget. A round has as many attempts as can each
+    have the effort of the first one, and at least one; the others form the next round, with the rest of the
+    budget.
     """
     budget_s, usual = problem.options.best.budget_s, problem.options.granularity
     first = choose_first_grid(problem)

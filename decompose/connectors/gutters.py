@@ -46,7 +46,7 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
     room
         The parts, with the tools of pins and marks; changed.
     joints
-        Of these parts, in the same frame.
+        Joints of these parts, in the same frame.
 
     Returns
     -------

@@ -103,7 +103,7 @@ def pairs_of(pins: Sequence[Pin]) -> dict[int, tuple[Pin, Pin]]:
 
 
 def _describe_shape(pin: Pin) -> tuple[float, bool]:
-    """Describe the size that a pin's holes must share; a thin key fits all grooves of its length."""
+    """Describe what keeps a pin out of other holes; a thin key fits all grooves of its length."""
     return pin.length_mm, pin.along is None
 
 

@@ -29,7 +29,7 @@ def plan_connectors(
     blanks
         Parts with their poses.
     joints, assembly
-        Of these parts, in the same frame.
+        Joints of these parts, and their assembly, in the same frame.
     options
         Diameter of the pins, distances that pairs must not have, and whether there are marks; each blank has
         its fit.

@@ -52,7 +52,7 @@ class Pin:
     axis
         (3,) unit vector: the direction of the step.
     diameter_mm
-        Of the pin itself; its holes are wider by the fit.
+        Diameter of the pin itself; its holes are wider by the fit.
     depth_mm
         Depth of its hole in each part.
     length_mm

@@ -5,7 +5,7 @@ from __future__ import annotations
 from decompose.jit import jit
 
 Box = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
-Shape = tuple[int, int, int]  # of a grid, in cells
+Shape = tuple[int, int, int]  # shape of a grid, in cells
 
 
 @jit

@@ -211,7 +211,7 @@ def _price_share(
     needed, sums
         As in `Grid`.
     ends
-        Of `_find_cell_ends`.
+        Ends of the cells, from `_find_cell_ends`.
     pricing
         Rooms, cut areas and prices.
     tables

@@ -246,7 +246,7 @@ def count_pieces(
     bodies
         Bodies of its cells.
     trimmed, seconds
-        Of `BoxTables`.
+        Tables of `BoxTables`.
     pieces
         (boxes,) filled in.
     executor

@@ -198,9 +198,9 @@ def _describe_sliver(piece: CutSolid) -> str:
     """Find the reason why a piece is a sliver; empty if it is not one."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
-        off_mm = vertices @ plane[:3] - plane[3]
-        across_mm = float(np.ptp(off_mm))
-        if across_mm < SLIVER_MM and (np.abs(off_mm) < ON_PLANE_MM).sum() >= 3:
+        distances_mm = vertices @ plane[:3] - plane[3]
+        across_mm = float(np.ptp(distances_mm))
+        if across_mm < SLIVER_MM and (np.abs(distances_mm) < ON_PLANE_MM).sum() >= 3:
             return f"is {across_mm:.1f} mm thin where it was cut, less than {SLIVER_MM:g} mm"
     thick_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
     if thick_mm < TWO_WALLS_MM:

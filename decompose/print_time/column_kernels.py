@@ -123,7 +123,7 @@ def _follow_ray(
     Parameters
     ----------
     normals, is_marked, overhang_cos
-        (m, 3) float64 unit normals of all faces; the others as of `sweep_columns`.
+        (m, 3) float64 unit normals of all faces; the others as in `sweep_columns`.
     ends
         (runs, 5) float64, of `Runs`, filled in from the first crossing of the ray on.
 

@@ -42,8 +42,8 @@ class Columns:
     first_layer
         (nx, ny) bool: the part or its support stands on the bed; columns are `step_mm` apart.
     propped_mm2, props_mm
-        Area, as seen from above, that this support carries from the bed, and (p, 2) points of it on the bed:
-        the ends of each row of columns, which span the rest.
+        Area, as seen from above, of the support that carries the part from the bed, and points (p, 2) on its
+        border there: both ends of each row of columns.
     touched_mm2
         Area of marked faces, as seen from above, that this support hangs under or stands on.
     volumes_mm3, centres_mm
@@ -71,10 +71,14 @@ class Columns:
         """Measure the area of a brim around all that stands on the bed, but not in its holes."""
         if width_mm <= 0.0:
             return 0.0
-        stands = _fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
+        is_standing = _fill_holes(np.pad(self.first_layer, math.ceil(width_mm / self.step_mm) + 1))
         # The outline lies half a column beyond the middle of the last column inside.
-        away_mm = (ndimage.distance_transform_edt(~stands) - 0.5) * self.step_mm
-        return float((~stands & (away_mm <= width_mm)).sum() * self.step_mm**2) if stands.any() else 0.0
+        distances_mm = (ndimage.distance_transform_edt(~is_standing) - 0.5) * self.step_mm
+        return (
+            float((~is_standing & (distances_mm <= width_mm)).sum() * self.step_mm**2)
+            if is_standing.any()
+            else 0.0
+        )
 
 
 def measure_columns(

@@ -51,7 +51,7 @@ def measure_contours(vertices: Floats, faces: Ints, up: Floats, skin_cos: float,
     up
         (3,) unit vector.
     skin_cos, ring_cos
-        Of `CostModel`.
+        Limits of slopes with skin, and with denser infill below them; see `CostModel`.
     """
     surfaces = measure_surfaces(vertices, faces)
     edges = _pair_half_edges(faces, len(vertices))

@@ -205,7 +205,7 @@ def price(prices: Prices, additive: Additive, extents_mm: Extents) -> float:
     Parameters
     ----------
     prices
-        Of `CostModel.prices`.
+        Record of `CostModel.prices`.
     additive
         `ADDITIVE` features, in mm3, mm2, mm2, mm2 and mm3.
     extents_mm

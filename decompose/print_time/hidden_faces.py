@@ -1,4 +1,4 @@
-"""Faces that are hidden once the parts are glued: cut faces on the bed, and tops that are all cuts.
+"""Faces that are hidden once the parts are glued: cut faces on the bed, and tops if all are cut faces.
 
 They need less skin than visible faces. A slicer has one number of layers on the bed, another one for other
 undersides, and one for all tops: so tops count as hidden only if none of them is visible.
@@ -62,7 +62,7 @@ def measure_hidden_faces(
     Parameters
     ----------
     surfaces
-        Of the mesh.
+        Faces of the mesh.
     cut
         (m,) bool, true for faces that are cuts.
     up
@@ -70,7 +70,7 @@ def measure_hidden_faces(
     bed_mm
         Place of the bed along `up`.
     skin_cos
-        Of `CostModel`.
+        Minimum upward part of the normal of a top with skin; see `CostModel`.
     """
     normals, areas, centres = surfaces
     cut_bed, seen_bed, cut_top, seen_top = 0.0, 0.0, 0.0, 0.0

@@ -51,7 +51,7 @@ def _sum_surfaces(
     Parameters
     ----------
     surfaces
-        Of the faces.
+        Normals, areas and centres of the faces.
     up
         (3,) unit vector.
     bed_mm

@@ -14,7 +14,7 @@ ADDITIVE = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
 """Features that add up over the cells of a grid, n being the upward part of a face's unit normal.
 
 volume_mm3
-    Of the solid.
+    Volume of the solid.
 lateral_mm2
     Sum of A sqrt(1 - n^2) over all faces: walls, in every layer.
 skin_mm2, slope_mm2

@@ -42,11 +42,11 @@ class ThinWalls(NamedTuple):
     Attributes
     ----------
     bare_mm2
-        Of walls too thin for inner walls.
+        Area of walls that are too thin for inner walls.
     gap_mm2
-        Of walls with a gap that a single line fills.
+        Area of walls with a gap that a single line fills.
     full_mm2
-        Of walls without infill.
+        Area of walls without infill.
     overlap_mm3
         Volume by which the skins on both sides of sheets exceed them.
     """
@@ -89,13 +89,13 @@ def _sum_thin_walls(crossings: Crossings, normals: Floats, upright: int, widths:
     Parameters
     ----------
     crossings
-        Of the rays.
+        Crossings of the rays with the faces.
     normals
         (m, 3) unit normals of the faces; the rays run along the last axis.
     upright
         Index of the axis that points up on the bed: 0 or 1.
     widths
-        Of the walls.
+        Widths of the walls.
     """
     sums = np.zeros(3)
     line, outer, walls = widths

@@ -131,7 +131,7 @@ class Attempt:
     yaw_deg
         Angle by which the model was turned about z.
     makespan_s
-        None if nothing was found; `reason` has the cause.
+        Makespan of the result; None if there is none, for the cause in `reason`.
     compute_s, effort_s
         Wall time; and the work that was counted, which is the same on every machine (`problem.Effort`).
     finished

@@ -145,8 +145,8 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
             )
             low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
             while high - low > ACCURACY_MM:
-                by_mm = (low + high) / 2.0
-                low, high = (by_mm, high) if keeps_wall(grow(direction, by_mm)) else (low, by_mm)
+                growth_mm = (low + high) / 2.0
+                low, high = (growth_mm, high) if keeps_wall(grow(direction, growth_mm)) else (low, growth_mm)
             cube = grow(direction, low)
         if cube[1, 0] - cube[0, 0] < before_mm + ACCURACY_MM:
             break

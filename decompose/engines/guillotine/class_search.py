@@ -34,7 +34,7 @@ MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # maximum number of rounds of true prices, a
 WORTHWHILE_SHARE = 0.995  # a partition must promise less than this share of the makespan so far
 TOLERANCE = 0.003  # accuracy of the minimum makespan, as a share of it
 MAX_ADDED_PRINTERS = 32  # maximum number of printers added to a class that has too few
-RETRY_RATIO = 1.01  # as in `exact_search`
+RETRY_RATIO = 1.01  # ratio for another round, as in `exact_search`
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:

@@ -12,7 +12,7 @@ from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, compute_index
 from decompose.jit import jit
 
 SPEED_MM_S = 20.0  # speed of shell and infill in the paper's settings
-OVERHANG_TOLERANCE_DEG = 1.0  # in the paper's settings
+OVERHANG_TOLERANCE_DEG = 1.0  # tolerance of the angle of overhangs in the paper's settings
 
 
 @dataclass(frozen=True, slots=True)
