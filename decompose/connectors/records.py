@@ -84,7 +84,7 @@ class Pin:
 
     @property
     def slides(self) -> bool:
-        """Whether it is a key that enters a groove lengthwise while the faces slide."""
+        """Check whether it is a key that enters a groove lengthwise while the faces slide."""
         return self.along is not None and abs(float(self.along @ self.axis)) > SLIDING_COS
 
 

@@ -246,7 +246,7 @@ class _Group:
 
     @property
     def exits(self) -> bool:
-        """Whether it is a groove that leaves its part through a second face."""
+        """Check whether it is a groove that leaves its part through a second face."""
         return self.tools[0].exit is not None
 
     def is_hidden(self, undrilled: Solid) -> bool:
