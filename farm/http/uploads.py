@@ -186,12 +186,10 @@ class Uploads:
         raise NoSuchThing(f"there is no open upload {request_id}")
 
     def _describe_wait(self) -> str:
-        is_starting = self._workers.starting
-        return (
-            "waiting for a worker"
-            if is_starting is None
-            else f"waiting for the workers to start: {is_starting}"
-        )
+        start_step = self._workers.starting
+        if start_step is None:
+            return "waiting for a worker"
+        return f"waiting for the workers to start: {start_step}"
 
     @asynccontextmanager
     async def admit(self, request_id: str, name: str, size: int) -> AsyncIterator[Upload]:

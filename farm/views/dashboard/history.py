@@ -33,7 +33,7 @@ class JobOutcome:
     assembled
         Time at which a person reported that its parts are glued.
     assembly_expected_s, assembly_s
-        A person's time to glue them: by the model of steps, and as reported.
+        A person's time to glue them: expected from the steps of the assembly, and reported.
     """
 
     id: int
@@ -65,7 +65,7 @@ class HistoryView:
     """
 
     now: str
-    chosen: HistoryFilter
+    history_filter: HistoryFilter
     printers: tuple[str, ...]
     total: Figures
     by_printer: list[Figures]
@@ -98,7 +98,7 @@ def describe_history(context: ViewContext, history_filter: HistoryFilter, max_ro
     shown_prints = prints[-max_rows:]
     return HistoryView(
         now=context.format_time(context.now_s) or "",
-        chosen=history_filter,
+        history_filter=history_filter,
         printers=tuple(
             sorted({*context.fleet.names, *(attempt.printer for attempt in books.prints.values())})
         ),

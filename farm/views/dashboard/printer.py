@@ -22,7 +22,7 @@ _FAULTS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class SeenStill:
+class PrintStill:
     """Picture of a print: its moment and time, and its name among the files of its job."""
 
     moment: str
@@ -39,7 +39,7 @@ class FaultView:
     ended: str | None
     fault: str | None
     text: str
-    stills: tuple[SeenStill, ...]
+    stills: tuple[PrintStill, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ def _describe_fault(context: ViewContext, attempt: Print) -> FaultView:
         fault=attempt.fault,
         text=attempt.reason or attempt.fail_reason or attempt.verdict_why or "",
         stills=tuple(
-            SeenStill(
+            PrintStill(
                 moment=still.moment.replace("_", " "),
                 taken=context.format_time(still.at_s) or "",
                 file=f"print-{attempt.number}-{still.moment}.{still.file.rpartition('.')[2]}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated
 from urllib.parse import urlencode
 
@@ -42,8 +43,8 @@ def render_history(view: HistoryView, farm: Farm, reader: Reader, note: Note | N
     note
         Message on the reader's last action.
     """
-    chosen = {"days": view.chosen.days, "printer": view.chosen.printer, "job": view.chosen.job}
-    query = urlencode({name: value for name, value in chosen.items() if value is not None})
+    values = asdict(view.history_filter)
+    query = urlencode({name: value for name, value in values.items() if value is not None})
     return render_page(
         "history.html",
         farm,

@@ -1,7 +1,9 @@
 """Every page with every state, hold and fault, and with hostile names: rendered without a browser."""
 
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -269,3 +271,10 @@ def test_hostile_words_change_no_element_of_answers_to_forms(farm, text, name):
     }
     for page in render_others(farm, f"x{text}x", f"x{name}x"):
         assert set(Structure(page).elements) <= known_elements
+
+
+def test_templates_have_no_conflict_marks():
+    folders = [Path(rendering.__file__).parent / folder for folder in ("templates", "static", "browser")]
+    texts = {path.name: path.read_text() for folder in folders for path in folder.iterdir() if path.is_file()}
+    assert "printer.html" in texts
+    assert [name for name, text in texts.items() if re.search(r"^(<{7}|={7}|>{7})", text, re.MULTILINE)] == []
