@@ -11,7 +11,7 @@ connects to each as over ssh. After the prints, one host is lost, then half of t
 allows network namespaces (root), packets are lost and delayed (`bench.fleet_faults`).
 
 Costs are CPU time, which other load hardly changes. An event is anything that commits: a report of an
-agent, a command of a person, a timer; reading and answering of the socket is not in it, but in `cpu_share`,
+agent, a command of a person, a timer; reading and answering of the socket counts only in `cpu_share`,
 the daemon's share of a core while all print. `status_cpu_ms` is for the page of `farm status`, and
 `status_json_cpu_ms` for `farm status --json`, both the worst of five. `start_commit_bytes` is the largest
 commit of an event that starts a print, `report_s` the wall time between two reports of a printer, and an
@@ -91,7 +91,7 @@ class Setting:
         return [f"pc-{number:02d}" for number in range(1, self.hosts + 1)]
 
     def host_of(self, number: int) -> str:
-        """Return the host of a printer; empty if there are none."""
+        """Return the host of a printer; empty if there are no hosts."""
         return self.host_names[number * self.hosts // (self.printers + self.idle)] if self.hosts else ""
 
 

@@ -132,10 +132,10 @@ def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument(
-        "--room", choices=GROUPS, action="append", help="one or more; all of them if left out"
+        "--room", choices=GROUPS, action="append", help="group to test, may be repeated; default: all"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--at-once", type=int, default=1, help="groups that are tested at a time")
+    parser.add_argument("--at-once", type=int, default=1, help="number of groups tested in parallel")
     options = parser.parse_args()
     names = options.room or list(GROUPS)
 

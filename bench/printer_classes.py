@@ -5,8 +5,8 @@ Usage: python -m bench.printer_classes MODEL... [--plus 16] [--extended 4] [--wi
 
 Makespans by the cost model, each part on its printer. "Shared" is a cut for equal printers with the smallest
 volume and one speed, whose parts are then assigned for the least makespan. `--spread`: time factors of the
-printers, evenly spread around 1 by this share, in random order. `--wide`: number of 2+ with a nozzle with
-which a part takes 0.45 of the time.
+printers, evenly spread around 1 by this share, in random order. `--wide`: number of 2+ with a wide nozzle,
+with which a part takes 0.45 of the time.
 """
 
 from __future__ import annotations
@@ -58,10 +58,12 @@ def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: floa
 def compute_makespan_s(problem: Problem, partition: Partition) -> float:
     """Compute the end of the last part on the printers of a problem."""
     poses = [pose for pose in problem.find_poses(list(partition.pieces)) if pose is not None]
-    takers = assign_printers(poses, problem.printers)
+    assigned_printers = assign_printers(poses, problem.printers)
     assert len(poses) == len(partition.pieces)
-    assert takers is not None
-    return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
+    assert assigned_printers is not None
+    return max(
+        pose.price_s * printer.time_factor for pose, printer in zip(poses, assigned_printers, strict=True)
+    )
 
 
 def equalise(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
@@ -71,7 +73,7 @@ def equalise(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
 
 
 def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
-    """Compare both makespans for one model, with CPU seconds; None for a model that does not fit."""
+    """Compare both makespans for one model, with CPU seconds; a makespan is None if no cut fits."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
         ("shared", equalise(problem.printers), cut_for_uniform_printers),
@@ -90,7 +92,7 @@ def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Compare, and print."""
+    """Compare the makespans, and print them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

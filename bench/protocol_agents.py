@@ -131,7 +131,7 @@ class ProtocolAgents:
     def serve(self, seconds: float, condition: Callable[[], bool] = lambda: False) -> bool:
         """Answer and report for some wall seconds, or until a condition holds; return whether it holds.
 
-        Like real agents, they report every second while they print, else every fifth second.
+        Like real agents, they report every second while they print, and every fifth second otherwise.
         """
         names, printing_agents = list(self._agents), set(self.printing)
         start_s, report_count = time.monotonic(), 0

@@ -50,7 +50,7 @@ class GridRules:
     min_wall_mm
         Internal cells nearer than this to the surface are needed.
     keep_interior
-        Every internal cell is needed.
+        Whether every internal cell is needed.
     overhang_cos
         Faces whose normal points down by more than this count as overhangs.
     skin_cos

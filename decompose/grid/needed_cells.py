@@ -32,7 +32,7 @@ def refine_cells(
     min_wall_mm
         Cells nearer than this to the surface are needed.
     keep_interior
-        Every internal cell is needed.
+        Whether every internal cell is needed.
     max_cells
         Maximum number of cells in total, unless the grid itself has more.
     """
@@ -77,7 +77,7 @@ class NeededCells:
     planes
         For each axis the coordinates of the grid's planes in mm.
     needed
-        (nx, ny, nz).
+        (nx, ny, nz) cells to be covered.
     """
 
     planes: tuple[Floats, Floats, Floats]
