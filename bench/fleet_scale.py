@@ -91,7 +91,7 @@ class Setting:
         return [f"pc-{number:02d}" for number in range(1, self.hosts + 1)]
 
     def host_of(self, number: int) -> str:
-        """Return the host of a printer; empty if there are no hosts."""
+        """Return the host of a printer by its number; empty if there are no hosts."""
         return self.host_names[number * self.hosts // (self.printers + self.idle)] if self.hosts else ""
 
 

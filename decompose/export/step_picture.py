@@ -63,7 +63,7 @@ def draw_steps(decomposition: Decomposition, first: int = 0, end: int | None = N
     decomposition
         Decomposition with the parts and the steps.
     first, end
-        Range of the steps that are drawn; all by default. The views of the steps before it are computed too.
+        Range of the steps that are drawn; all by default. The views of earlier steps are computed too.
     """
     pictures: list[StepPictures] = []
     azimuth_deg: float | None = None

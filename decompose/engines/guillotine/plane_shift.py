@@ -157,7 +157,7 @@ class _PlaneShift:
         self.reach_mm = (REACH * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [find_flat_coordinates(vertices[faces], axis) for axis in range(3)]
-        self.nearby_solids = [  # solids clipped to boxes that no face leaves
+        self.nearby_solids = [  # solids in boxes that contain all moves of the faces
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 
