@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -12,9 +13,10 @@ import numpy as np
 
 from decompose.arrays import Floats, Ints
 from decompose.best import find_best
+from decompose.bound import bound_any_boxes_s
 from decompose.engines import ENGINES, apply_paper_settings
 from decompose.geometry import Model, Solid
-from decompose.options import Engine, Options
+from decompose.options import Engine, Interior, Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, find_best_pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
@@ -63,6 +65,7 @@ def decompose_model(
     serial_wall_s = perf_counter() - began_s
     by_engine = partial(run_engine, serial=serial)
     partition = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
+    partition = _add_bound(problem, partition)
     stages = partition.compute_s | {"serial": serial_wall_s, "total": perf_counter() - began_s}
     return replace(partition, compute_s=stages)
 
@@ -76,6 +79,26 @@ def run_engine(problem: Problem, serial: Callable[[], tuple[float, float]]) -> D
     partition = ENGINES[problem.options.engine](problem)
     watch.record_stage("engine")
     return replace(finish_result(problem, partition, serial()), compute_s=watch.stage_times())
+
+
+def _add_bound(problem: Problem, result: Decomposition) -> Decomposition:
+    """Add the bound of boxes on any grid to a result of the guillotine engine, if bounds are asked for.
+
+    A model of very many faces is simplified, as for its price.
+    """
+    if result.cutting is None or not problem.options.prove:
+        return result
+    solid = simplify_for_price(problem.model.solid.rotate(result.cutting.frame))
+    vertices, faces = solid.arrays()
+    keeps_interior = problem.options.interior is Interior.KEEP
+    bound_s = bound_any_boxes_s(
+        vertices[faces],
+        problem.printers,
+        problem.cost,
+        math.inf if keeps_interior else problem.options.min_wall_mm,
+        min(result.makespan_s, result.lower_bound_s),
+    )
+    return replace(result, any_boxes_bound_s=bound_s)
 
 
 def simplify_for_price(solid: Solid) -> Solid:

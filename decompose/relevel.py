@@ -95,6 +95,7 @@ def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float
         yaw_deg=previous.yaw_deg,
         attempts=previous.attempts,
         curve=previous.curve,
+        any_boxes_bound_s=previous.any_boxes_bound_s,
         compute_s=previous.compute_s | {"again": elapsed_s, "total": previous.compute_s["total"] + elapsed_s},
     )
 

@@ -24,6 +24,7 @@ from decompose.grid.grid import (
     count_cuts,
     fill_grid,
     find_flat_coordinates,
+    place_planes,
 )
 from decompose.grid.needed_cells import SAME_MM, NeededCells, refine_cells
 from decompose.grid.threads import SHARES, run_shares
@@ -52,6 +53,7 @@ __all__ = [
     "find_flat_coordinates",
     "find_interval_ends",
     "interval",
+    "place_planes",
     "price_boxes",
     "refine_cells",
     "run_shares",

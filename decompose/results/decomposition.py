@@ -197,6 +197,10 @@ class Decomposition:
         lower `grid_makespan_s` (`bound`). It does not hold for other grids, cuts or poses. For an engine
         without a grid: no partition that prints the whole surface has a lower makespan. Both are for these
         printers at their speeds; the bound assumes that all of them are as fast as the fastest.
+    any_boxes_bound_s
+        Proven: no partition into boxes along these axes, on any grid or none, has a lower makespan, each box
+        priced as in `grid_makespan_s`. Only for the engine `guillotine`, the best of `best`; None where no
+        bound was asked for.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     joints
@@ -248,6 +252,7 @@ class Decomposition:
     curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
     open_printers: tuple[PrinterRoom, ...] = ()
+    any_boxes_bound_s: float | None = None
 
     def compute_possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
         """Compute the share of the makespan that a perfect balance of the same total work would save.
@@ -295,6 +300,7 @@ class Decomposition:
             "sum_s": self.sum_s,
             "grid_makespan_s": self.grid_makespan_s,
             "lower_bound_s": self.lower_bound_s,
+            "any_boxes_bound_s": self.any_boxes_bound_s,
             "gap": self.gap,
             "compute_s": self.compute_s["total"],
             "stages_s": self.compute_s,

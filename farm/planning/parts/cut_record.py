@@ -56,6 +56,7 @@ class _CutRecord(_Record):
     attempts: tuple[Attempt, ...]
     curve: tuple[CurvePoint, ...]
     cutting: _CuttingRecord
+    any_boxes_bound_s: float | None = None
 
 
 def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:

@@ -1,0 +1,179 @@
+"""A lower bound on the makespan of all partitions into axis-parallel boxes, on any grid or none.
+
+The work of all boxes together is bounded, and one of n boxes has at least an n-th of it; or its share, where
+printers differ in speed.
+
+Surface and volume. Each face of the model is printed once, at the price of its cheapest axis pose at least;
+and each mm3 of solid in a box once.
+
+Cut faces. A line along an axis runs through a length L of solid. A box is at most R long, the longest side of
+a room. So m >= L / R boxes share it, and there are m - 1 places where one ends and the next begins: two cut
+faces each, whether the boxes touch or not. Where they do not, solid is left out, which only that far from the
+surface may be: at most a length U of the line. This costs at least
+
+    min(0 if L <= R, 2 k (m - 1) - v U / 3), with the least m >= 2 for which L - U <= m R
+
+more than to print it all in one box; k is the least price of a mm2 of cut face in any pose, v that of a mm3,
+a third of which counts for each of the three lines through a point. Integrated over all lines of three axes,
+this is what cuts cost, less what hollows save. It grows with L and falls with U. So L is taken as the longest
+run of cells full of solid, and U as all cells that may be left out, of the finer ones of a grid; the
+lines of a row of cells have the same.
+
+What `price` subtracts from the price of a box is at most the inset over the height of a room, and the rim of
+as much skin as a box may have that ends before the time that the bound does not exceed.
+
+As on a grid, a box is priced as one part in an axis pose (`grid.boxes`), even if its solid is in several
+pieces. Supports, brims and minimum times of layers only add to the price.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.grid import Cell, Grid, GridRules, fill_grid, place_planes
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+CELLS = 64  # cube root of the number of cells: for a wall of 10 mm in a model of 450 mm they are fine enough
+NO_COS = 1.0  # no normal has a larger component
+
+
+def bound_any_boxes_s(
+    triangles: Floats, printers: Sequence[PrinterRoom], cost: CostModel, wall_mm: float, makespan_s: float
+) -> float:
+    """Compute a lower bound in s on the makespan of all partitions of a solid into axis-parallel boxes.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, outward by the right-hand rule, closed.
+    printers
+        Printers, at most one box each, with their rooms and speeds.
+    cost
+        Print time of a part.
+    wall_mm
+        What is nearer than this to the surface is in a box; inf for all solid.
+    makespan_s
+        Any time, such as the makespan of a known partition: the bound is at most that. What a rim may save is
+        taken from it, as partitions that end later are above the bound in any case.
+    """
+    factors = [printer.time_factor for printer in printers]
+    rooms_mm = np.array([box for printer in printers for box in printer.boxes])
+    volume_mm3 = float(
+        np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6.0
+    )
+    work_s = _price_least_surface_s(triangles, cost) + cost.volume_s_mm3 * volume_mm3
+    grid = _lay_grid(triangles)
+    may_hollow = _find_unneeded_cells(grid, wall_mm)
+    for axis in range(3):
+        solid_mm, hollow_mm, area_mm2 = _measure_rows(grid, may_hollow, axis).T
+        work_s += float((area_mm2 * _price_cuts_s_mm2(solid_mm, hollow_mm, rooms_mm.max(), cost)).sum())
+    saved_s = cost.inset_s_mm * float(rooms_mm[:, 2].max())
+    saved_s += _compute_max_rim_s(cost, makespan_s / min(factors))
+    each_s = cost.fixed_s - saved_s
+    each_s *= min(factors) if each_s > 0.0 else max(factors)
+    return min(makespan_s, max(0.0, work_s / sum(1.0 / factor for factor in factors) + each_s))
+
+
+def _price_least_surface_s(triangles: Floats, cost: CostModel) -> float:
+    """Price the surface in s, each face as in the cheapest of its axis poses."""
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    lengths = np.linalg.norm(cross, axis=1)
+    cosines = np.abs(cross) / np.maximum(lengths, np.finfo(float).tiny)[:, None]
+    upright = np.sqrt(np.maximum(0.0, 1.0 - cosines * cosines))
+    skin = cost.skin_s_mm2 * cosines + cost.slope_s_mm2 * upright
+    prices = cost.lateral_s_mm2 * upright + (cosines > cost.skin_cos) * skin
+    return float((prices.min(axis=1) * lengths).sum() / 2.0)
+
+
+def _price_cuts_s_mm2(solid_mm: Floats, hollow_mm: Floats, longest_mm: float, cost: CostModel) -> Floats:
+    """Compute the least that lines (k,) cost more than in one box, in s for each mm2 of them.
+
+    Parameters
+    ----------
+    solid_mm, hollow_mm
+        (k,) lengths L of solid at least, and U that need not be printed at most.
+    longest_mm
+        Maximum length of a box.
+    cost
+        Print time of a part.
+    """
+    hidden_share = max(cost.hidden_bed_share, cost.hidden_top_share)
+    face_s_mm2 = min(cost.lateral_s_mm2, (1.0 - hidden_share) * cost.skin_s_mm2)
+    boxes = np.maximum(2.0, np.ceil((solid_mm - hollow_mm) / longest_mm - 1e-9))
+    cut_s = 2.0 * face_s_mm2 * (boxes - 1.0) - cost.volume_s_mm3 * hollow_mm / 3.0
+    return np.asarray(np.where(solid_mm > longest_mm, cut_s, np.minimum(0.0, cut_s)))
+
+
+def _compute_max_rim_s(cost: CostModel, makespan_s: float) -> float:
+    """Compute the most in s that `price` subtracts for rims from skin that costs at most a makespan."""
+    if not cost.skin_s_mm2:
+        return 0.0
+    rim, skin = cost.skin_rim_s_mm, cost.skin_s_mm2
+    return rim * (rim + math.sqrt(rim * rim + 4.0 * skin * makespan_s)) / (2.0 * skin)
+
+
+def _lay_grid(triangles: Floats) -> Grid:
+    """Lay a grid of near-cubes over a mesh."""
+    lo_mm, hi_mm = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    edge_mm = float(np.prod(hi_mm - lo_mm) ** (1.0 / 3.0)) / CELLS
+    px, py, pz = (
+        place_planes(lo, hi, max(1, round((hi - lo) / edge_mm)), np.zeros(0))
+        for lo, hi in zip(lo_mm.tolist(), hi_mm.tolist(), strict=True)
+    )
+    return fill_grid(triangles, (px, py, pz), GridRules(0.0, True, NO_COS, NO_COS))
+
+
+def _find_unneeded_cells(grid: Grid, wall_mm: float) -> Bools:
+    """Find the cells with solid that may be further from the surface than the wall.
+
+    Not those that lie within the wall of the furthest point of the box about the surface in a cell near them.
+    """
+    has_surface = grid.cells == Cell.BOUNDARY
+    surface = grid.surface[has_surface]
+    centres, halves = (surface[:, :3] + surface[:, 3:]) / 2.0, (surface[:, 3:] - surface[:, :3]) / 2.0
+    cells = np.argwhere(grid.needed)
+    low, high = (
+        np.stack([grid.planes[a][cells[:, a] + side] for a in range(3)], axis=1) for side in range(2)
+    )
+    _, nearest = cKDTree(centres).query((low + high) / 2.0)
+    reach_mm = np.abs((low + high) / 2.0 - centres[nearest]) + (high - low) / 2.0 + halves[nearest]
+    is_unneeded = np.zeros(grid.needed.shape, np.bool_)
+    is_unneeded[tuple(cells.T)] = np.linalg.norm(reach_mm, axis=1) > wall_mm
+    return is_unneeded
+
+
+def _measure_rows(grid: Grid, may_hollow: Bools, axis: int) -> Floats:
+    """Measure the blocks of cells with solid in each row along an axis.
+
+    Returns
+    -------
+    Floats
+        (k, 3): longest run of full cells and length of all cells that may be left out, in mm, and
+        cross-section in mm2.
+    """
+    a_mm, b_mm = (np.diff(grid.planes[other]) for other in range(3) if other != axis)
+    places_mm, rows = grid.planes[axis], np.moveaxis(grid.needed, axis, 2)
+    starts, _ = _find_runs(grid.needed, axis)
+    is_start = np.zeros(rows.shape, np.bool_)
+    is_start[tuple(starts.T)] = True
+    blocks = (is_start.cumsum() - 1).reshape(rows.shape)  # number of the block of each cell with solid
+    longest_mm, hollow_mm = np.zeros(len(starts)), np.zeros(len(starts))
+    full_starts, full_ends = _find_runs(grid.cells == Cell.INTERNAL, axis)
+    full_mm = places_mm[full_ends[:, 2]] - places_mm[full_starts[:, 2]]
+    np.maximum.at(longest_mm, blocks[tuple(full_starts.T)], full_mm)
+    left_out = np.argwhere(np.moveaxis(may_hollow, axis, 2))
+    np.add.at(hollow_mm, blocks[tuple(left_out.T)], np.diff(places_mm)[left_out[:, 2]])
+    return np.stack([longest_mm, hollow_mm, a_mm[starts[:, 0]] * b_mm[starts[:, 1]]], axis=1)
+
+
+def _find_runs(cells: Bools, axis: int) -> tuple[Ints, Ints]:
+    """Find where runs of marked cells begin and end along an axis: indices (k, 3), with that axis last."""
+    rows = np.moveaxis(cells, axis, 2).astype(np.int8)
+    steps = np.diff(np.pad(rows, ((0, 0), (0, 0), (1, 1))), axis=2)
+    return np.argwhere(steps == 1), np.argwhere(steps == -1)

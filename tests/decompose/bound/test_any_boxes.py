@@ -1,0 +1,132 @@
+"""Bound on boxes off any grid, compared with partitions at random planes, priced from their cut solids."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.bound import any_boxes, bound_any_boxes_s
+from decompose.geometry import Solid
+from decompose.pieces import find_cut_faces, list_box_planes
+from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_pose, price_axis_poses_s
+from decompose.printers import PrinterRoom
+
+ABOVE = 1.001  # ratio of the makespan that is said to be known to the one that must not be undercut
+COSTS = (
+    CostModel.from_recipe(Recipe()),
+    CostModel.from_recipe(Recipe(prelude_s=60.0, bed_layers_saved=2.0, top_layers_saved=1.0)),
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def coarse_cells() -> Iterator[None]:
+    """Take coarse cells, which save time; the bound holds for any."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(any_boxes, "CELLS", 20)
+        yield
+
+
+def draw_boxes(rng: np.random.Generator, count: int, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
+    """Divide a box at random planes."""
+    boxes = [np.array([low, high])]
+    while len(boxes) < count:
+        box = boxes.pop(int(rng.integers(len(boxes))))
+        axis = int(rng.integers(3))
+        near, far = box.copy(), box.copy()
+        near[1, axis] = far[0, axis] = rng.uniform(*(box[:, axis]))
+        boxes += [near, far]
+    return boxes
+
+
+def price_content_s(solid: Solid, box: np.ndarray, cost: CostModel) -> float:
+    """Price what a box holds of a solid in the best axis pose; 0 for nothing."""
+    content = solid.clip(*box)
+    if content.volume_mm3 < 1e-6:
+        return 0.0
+    vertices, faces = content.arrays()
+    if cost.hidden_bed_share == 0.0:
+        return float(price_axis_poses_s(vertices, faces, cost).min())
+    cut = find_cut_faces(vertices, faces, list_box_planes(box))
+    return min(measure_pose(vertices, faces, cut, turn, cost, False).price_s for turn in POSE_ROTATIONS)
+
+
+def is_deep(box: np.ndarray, low: np.ndarray, high: np.ndarray, wall_mm: float) -> bool:
+    """Check whether a box is further than the wall inside a block."""
+    return bool((box[0] >= low + wall_mm).all() and (box[1] <= high - wall_mm).all())
+
+
+def room(size_mm: float, factor: float = 1.0) -> PrinterRoom:
+    return PrinterRoom("", ((size_mm,) * 3,), factor)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 9), st.sampled_from(COSTS))
+def test_no_partition_of_a_curved_solid_undercuts_the_bound(
+    ring_with_bar: Solid, seed: int, count: int, cost: CostModel
+) -> None:
+    rng = np.random.default_rng(seed)
+    vertices, faces = ring_with_bar.arrays()
+    vertices = vertices * rng.uniform(0.5, 4.0)
+    solid = Solid.from_arrays(vertices, faces)
+    boxes = draw_boxes(rng, count, *(solid.bounds_mm + np.array([[-0.01], [0.01]])))
+    factors = rng.uniform(0.5, 2.0, len(boxes))
+    longest_mm = max(float(np.ptp(box, axis=0).max()) for box in boxes)
+    makespan_s = max(
+        price_content_s(solid, box, cost) * factor for box, factor in zip(boxes, factors, strict=True)
+    )
+    printers = [room(longest_mm, float(factor)) for factor in factors]
+    for wall_mm in (1.0, math.inf):
+        bound_s = bound_any_boxes_s(vertices[faces], printers, cost, wall_mm, ABOVE * makespan_s)
+        assert 0.0 <= bound_s <= makespan_s
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 10**6), st.floats(200.0, 900.0), st.floats(5.0, 30.0))
+def test_no_hollow_partition_of_a_block_undercuts_the_bound(
+    seed: int, side_mm: float, wall_mm: float
+) -> None:
+    """Leave out the inner one of 27 boxes, and print the others on as many printers."""
+    rng = np.random.default_rng(seed)
+    low, high = np.zeros(3), side_mm * rng.uniform(0.5, 1.0, 3)
+    solid = Solid.box(low, high)
+    near = wall_mm + rng.uniform(0.0, 0.2, 3) * (high - 2.0 * wall_mm)
+    far = high - wall_mm - rng.uniform(0.0, 0.2, 3) * (high - 2.0 * wall_mm)
+    planes = np.stack([low, near, far, high])
+    boxes = [
+        np.array([[planes[i + side, axis] for axis, i in enumerate(cell)] for side in range(2)])
+        for cell in np.ndindex(3, 3, 3)
+    ]
+    boxes = [box for box in boxes if not is_deep(box, low, high, wall_mm)]
+    assert len(boxes) == 26
+    times_s = [price_content_s(solid, box, COSTS[0]) for box in boxes]
+    vertices, faces = solid.arrays()
+    longest_mm = max(float(np.ptp(box, axis=0).max()) for box in boxes)
+    printers = [room(longest_mm)] * len(boxes)
+    bound_s = bound_any_boxes_s(vertices[faces], printers, COSTS[0], wall_mm, ABOVE * max(times_s))
+    assert bound_s <= sum(times_s) / len(boxes)
+
+
+def test_cuts_that_rooms_need_and_solid_that_must_be_printed_raise_the_bound(cost: CostModel) -> None:
+    solid = Solid.box((0, 0, 0), (400, 400, 400))
+    vertices, faces = solid.arrays()
+    triangles = vertices[faces]
+    small, large = [room(205.0)] * 8, [room(500.0)] * 8
+    hollow_s = bound_any_boxes_s(triangles, small, cost, 10.0, 1e6)
+    full_s = bound_any_boxes_s(triangles, small, cost, math.inf, 1e6)
+    uncut_s = bound_any_boxes_s(triangles, large, cost, math.inf, 1e6)
+    assert hollow_s < full_s and uncut_s < full_s
+    makespan_s = price_content_s(solid, np.array([[0.0] * 3, [200.0] * 3]), cost)
+    assert 0.85 * makespan_s < full_s <= makespan_s  # eight cubes are the best partition into boxes
+    assert bound_any_boxes_s(triangles, small, cost, math.inf, 10.0) == 10.0
+
+
+def test_faster_printers_lower_the_bound_by_their_throughput(cost: CostModel) -> None:
+    vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
+    equal_s = bound_any_boxes_s(vertices[faces], [room(205.0)] * 8, cost, math.inf, 1e6)
+    twice_s = bound_any_boxes_s(vertices[faces], [room(205.0, 0.5)] * 8, cost, math.inf, 5e5)
+    assert twice_s == pytest.approx(0.5 * equal_s)
