@@ -101,4 +101,4 @@ def clear(page):
     task = page.locator("#todo")
     expect(task).to_contain_text("Clear 1 bed")
     task.get_by_role("button", name="Taken off, part is good").click()
-    expect(task).to_contain_text("Nothing.")
+    expect(task).to_contain_text("Nothing to do.")

@@ -14,8 +14,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose import best
 from decompose import decompose as decompose_module
+from decompose.best import attempt
 from decompose.engines import ENGINES
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid
@@ -101,7 +101,7 @@ def test_result_is_independent_of_clock_and_threads(
     results = []
     for step_s, executor in ((1e-9, None), (1e6, ReversedExecutor()), (1.0, ThreadPoolExecutor(4))):
         ticks = count(0.0, step_s)
-        for module in (best, decompose_module):
+        for module in (attempt, decompose_module):
             monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
         results.append(list_figures(run_within(share * compute_effort_s(unlimited_result), executor)))
     assert are_equal(results[0], results[1])
