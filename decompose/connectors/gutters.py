@@ -1,7 +1,8 @@
 """Gutters: upright grooves on hidden faces, which hide the seams of the outer walls and give room to glue.
 
 The slicer begins each ring at its sharpest inner corner. Without one it begins at an edge between two cut
-faces, or at a fold of the visible surface, and leaves a bump there.
+faces, or at a fold of the visible surface, and leaves a bump there. A gutter is sharper than the grooves of
+keys and marks, so that no bump stays in the groove in which a key has to lie.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ PITCH_MM = 4.0  # pitch of the tested places
 SHORTEST_MM = 15.0  # minimum range of heights that a gutter adds
 MAX_GUTTERS = 3  # maximum number of gutters of a part
 ROUND_MM = 0.05
+WIDTH = 0.7  # half of its width, as a multiple of its depth: an angle of 70 degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +72,7 @@ def place_gutters(room: Room, joints: Sequence[Joint]) -> list[Gutter]:
             best = places[int(np.argmax(gains))]
             covered_span = covered_span.union(_span(best))
             places = [place for place in places if place.side is not best.side]
-            groove = make_groove(part, best.line_mm, best.side.into)
+            groove = make_groove(part, best.line_mm, best.side.into, width=WIDTH)
             room.tools.append(groove)
             gutters.append(Gutter(part, best.side.joint, best.line_mm, groove))
     return gutters

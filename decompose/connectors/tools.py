@@ -89,14 +89,19 @@ def make_hole(
     return None
 
 
-def make_groove(part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM) -> Tool:
-    """Make a V groove along a stroke with ends (2, 3), or a cone where they are equal."""
+def make_groove(
+    part: int, ends_mm: Floats, into: Floats, depth_mm: float = GROOVE_MM, width: float = 1.0
+) -> Tool:
+    """Make a V groove along a stroke with ends (2, 3), or a cone where they are equal.
+
+    Half of its width is `width` times its depth.
+    """
     along = ends_mm[1] - ends_mm[0]
     if not along.any():
         along = np.cross(into, np.eye(3)[int(np.abs(into).argmin())])
     first = along / np.linalg.norm(along)
     second = np.cross(into, first)
-    rim = (first * np.cos(_CONE)[:, None] + second * np.sin(_CONE)[:, None]) * (depth_mm + LIP_MM)
+    rim = (first * np.cos(_CONE)[:, None] + width * second * np.sin(_CONE)[:, None]) * (depth_mm + LIP_MM)
     cone = np.vstack([rim - LIP_MM * into, depth_mm * into])
     points = np.concatenate([cone + end for end in np.unique(ends_mm, axis=0)])
     return Tool(part, points, into, float(ends_mm[0] @ into))
