@@ -1,6 +1,6 @@
 """Generator of the pages of docs/reference that come from the program: its commands, records and names.
 
-What a name means stands in docs/reference/words.yaml; a name without words is an error.
+The meanings of names are in docs/reference/words.yaml; a name without words is an error.
 
 Usage: python docs/generate.py [--check]
 """
@@ -185,7 +185,7 @@ def write_fleet_page(words: dict[str, Any]) -> str:
 
 def _default(name: str, schema: dict[str, Any]) -> str:
     if name in schema.get("required", ()):
-        return "must be there"
+        return "required"
     default = schema["properties"][name].get("default")
     if default is None or default == [] or isinstance(default, dict):
         return ""
