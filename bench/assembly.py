@@ -27,11 +27,12 @@ from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 
 PLAY_MM = 0.7  # greatest distance between two holes that one pin joins, slots included
 LEVEL_MM = 0.3  # largest offset between faces in one plane
-TURN = 0.99  # least cosine between arrows, or normals, that agree
-RIGHT_MM, RIGHT_TURN = 1.5, 0.05  # largest error of a correct placement: distance, and entry of the rotation
+MIN_COSINE = 0.99  # of the angle between arrows, or normals, that agree
+MAX_ERROR_MM, MAX_ROTATION_ERROR = 1.5, 0.05  # of a correct placement: translation, entry of the rotation
 
 
-PlacedFace = tuple[CodedFace, str, Floats, Floats]  # face, number of its part, turn and move of the part
+PlacedFace = tuple[CodedFace, str, Floats, Floats]
+"""Face, number of its part, and rotation and translation of the part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +54,10 @@ class PageStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Socket:
-    """Glued face of a body: holes and grooves (n, 3), their depths, normals and arrows."""
+    """Glued face of a body: holes and grooves (n, 3), their reaches (see `Hole`), normals and arrows."""
 
     at_mm: Floats
-    depths_mm: Floats
+    reaches_mm: Floats
     normals: Floats
     arrows: dict[str, Floats]
     is_groove: Bools
@@ -64,7 +65,9 @@ class Socket:
 
 @dataclass(slots=True)
 class Outcome:
-    """Outcome of a job: steps assembled correctly, wrongly, ambiguously, not at all, or with under two pins.
+    """Outcome of a job: numbers of steps assembled correctly, wrongly, in several ways, or not at all.
+
+    Steps with under two pins are not assembled.
 
     Attributes
     ----------
@@ -119,16 +122,18 @@ def assemble(folder: Path) -> Outcome:
         for part, name in names.items()
     }
     outcome = Outcome(folder.name, steps=len(steps))
-    placed = {part: np.eye(4) for part in true_poses}  # pose of each part in the frame of its body
+    poses = {part: np.eye(4) for part in true_poses}  # pose of each part in the frame of its body
     sockets: list[tuple[Socket, Socket]] = []
     for step in steps:
         lettered = [(part, text) for part, text in step.codes if "-" in text]
-        read = {(names[part], text) for part in true_poses for face in faces[part] for text in face.codes}
-        outcome.misread += sum(code not in read for code in lettered)
-        fixed, moved = (collect(body, step, faces, placed, names) for body in (step.fixed, step.moved))
+        read_codes = {
+            (names[part], text) for part in true_poses for face in faces[part] for text in face.codes
+        }
+        outcome.misread += sum(code not in read_codes for code in lettered)
+        fixed, moved = (collect_holes(body, step, faces, poses, names) for body in (step.fixed, step.moved))
         located = step.is_located
         placements = list(find_placements(fixed, moved, step.pins_mm, step.keys_mm)) if located else []
-        true_placement = find_true_placement(step, true_poses, placed)
+        true_placement = find_true_placement(step, true_poses, poses)
         if not located:
             outcome.without_pins += 1
         elif not placements:
@@ -144,7 +149,7 @@ def assemble(folder: Path) -> Outcome:
             outcome.least_gap_mm = min(outcome.least_gap_mm, measure_gap(fixed, moved, step.pins_mm))
         placement = placements[0] if len(placements) == 1 else true_placement
         for part in step.moved:
-            placed[part] = placement @ placed[part]
+            poses[part] = placement @ poses[part]
     outcome.wrong_fits = sum(
         any(True for _ in find_placements(fixed, moved, None))
         for (a, (fixed, _)), (b, (_, moved)) in product(enumerate(sockets), repeat=2)
@@ -153,36 +158,34 @@ def assemble(folder: Path) -> Outcome:
     return outcome
 
 
-def collect(
+def collect_holes(
     body: Sequence[str],
     step: PageStep,
     faces: dict[str, list[CodedFace]],
-    placed: dict[str, Floats],
+    poses: dict[str, Floats],
     names: dict[str, str],
 ) -> Socket:
     """Collect the faces of a body that carry the codes of a step, or are level with one that does."""
     own_names = {names[part] for part in body}
     step_codes = {(part, text) for part, text in step.codes if part in own_names}
     placed_faces = [
-        (face, names[part], placed[part][:3, :3], placed[part][:3, 3])
-        for part in body
-        for face in faces[part]
+        (face, names[part], poses[part][:3, :3], poses[part][:3, 3]) for part in body for face in faces[part]
     ]
     planes = [
-        compute_plane(face, turn, move)
-        for face, name, turn, move in placed_faces
+        compute_plane(face, rotation, translation)
+        for face, name, rotation, translation in placed_faces
         if any((name, text) in step_codes for text in face.codes) or (face.holes and name in step.blank)
     ]
     level_faces = [
-        (face, name, turn, move)
-        for face, name, turn, move in placed_faces
-        for plane in [compute_plane(face, turn, move)]
-        if any(plane[:3] @ other[:3] > TURN and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
+        (face, name, rotation, translation)
+        for face, name, rotation, translation in placed_faces
+        for plane in [compute_plane(face, rotation, translation)]
+        if any(plane[:3] @ other[:3] > MIN_COSINE and abs(plane[3] - other[3]) < LEVEL_MM for other in planes)
     ]
     holes = list_open_holes(level_faces, placed_faces)
     arrows = {
-        "-".join(sorted((name, text.split("-")[1]))): turn @ arrow
-        for face, name, turn, _ in level_faces
+        "-".join(sorted((name, text.split("-")[1]))): rotation @ arrow
+        for face, name, rotation, _ in level_faces
         for text, arrow in face.codes.items()
         if arrow is not None and (name, text) in step_codes
     }
@@ -198,29 +201,31 @@ def collect(
 def list_open_holes(
     faces: Sequence[PlacedFace], body: Sequence[PlacedFace]
 ) -> list[tuple[Floats, float, Floats, bool]]:
-    """List place, depth, normal and kind of the holes in faces, without those of joints that are closed."""
+    """List position, reach, normal and kind of the holes in faces that belong to no closed joint."""
     mouths = [
-        (turn @ hole.at_mm + move, turn @ face.normal) for face, _, turn, move in body for hole in face.holes
+        (rotation @ hole.at_mm + translation, rotation @ face.normal)
+        for face, _, rotation, translation in body
+        for hole in face.holes
     ]
 
     def is_open(at_mm: Floats, normal: Floats) -> bool:
         return not any(
-            np.linalg.norm(at_mm - other_mm) < PLAY_MM and normal @ other < -TURN
+            np.linalg.norm(at_mm - other_mm) < PLAY_MM and normal @ other < -MIN_COSINE
             for other_mm, other in mouths
         )
 
     return [
-        (turn @ hole.at_mm + move, hole.depth_mm, turn @ face.normal, hole.is_groove)
-        for face, _, turn, move in faces
+        (rotation @ hole.at_mm + translation, hole.reach_mm, rotation @ face.normal, hole.is_groove)
+        for face, _, rotation, translation in faces
         for hole in face.holes
-        if is_open(turn @ hole.at_mm + move, turn @ face.normal)
+        if is_open(rotation @ hole.at_mm + translation, rotation @ face.normal)
     ]
 
 
-def compute_plane(face: CodedFace, turn: Floats, move: Floats) -> Floats:
+def compute_plane(face: CodedFace, rotation: Floats, translation: Floats) -> Floats:
     """Compute the normal and offset (4,) of a face of a part that is turned and moved."""
-    normal = turn @ face.normal
-    return np.append(normal, face.offset_mm + float(normal @ move))
+    normal = rotation @ face.normal
+    return np.append(normal, face.offset_mm + float(normal @ translation))
 
 
 def find_placements(
@@ -256,7 +261,7 @@ def find_placements(
 def differ(placement: Floats, other: Floats) -> bool:
     """Check whether two placements (4, 4) differ by more than the play of the pins."""
     distances_mm = np.abs(placement - other)
-    return bool(distances_mm[:3, 3].max() > RIGHT_MM or distances_mm[:3, :3].max() > RIGHT_TURN)
+    return bool(distances_mm[:3, 3].max() > MAX_ERROR_MM or distances_mm[:3, :3].max() > MAX_ROTATION_ERROR)
 
 
 def place(fixed: Socket, moved: Socket, ends: tuple[int, int], others: tuple[int, int]) -> Floats | None:
@@ -287,26 +292,26 @@ def pins_fit(
     """Check that each pin and key has a hole on both sides that is deep enough, and that the arrows agree."""
     at_mm = moved.at_mm @ placement[:3, :3].T + placement[:3, 3]
     distances_mm = np.linalg.norm(fixed.at_mm[:, None] - at_mm[None], axis=2)
-    facing = fixed.normals @ (moved.normals @ placement[:3, :3].T).T < -TURN
-    meets = (distances_mm < PLAY_MM) & facing & (fixed.is_groove[:, None] == moved.is_groove[None])
+    is_opposite = fixed.normals @ (moved.normals @ placement[:3, :3].T).T < -MIN_COSINE
+    is_joined = (distances_mm < PLAY_MM) & is_opposite & (fixed.is_groove[:, None] == moved.is_groove[None])
     if pins_mm is None:
-        return bool(meets.any(axis=1).all() and meets.any(axis=0).all())
+        return bool(is_joined.any(axis=1).all() and is_joined.any(axis=0).all())
     if any(
-        fixed.arrows[code] @ (placement[:3, :3] @ moved.arrows[code]) < TURN
+        fixed.arrows[code] @ (placement[:3, :3] @ moved.arrows[code]) < MIN_COSINE
         for code in fixed.arrows.keys() & moved.arrows
     ):
         return False
-    rooms_mm = fixed.depths_mm[:, None] + moved.depths_mm[None]
+    spaces_mm = fixed.reaches_mm[:, None] + moved.reaches_mm[None]
     return all(
-        has_room(rooms_mm[meets & (fixed.is_groove[:, None] == is_key)], lengths_mm)
+        holds_all(spaces_mm[is_joined & (fixed.is_groove[:, None] == is_key)], lengths_mm)
         for is_key, lengths_mm in ((False, pins_mm), (True, keys_mm))
     )
 
 
-def has_room(rooms_mm: Floats, lengths_mm: Sequence[float]) -> bool:
-    """Check whether there is a longer room for each length."""
-    rooms, lengths = sorted(rooms_mm, reverse=True), sorted(lengths_mm, reverse=True)
-    return len(rooms) >= len(lengths) and all(a > b for a, b in zip(rooms, lengths, strict=False))
+def holds_all(spaces_mm: Floats, lengths_mm: Sequence[float]) -> bool:
+    """Check whether there is a longer space for each length."""
+    spaces, lengths = sorted(spaces_mm, reverse=True), sorted(lengths_mm, reverse=True)
+    return len(spaces) >= len(lengths) and all(a > b for a, b in zip(spaces, lengths, strict=False))
 
 
 def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float:
@@ -314,16 +319,16 @@ def measure_gap(fixed: Socket, moved: Socket, pins_mm: Sequence[float]) -> float
     longest = max(pins_mm, default=0.0)
     gaps = [
         longest - a - b
-        for a, b in product(fixed.depths_mm[~fixed.is_groove], moved.depths_mm[~moved.is_groove])
+        for a, b in product(fixed.reaches_mm[~fixed.is_groove], moved.reaches_mm[~moved.is_groove])
         if min(a, b) < longest / 2.0 < max(a, b)
     ]
     return float(min(gaps, default=np.inf))
 
 
-def find_true_placement(step: PageStep, true_poses: dict[str, Floats], placed: dict[str, Floats]) -> Floats:
+def find_true_placement(step: PageStep, true_poses: dict[str, Floats], poses: dict[str, Floats]) -> Floats:
     """Compute the true placement (4, 4) of the moved body in the frame of the fixed one."""
     a, b = step.fixed[0], step.moved[0]
-    return np.asarray(placed[a] @ np.linalg.inv(true_poses[a]) @ true_poses[b] @ np.linalg.inv(placed[b]))
+    return np.asarray(poses[a] @ np.linalg.inv(true_poses[a]) @ true_poses[b] @ np.linalg.inv(poses[b]))
 
 
 def main() -> None:

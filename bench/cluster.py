@@ -2,21 +2,21 @@
 
 ``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
 rounds in which a process or the network fails; see `bench.cluster_faults`. The figures of each round are
-printed when it ends, with `--json` to standard error. Checked: the job is planned as on one computer, each
-result is taken once, no task and in the end no process is left on any host.
+printed when it ends, with `--json` to standard error. Checks: the plan of the job is that of one computer,
+each result is taken once, and at the end no host has a task or an extra process.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
 this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded. ``... drawings [--parts
 20,100] [--json]`` draws the parts of such jobs, by one worker and by several. ``... search [--parts 20,100]
 [--workers 1,2] [--budget S] [--json]`` searches for the parts of such jobs, its attempts by several workers.
 
-``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--page FILE] [--json]`` runs
-jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
-`bench.cluster_replay`. `late_ms` is the median of the time that a task takes beyond its sleep, `efficiency`
-the work over workers times duration, `critical_s` the longest job on an unlimited number of workers, its
-tasks named in `critical_path`; all but `late_ms` in unscaled seconds. The jobs run a second time with all
-drawings of a job by one worker: `one_draws_s`, and `ratio`, the first duration as a share of it.
-`--page docs/explanation/cluster.md` puts the figures there as a table.
+``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--tasks FILE] [--page FILE]
+[--json]`` runs jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
+`bench.cluster_replay`. `overhead_ms` is the median of the time that a task takes beyond its sleep,
+`efficiency` the work divided by workers times duration, `critical_s` the longest job on an unlimited number
+of workers, its tasks named in `critical_path`. All times but `overhead_ms` are unscaled. In a second run one
+worker makes all drawings of a job: `single_drawer_s`, and `ratio`, the first duration as a share of it.
+`--page docs/explanation/cluster.md` writes the figures into the table there.
 """
 
 from __future__ import annotations
@@ -37,32 +37,32 @@ REPLAY_COLUMNS = {
     "workers": "{workers}",
     "jobs": "{jobs}",
     "tasks": "{tasks}",
-    "took": "{duration_s:.0f} s",
+    "duration": "{duration_s:.0f} s",
     "at least": "{bound_s:.0f} s",
     "efficiency": "{efficiency:.0%}",
-    "CPU a task": "{cpu_ms_per_task:.0f} ms",
-    "a task takes longer by": "{late_ms:.0f} ms",
-    "if one worker draws": "{one_draws_s:.0f} s",
+    "CPU per task": "{cpu_ms_per_task:.0f} ms",
+    "overhead of a task": "{overhead_ms:.0f} ms",
+    "if one worker draws": "{single_drawer_s:.0f} s",
     "ratio": "{ratio:.2f}",
 }
 FAULT_COLUMNS = {
     "fault": "{fault}",
     "rounds": "{rounds}",
-    "in mid-job": "{in_mid_job}",
-    "took": "{least_s:.0f} to {most_s:.0f} s",
+    "during the job": "{during_job}",
+    "duration": "{least_s:.0f} to {most_s:.0f} s",
     "jobs ended, as on one computer": "{same}",
-    "tasks right": "{right}",
-    "taken twice": "{twice}",
-    "tasks left": "{left}",
-    "processes left": "{more}",
-    "continued with its own pool": "{here}",
+    "correct tasks": "{correct_tasks}",
+    "results taken twice": "{results_taken_twice}",
+    "remaining tasks": "{remaining_tasks}",
+    "extra processes": "{extra_processes}",
+    "used the local pool": "{used_local_pool}",
 }
 
 
 def main() -> None:
     """Parse the command line, and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("what", choices=["faults", "jobs", "drawings", "search", "replay"])
+    parser.add_argument("measurement", choices=["faults", "jobs", "drawings", "search", "replay"])
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--parts", default="20,100")
@@ -79,24 +79,24 @@ def main() -> None:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="farm-cluster-") as name:
         folder = Path(name)
-        if args.what == "faults":
+        if args.measurement == "faults":
             figures = measure_faults(args.rounds, args.seed, folder, args.json)
-        elif args.what == "jobs":
+        elif args.measurement == "jobs":
             figures = {"runs": measure_jobs(args, folder)}
-        elif args.what == "search":
+        elif args.measurement == "search":
             figures = {"runs": measure_searches(args, folder)}
-        elif args.what == "drawings":
+        elif args.measurement == "drawings":
             figures = {"runs": measure_drawings(args, folder)}
         else:
             figures = {"runs": replay_jobs(args, folder)}
     if args.page is not None:
-        is_replay = args.what == "replay"
+        is_replay = args.measurement == "replay"
         table = (
             (REPLAY_COLUMNS, figures["runs"])
             if is_replay
             else (FAULT_COLUMNS, sum_up_faults(figures["rounds"]))
         )
-        args.page.write_text(replace_table(args.page.read_text(), args.what, *table))
+        args.page.write_text(replace_table(args.page.read_text(), args.measurement, *table))
     if args.json:
         print(json.dumps(figures))
         return
@@ -173,20 +173,20 @@ def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return a row for each kind of fault."""
     rows = []
     for fault in dict.fromkeys(figures["fault"] for figures in rounds):
-        of_kind = [figures for figures in rounds if figures["fault"] == fault]
+        fault_rounds = [figures for figures in rounds if figures["fault"] == fault]
         rows.append(
             {
                 "fault": fault,
-                "rounds": len(of_kind),
-                "least_s": min(figures["duration_s"] for figures in of_kind),
-                "most_s": max(figures["duration_s"] for figures in of_kind),
-                "same": sum(figures["job_ended"] and not figures["differences"] for figures in of_kind),
-                "right": sum(figures["tasks_right"] for figures in of_kind),
-                "twice": sum(figures["taken_twice"] for figures in of_kind),
-                "left": sum(figures["tasks_left"] for figures in of_kind),
-                "in_mid_job": sum(figures["in_mid_job"] for figures in of_kind),
-                "more": sum(figures["processes_more"] for figures in of_kind),
-                "here": sum(figures["here"] for figures in of_kind),
+                "rounds": len(fault_rounds),
+                "least_s": min(figures["duration_s"] for figures in fault_rounds),
+                "most_s": max(figures["duration_s"] for figures in fault_rounds),
+                "same": sum(figures["job_ended"] and not figures["differences"] for figures in fault_rounds),
+                "correct_tasks": sum(figures["correct_tasks"] for figures in fault_rounds),
+                "results_taken_twice": sum(figures["results_taken_twice"] for figures in fault_rounds),
+                "remaining_tasks": sum(figures["remaining_tasks"] for figures in fault_rounds),
+                "during_job": sum(figures["during_job"] for figures in fault_rounds),
+                "extra_processes": sum(figures["extra_processes"] for figures in fault_rounds),
+                "used_local_pool": sum(figures["used_local_pool"] for figures in fault_rounds),
             }
         )
     return rows

@@ -69,17 +69,19 @@ class Watch:
 
     Attributes
     ----------
-    silent_s
+    samples, place_samples, wait_samples
+        Number of samples, of those that name the place of the tasks, and of those that name a wait.
+    longest_silence_s
         Longest time in which the sentence named neither the place of the tasks nor the cause of a wait.
-    here
+    used_local_pool
         True if it said that this computer runs the tasks.
     """
 
     samples: int = 0
-    where: int = 0
-    waits: int = 0
-    silent_s: float = 0.0
-    here: bool = False
+    place_samples: int = 0
+    wait_samples: int = 0
+    longest_silence_s: float = 0.0
+    used_local_pool: bool = False
     texts: list[str] = field(default_factory=list)
 
     async def follow(self, pool: ClusterPool) -> None:
@@ -94,9 +96,12 @@ class Watch:
             if names_place or waits or not (state.tasks or state.waiting or state.here):
                 last_named_s = now_s
             self.samples += 1
-            self.where, self.waits = self.where + names_place, self.waits + waits
-            self.silent_s = max(self.silent_s, now_s - last_named_s)
-            self.here = self.here or state.place is Place.HERE
+            self.place_samples, self.wait_samples = (
+                self.place_samples + names_place,
+                self.wait_samples + waits,
+            )
+            self.longest_silence_s = max(self.longest_silence_s, now_s - last_named_s)
+            self.used_local_pool = self.used_local_pool or state.place is Place.HERE
             if not self.texts or self.texts[-1].split(",")[0] != view.text.split(",")[0]:
                 self.texts.append(view.text)
             await asyncio.sleep(SAMPLE_S)
@@ -127,7 +132,7 @@ class Rounds:
     ----------
     pool
         Pool on the cluster.
-    own
+    local_pool
         Pool of this computer, on which the job is planned once more, for comparison.
     """
 
@@ -145,7 +150,7 @@ class Rounds:
             await asyncio.sleep(SAMPLE_S)
         self._idle = self._idle or self._count_processes()
         outs = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASKS)]
-        state = StateFolder(self._folder / f"round-{number}" / "there")
+        state = StateFolder(self._folder / f"round-{number}" / "cluster")
         job = self._make_job(number, state)
         taken_files, watch = TakenFiles(), Watch()
         cluster_pool.write_files = taken_files.write
@@ -173,14 +178,14 @@ class Rounds:
             "victim": victim,
             "after_s": after_s,
             "duration_s": duration_s,
-            "in_mid_job": after_s < duration_s,
+            "during_job": after_s < duration_s,
             "job_ended": isinstance(plan, Plan),
             "differences": list_differences(plan, local),
-            "tasks_right": sum(task_results),
-            "taken_twice": taken_files.count_repeated(),
-            "tasks_left": task_count,
+            "correct_tasks": sum(task_results),
+            "results_taken_twice": taken_files.count_repeated(),
+            "remaining_tasks": task_count,
             "processes": processes,
-            "processes_more": (processes - self._idle).total(),
+            "extra_processes": (processes - self._idle).total(),
             **watch_figures,
         }
 
@@ -188,7 +193,7 @@ class Rounds:
         """Plan the job of a round on this computer, or return its plan of an earlier round."""
         kind = number % MODELS
         if kind not in self._plans:
-            state = StateFolder(self._folder / f"round-{number}" / "here")
+            state = StateFolder(self._folder / f"round-{number}" / "local")
             for pid in self._local_pool.pids:
                 os.setpriority(os.PRIO_PROCESS, pid, NICE + 19)
             self._plans[kind] = await _plan(state, self._make_job(number, state), self._local_pool)
@@ -206,13 +211,13 @@ class Rounds:
         )
 
     async def _run_task(self, path: Path) -> bool:
-        """Run a task at the same time as the job. Returns True if its result is correct."""
+        """Run a task beside the job. Returns True if its result is correct."""
         size = await self._pool.run(slow, self._source, path, TASK_S, limit=LIMIT, group="tasks")
         content = self._source.read_bytes()
         return size == len(content) and (path / "copy").read_bytes() == content
 
     async def _fail(self, fault: str, after_s: float, restart_s: float) -> str:
-        """Cause a fault after some seconds, and repair it. Returns the fault."""
+        """Cause a fault after some seconds, and repair it. Returns the names of its hosts."""
         await asyncio.sleep(after_s)
         kind, _, target = fault.partition(" ")
         victims = {"worker": [self._rng.choice(WORKERS)], "scheduler": [SCHEDULER], "farm": [FARM]}
@@ -272,21 +277,21 @@ def list_differences(plan: Any, local: Any) -> list[str]:
         return [f"{plan} and {local}"]
     pairs: list[tuple[str, Any, Any]] = []
     for item in fields(Plan):
-        part_value, other_value = getattr(plan, item.name), getattr(local, item.name)
+        values, local_values = getattr(plan, item.name), getattr(local, item.name)
         if item.name not in ("parts", "plates"):
-            pairs.append((item.name, part_value, other_value))
-        elif len(part_value) != len(other_value):
-            pairs.append((item.name, len(part_value), len(other_value)))
+            pairs.append((item.name, values, local_values))
+        elif len(values) != len(local_values):
+            pairs.append((item.name, len(values), len(local_values)))
         else:
             pairs += [
-                (f"{item_value.id} {name}", value, dict(other_item)[name])
-                for item_value, other_item in zip(part_value, other_value, strict=True)
-                for name, value in item_value
+                (f"{record.id} {name}", value, dict(local_record)[name])
+                for record, local_record in zip(values, local_values, strict=True)
+                for name, value in record
             ]
     return [
-        f"{name}: {part_value!r:.200} and {other_value!r:.200}"
-        for name, part_value, other_value in pairs
-        if part_value != other_value and name.rpartition(" ")[2] not in UNCOMPARED_FIELDS
+        f"{name}: {value!r:.200} and {local_value!r:.200}"
+        for name, value, local_value in pairs
+        if value != local_value and name.rpartition(" ")[2] not in UNCOMPARED_FIELDS
     ]
 
 
@@ -328,15 +333,15 @@ async def run_faults(
 def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
     durations_s = sorted(row["duration_s"] for row in figures)
     return {
-        "in_mid_job": sum(row["in_mid_job"] for row in figures),
+        "during_job": sum(row["during_job"] for row in figures),
         "jobs_ended": sum(row["job_ended"] for row in figures),
         "same_plans": sum(not row["differences"] for row in figures),
-        "tasks_right": sum(row["tasks_right"] for row in figures),
+        "correct_tasks": sum(row["correct_tasks"] for row in figures),
         "tasks": TASKS * len(figures),
-        "taken_twice": sum(row["taken_twice"] for row in figures),
-        "tasks_left": sum(row["tasks_left"] for row in figures),
-        "processes_more": sum(row["processes_more"] for row in figures),
-        "here": sum(row["here"] for row in figures),
-        "silent_s": max(row["silent_s"] for row in figures),
+        "results_taken_twice": sum(row["results_taken_twice"] for row in figures),
+        "remaining_tasks": sum(row["remaining_tasks"] for row in figures),
+        "extra_processes": sum(row["extra_processes"] for row in figures),
+        "used_local_pool": sum(row["used_local_pool"] for row in figures),
+        "longest_silence_s": max(row["longest_silence_s"] for row in figures),
         "duration_s": [durations_s[0], durations_s[len(durations_s) // 2], durations_s[-1]],
     }

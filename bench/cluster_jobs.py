@@ -45,9 +45,9 @@ PARALLEL_TASKS = {
 
 @dataclass(frozen=True, slots=True)
 class TimedTask:
-    """A task of a job: its begin and end after the start of the job, and CPU seconds with its engine."""
+    """Task of a job: begin and end after the start of the job, and CPU seconds, the engine's included."""
 
-    what: str
+    kind: str
     begin_s: float
     end_s: float
     cpu_s: float
@@ -112,12 +112,12 @@ def measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
 
 async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
     state = StateFolder(folder / f"{parts}-{workers}")
-    own = Workers(folder / "workers", workers, warm=warm)
-    while own.starting is not None:
+    local_pool = Workers(folder / "workers", workers, warm=warm)
+    while local_pool.starting is not None:
         await asyncio.sleep(0.1)
     try:
         job, fleet = _make_job(parts, state)
-        pool = TimingPool(own)
+        pool = TimingPool(local_pool)
         future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         planner = JobPlanner(state, pool, BUDGET_S, lambda _, plan: future.set_result(plan), lambda *_: None)
         begin_s = time.monotonic()
@@ -125,7 +125,7 @@ async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]
         plan = await future
         duration_s = time.monotonic() - begin_s
     finally:
-        own.close()
+        local_pool.close()
     shutil.rmtree(state.root)
     if not isinstance(plan, Plan):
         raise SystemExit(f"{parts} parts: {plan}")
@@ -146,16 +146,17 @@ def measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> d
     Returns
     -------
     dict
-        `duration_s`; `cpu_s` of all tasks; `chain_s`, the longest tasks of the stages together; `ratio`, that
-        as a share of `cpu_s`; `attempts`, the tasks of each stage; `makespan_s`; `effort_s`; `tasks`.
+        `duration_s`; `cpu_s` of all tasks; `chain_s`, the sum of the longest task of each stage; `ratio`,
+        `chain_s` as a share of `cpu_s`; `attempts`, the number of tasks of each stage; `makespan_s`;
+        `effort_s`; `tasks`.
     """
     return asyncio.run(_measure_search(parts, workers, budget_s, folder))
 
 
 async def _measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
     state = StateFolder(folder / f"{parts}-{workers}-search")
-    own = Workers(folder / "workers", workers, warm=warm)
-    while own.starting is not None:
+    local_pool = Workers(folder / "workers", workers, warm=warm)
+    while local_pool.starting is not None:
         await asyncio.sleep(0.1)
     try:
         job, fleet = _make_job(parts, state)
@@ -165,12 +166,12 @@ async def _measure_search(parts: int, workers: int, budget_s: float, folder: Pat
         task = DecomposeTask(
             1, model, job.options, fleet.printers, 1, work, budget_s=budget_s, side_by_side=True
         )
-        pool = TimingPool(own)
+        pool = TimingPool(local_pool)
         begin_s = time.monotonic()
         decomposed_job = await SearchRounds(PoolShare(pool, 1), task).run()
         duration_s = time.monotonic() - begin_s
     finally:
-        own.close()
+        local_pool.close()
     report = json.loads((work / REPORT).read_text())
     shutil.rmtree(state.root)
     tasks = [asdict(timed_task) for timed_task in pool.tasks]
@@ -197,8 +198,8 @@ def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        `one_draws_s`; `tasks`, as in a stage of `list_stages`; `chain_s`, the longest picture and the page;
-        and `ratio`, the chain as a share of `one_draws_s`.
+        `single_drawer_s`, if one worker draws; `tasks`, as in a stage of `list_stages`; `chain_s`, the sum of
+        the longest picture and the page; and `ratio`, `chain_s` as a share of `single_drawer_s`.
     """
     state = StateFolder(folder / f"{parts}-drawn")
     job, fleet = _make_job(parts, state)
@@ -212,7 +213,7 @@ def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
     ranges = split_steps(decomposition.steps)
     files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
     run_timed(draw_overview, record, overview)  # loads the modules
-    _, one_draws_s = run_timed(draw_job, task, record)
+    _, single_drawer_s = run_timed(draw_job, task, record)
     tasks = {
         "draw_overview": [run_timed(draw_overview, record, overview)[1]],
         "draw_some_steps": [
@@ -225,10 +226,10 @@ def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
     chain_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
     return {
         "parts": len(decomposition.parts),
-        "one_draws_s": one_draws_s,
+        "single_drawer_s": single_drawer_s,
         "tasks": tasks,
         "chain_s": chain_s,
-        "ratio": chain_s / one_draws_s,
+        "ratio": chain_s / single_drawer_s,
     }
 
 
@@ -243,7 +244,7 @@ def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
     """
     stages: list[dict[str, list[float]]] = []
     for task in sorted(tasks, key=lambda task: float(task["begin_s"])):
-        kind = task["what"]
+        kind = task["kind"]
         if kind not in PARALLEL_TASKS or not stages or set(stages[-1]) - PARALLEL_TASKS:
             stages.append({})
         stages[-1].setdefault(kind, []).append(task["cpu_s"])

@@ -53,16 +53,16 @@ class SleepingExecutor:
 class TimedConnection(Connection):
     """Connection that records the seconds that each task takes beyond its sleep."""
 
-    def __init__(self, late_s: list[float], *args: Any) -> None:
+    def __init__(self, overhead_s: list[float], *args: Any) -> None:
         super().__init__(*args)
-        self._late_s = late_s
+        self._overhead_s = overhead_s
 
     async def submit(self, task: RemoteTask, files: dict[str, bytes]) -> RemoteAnswer:
         """Run a task; see `Connection.submit`."""
         begin_s = time.monotonic()
         answer = await super().submit(task, files)
         _, (seconds,) = load(task.call)
-        self._late_s.append(time.monotonic() - begin_s - seconds)
+        self._overhead_s.append(time.monotonic() - begin_s - seconds)
         return answer
 
 
@@ -79,14 +79,14 @@ DRAWINGS = (*PICTURES, PAGE)
 get_seconds = itemgetter(1)
 
 
-def find_critical_path(stages: Stages, one_draws: bool = False) -> list[tuple[str, float]]:
+def find_critical_path(stages: Stages, single_drawer: bool = False) -> list[tuple[str, float]]:
     """Find the longest chain of a job's tasks on an unlimited number of workers, with their seconds.
 
     Parameters
     ----------
     stages
         See `bench.cluster_jobs.list_stages`.
-    one_draws
+    single_drawer
         True if one worker makes all drawings of a job.
     """
     path: list[tuple[str, float]] = []
@@ -94,19 +94,19 @@ def find_critical_path(stages: Stages, one_draws: bool = False) -> list[tuple[st
     for stage in stages:
         begin = list(path)
         path += [(kind, max(times_s)) for kind, times_s in stage.items() if kind not in DRAWINGS]
-        drawing = [max(batch, key=get_seconds) for batch in list_drawings(stage, one_draws)]
+        drawing = [max(batch, key=get_seconds) for batch in list_drawings(stage, single_drawer)]
         if drawing:  # after the first slice
             first_slice = ("slice_part", min(stage["slice_part"]))
             drawing_path = max(drawing_path, [*begin, first_slice, *drawing], key=sum_path)
     return max(path, drawing_path, key=sum_path)
 
 
-def list_drawings(stage: dict[str, list[float]], one_draws: bool) -> list[list[tuple[str, float]]]:
+def list_drawings(stage: dict[str, list[float]], single_drawer: bool) -> list[list[tuple[str, float]]]:
     """List the drawings of a stage: those of each list run in parallel, one list after the other."""
     pictures = [(kind, seconds) for kind in PICTURES for seconds in stage.get(kind, [])]
     pages = [(PAGE, seconds) for seconds in stage.get(PAGE, [])]
     batches = [batch for batch in (pictures, pages) if batch]
-    return [[(PAGE, sum_path([*pictures, *pages]))]] if one_draws and batches else batches
+    return [[(PAGE, sum_path([*pictures, *pages]))]] if single_drawer and batches else batches
 
 
 def sum_path(path: list[tuple[str, float]]) -> float:
@@ -114,14 +114,14 @@ def sum_path(path: list[tuple[str, float]]) -> float:
     return sum(seconds for _, seconds in path)
 
 
-async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, one_draws: bool) -> None:
+async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, single_drawer: bool) -> None:
     """Run a job's tasks like a plan: stage by stage, with drawings in parallel to later stages."""
 
     def start(seconds: float) -> asyncio.Future[None]:
         return asyncio.ensure_future(pool.run(sleep, seconds * scale, limit=LIMIT, group=number))
 
     async def draw(stage: dict[str, list[float]]) -> None:
-        for batch in list_drawings(stage, one_draws):
+        for batch in list_drawings(stage, single_drawer):
             await asyncio.gather(*(start(seconds) for _, seconds in batch))
 
     drawings = []
@@ -140,8 +140,8 @@ async def run_job(pool: ClusterPool, number: int, stages: Stages, scale: float, 
 
 
 async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -> dict[str, Any]:
-    """Run the jobs on sleeping workers, and again with all drawings of a job by one. Returns the figures."""
-    late_s: list[float] = []
+    """Run the jobs on sleeping workers, then again with one worker drawing each job. Returns the figures."""
+    overhead_s: list[float] = []
     logging.getLogger("distributed").setLevel(logging.WARNING)
     with dask.config.set(DISABLED_OWN_WORK):
         async with Scheduler(host="127.0.0.1", port=0, dashboard_address="127.0.0.1:0") as scheduler:
@@ -150,33 +150,35 @@ async def replay(workers: int, jobs: list[Stages], scale: float, folder: Path) -
                 FarmWorker(scheduler.address, executor, 1, folder / executor.host) for executor in executors
             ]
             await asyncio.gather(*worker_tasks)
-            link = partial(TimedConnection, late_s, scheduler.address, None, INSTALLATION)
+            link = partial(TimedConnection, overhead_s, scheduler.address, None, INSTALLATION)
             pool = ClusterPool(Recorder(), scheduler.address, INSTALLATION, link)
             pool.start()
             while len(pool.state.workers) < workers:
                 await asyncio.sleep(0.1)
-            duration_s, cpu_s = await _run_jobs(pool, jobs, scale, one_draws=False)
-            late_ms = 1000.0 * statistics.median(late_s)
-            one_draws_s, _ = await _run_jobs(pool, jobs, scale, one_draws=True)
+            duration_s, cpu_s = await _run_jobs(pool, jobs, scale, single_drawer=False)
+            overhead_ms = 1000.0 * statistics.median(overhead_s)
+            single_drawer_s, _ = await _run_jobs(pool, jobs, scale, single_drawer=True)
             pool.close()
             await pool.wait_closed()
             await asyncio.gather(*(worker.close() for worker in worker_tasks))
     return {
         "workers": workers,
         "duration_s": duration_s,
-        "one_draws_s": one_draws_s,
-        "ratio": duration_s / one_draws_s,
-        "late_ms": late_ms,
+        "single_drawer_s": single_drawer_s,
+        "ratio": duration_s / single_drawer_s,
+        "overhead_ms": overhead_ms,
         **sum_up(workers, jobs, duration_s, cpu_s),
     }
 
 
 async def _run_jobs(
-    pool: ClusterPool, jobs: list[Stages], scale: float, one_draws: bool
+    pool: ClusterPool, jobs: list[Stages], scale: float, single_drawer: bool
 ) -> tuple[float, float]:
     """Run jobs at the same time. Returns their unscaled duration and CPU time in seconds."""
     begin_s, begin_cpu_s = time.monotonic(), time.process_time()
-    await asyncio.gather(*(run_job(pool, number, job, scale, one_draws) for number, job in enumerate(jobs)))
+    await asyncio.gather(
+        *(run_job(pool, number, job, scale, single_drawer) for number, job in enumerate(jobs))
+    )
     return (time.monotonic() - begin_s) / scale, time.process_time() - begin_cpu_s
 
 
@@ -205,5 +207,7 @@ def sum_up(workers: int, jobs: list[Stages], duration_s: float, cpu_s: float) ->
         "efficiency": sum(times_s) / (workers * duration_s),
         "cpu_ms_per_task": 1000.0 * cpu_s / len(times_s),
         "critical_path": ", ".join(f"{kind} {seconds:.1f} s" for kind, seconds in longest),
-        "one_draws_critical_s": max(sum_path(find_critical_path(job, one_draws=True)) for job in jobs),
+        "single_drawer_critical_s": max(
+            sum_path(find_critical_path(job, single_drawer=True)) for job in jobs
+        ),
     }

@@ -2,7 +2,8 @@
 
 Usage: python -m bench.curve MODEL [--most 100] [--printers 20] [--side 450] [--json]
 
-Wall and CPU seconds, on a machine without other load.
+The curve is for 1 to --most printers, the bound for --printers. Times are wall and CPU seconds, on a machine
+without other load.
 """
 
 from __future__ import annotations

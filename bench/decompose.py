@@ -1,8 +1,8 @@
 """Quality of decompositions by model, number of printers and engine, with all parts sliced by CuraEngine.
 
 Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines best,parallelobox-faithful]
-       [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
-       [--scheduler tls://HOST:PORT --certificates DIR]
+       [--only NAME,...] [--side 450] [--quality paper] [--granularity auto] [--budget S] [--results DIR]
+       [--jobs N] [--no-slices] [--no-whole] [--json] [--scheduler tls://HOST:PORT --certificates DIR]
 
 Engines other than `best` run only for the first number of printers. If an engine that takes no number returns
 k parts, `best` runs for k printers as well, for a fair comparison. Partitions of the guillotine engine are

@@ -91,8 +91,8 @@ def main() -> None:
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
                 runs.append(run | {"effort_s": effort.spent_s, "ends_s": ends_s, "done": units_by_work})
                 if not options.json:
-                    deviation_text = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of CPU"
-                    print(f"{path.stem:20} N {printers:3} {engine:13} {deviation_text}", flush=True)
+                    times_text = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of CPU"
+                    print(f"{path.stem:20} N {printers:3} {engine:13} {times_text}", flush=True)
     report = {"schema": 1, "runs": runs, "fit_ns": fit_prices(runs)}
     print(json.dumps(report, indent=1) if options.json else json.dumps(report["fit_ns"], indent=1))
 

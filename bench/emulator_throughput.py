@@ -1,7 +1,7 @@
 """Moves per second of an emulator: its firmware alone, and through its port.
 
-``python -m bench.emulator_throughput [--json] [--lines N]`` streams a spiral of short moves, one line in
-flight. The first figure is the CPU time of a line in `EmulatedFirmware.feed`, with the clock ahead of
+``python -m bench.emulator_throughput [--lines N] [--scale S] [--json]`` streams a spiral of short moves, one
+line in flight. The first figure is the CPU time of a line in `EmulatedFirmware.feed`, with the clock ahead of
 the moves; the second is the wall time of a round trip through a pseudo-terminal to an emulator process whose
 clock runs fast enough never to wait.
 """

@@ -1,7 +1,7 @@
 """Costs of a large fleet in the daemon: CPU of an event, bytes of a commit, `farm status`, all printing.
 
 ``python -m bench.fleet_scale [--hosts N] [--printers N] [--idle N] [--plates N] [--turns N] [--seconds S]
-[--json]``.
+[--gcode-kb N] [--profile FILE] [--json]``.
 The daemon is a separate process on a state folder with that many waiting plates; its agents only speak the
 protocol, all in this process. First every printer gets a plate, then all print for `--seconds`, then
 `--turns` prints end one after the other: each bed is cleared, and gets its next plate.
@@ -244,7 +244,7 @@ def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name:
         raise RuntimeError(f"waited {PATIENCE_S:.0f} s for {condition_name}")
 
 
-def list_missed(figures: dict[str, Any], goals: dict[str, float]) -> list[str]:
+def list_missed_goals(figures: dict[str, Any], goals: dict[str, float]) -> list[str]:
     """List the figures that miss their goals. A loss must cause one task, one notice, and end no print."""
     missed = [name for name, limit in goals.items() if figures[name] > limit]
     for name in ("one_host_lost", "half_lost"):
@@ -276,7 +276,7 @@ def main() -> None:
     setting = Setting(plates=plates, **options)
     figures = measure(setting)
     goals = HOST_GOALS if setting.hosts else GOALS
-    missed = list_missed(figures, goals)
+    missed = list_missed_goals(figures, goals)
     if as_json:
         head = {name: getattr(setting, name) for name in ("printers", "hosts", "idle", "plates", "gcode_kb")}
         print(json.dumps({"schema": 1, **head, **figures, "missed": missed}))

@@ -1,10 +1,10 @@
 """Print time of grooves, holes, marks and gutters, fitted to slices of parts with one kind of them each.
 
 Models are cut by the engine `guillotine` and drilled. The first parts are sliced as they were cut, and again
-with their keys, pins, marks and gutters alone. What each kind adds is fitted by its count, and for gutters by
-their length, on upright faces, on those on top, and on those that look to the bed. Errors count relative to
-the print time of the bare part, and each model counts as much as the others. Parts that get support are
-left out. --fit fits the samples of several runs with --json as one. These are the prices in
+with only their keys, pins, marks or gutters. The time that a kind adds is fitted as a price of each of them,
+or of each mm of gutter, separately for faces that are upright, on top, and towards the bed. Errors count
+relative to the print time of the bare part, and all models have the same weight. Parts that get support are
+left out. --fit fits the samples of several runs with --json as one. The fitted prices are those in
 `decompose.results.connector_prices`.
 
 Usage: python -m bench.joint_costs MODEL|SHAPE... [--printers 8] [--longest-side 330] [--slices 4] [--json]
@@ -31,7 +31,7 @@ from decompose.files.names import find_part_number
 from decompose.results import Decomposition, connect_parts
 from decompose.results.connector_prices import count_tools, scale_price
 
-SUPPORT_MM3 = 1.0  # of support added: that part's figure is left out, as it is not the price of a groove
+MAX_ADDED_SUPPORT_MM3 = 1.0  # with more, the added time is not that of a groove alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,25 +67,28 @@ def slice_kinds(result: Decomposition, count: int) -> Iterator[Sample]:
                 amounts = count_tools(kind, number, blanks[number].up)
                 if amounts:
                     drilled = slice_printed(part, solids[number], Path(folder))
-                    if abs(drilled.support_mm3 - bare.support_mm3) < SUPPORT_MM3:
+                    if abs(drilled.support_mm3 - bare.support_mm3) < MAX_ADDED_SUPPORT_MM3:
                         added_s = drilled.sliced_s - bare.sliced_s
                         yield Sample(part.id, bare.sliced_s, added_s, dict(amounts))
 
 
 def fit_prices(samples: list[Sample]) -> dict[str, float]:
     """Fit the price of each kind to the shares that samples add, by least squares; none is negative."""
-    by_kinds: dict[str, list[Sample]] = defaultdict(list)
+    samples_by_kind: dict[str, list[Sample]] = defaultdict(list)
     for sample in samples:
-        by_kinds[next(iter(sample.amounts)).split()[0]].append(sample)
+        samples_by_kind[next(iter(sample.amounts)).split()[0]].append(sample)
     prices: dict[str, float] = {}
-    for own in by_kinds.values():
-        names = sorted({name for sample in own for name in sample.amounts})
-        models = Counter(sample.model for sample in own)
-        weights = np.array([models[sample.model] ** -0.5 / sample.bare_s for sample in own])
+    for kind_samples in samples_by_kind.values():
+        names = sorted({name for sample in kind_samples for name in sample.amounts})
+        models = Counter(sample.model for sample in kind_samples)
+        weights = np.array([models[sample.model] ** -0.5 / sample.bare_s for sample in kind_samples])
         rows = np.array(
-            [[sample.amounts.get(n, 0.0) * scale_price(n, sample.bare_s) for n in names] for sample in own]
+            [
+                [sample.amounts.get(n, 0.0) * scale_price(n, sample.bare_s) for n in names]
+                for sample in kind_samples
+            ]
         )
-        added_s = np.array([sample.added_s for sample in own])
+        added_s = np.array([sample.added_s for sample in kind_samples])
         fitted = nnls(rows * weights[:, None], added_s * weights)[0]
         prices |= dict(zip(names, fitted.tolist(), strict=True))
     return prices

@@ -25,15 +25,15 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import PartSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER = "ultimaker2_plus"
-BELOW_MM = 0.2  # depth below a face at which its grooves are read
-PITCH = 0.25  # pitch of the points of a letter, on the grid of the letters
-MARGIN = 0.75  # margin around its box
+READ_DEPTH_MM = 0.2  # depth below a face at which its grooves are read
+POINT_PITCH = 0.25  # pitch of the points of a letter, on the grid of the letters
+LETTER_MARGIN = 0.75  # margin around the box of a letter, on that grid
 READ_SHARE = 0.8  # minimum share of the points of a legible arrow or dot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrintedPart:
-    """Slice of a part: its path, its outer walls, and the transform (4, 4) of the joints' frame to it."""
+    """Slice of a part: its path, its outer walls, and the transform (4, 4) from the joints' frame to it."""
 
     path: Toolpath
     walls: Walls
@@ -45,7 +45,9 @@ class PrintedPart:
     def support_mm3(self) -> float:
         """Volume of supports in mm3."""
         is_support = self.path.is_feature("SUPPORT") | self.path.is_feature("SUPPORT-INTERFACE")
-        is_move = (self.path.start[:, :2] != self.path.end[:, :2]).any(axis=1)  # not after a retraction
+        is_move = (self.path.start[:, :2] != self.path.end[:, :2]).any(
+            axis=1
+        )  # unretractions extrude at rest
         return float(self.path.extruded_mm[is_support & is_move].clip(min=0.0).sum())
 
     def find_seams(self, longest_only: bool = False) -> Floats:
@@ -82,27 +84,27 @@ class PrintedPart:
     def is_legible(self, mark: Mark) -> bool:
         """Read a mark: each letter must resemble itself most, and arrows and dots must exist."""
         direction, depth_mm = mark.grooves[0].into, measure_depth_mm(mark)
-        code, number = mark.text.rstrip("^."), 0
+        code, stroke_count = mark.text.rstrip("^."), 0
         if code:
             strokes = draw_strokes(code)
-            number = len(strokes)
+            stroke_count = len(strokes)
             if "".join(self._read_letters(mark, code, strokes, depth_mm)) != code:
                 return False
         signs = np.concatenate(
-            [np.linspace(start, end, 5) for start, end in mark.lines_mm[number:]] or [np.zeros((0, 3))]
+            [np.linspace(start, end, 5) for start, end in mark.lines_mm[stroke_count:]] or [np.zeros((0, 3))]
         )
-        return not len(signs) or (~self.is_printed(signs + BELOW_MM * direction)).mean() >= READ_SHARE
+        return not len(signs) or (~self.is_printed(signs + READ_DEPTH_MM * direction)).mean() >= READ_SHARE
 
     def _read_letters(self, mark: Mark, code: str, strokes: Floats, depth_mm: float) -> Iterator[str]:
         flat = np.column_stack([strokes.reshape(-1, 2), np.ones(2 * len(strokes))])
         lift = np.linalg.lstsq(flat, mark.lines_mm[: len(strokes)].reshape(-1, 3), rcond=None)[0]
         scale = float(np.linalg.norm(lift[1]))
-        half_width = round(max(0.3, (depth_mm - BELOW_MM) / scale), 3)
+        half_width = round(max(0.3, (depth_mm - READ_DEPTH_MM) / scale), 3)
         for n in range(len(code)):
             middle = np.array([ADVANCE * n + GRID_WIDE / 2.0 - text_width(code) / 2.0, 0.0])
             points_mm = np.column_stack([_LETTER_GRID + middle, np.ones(len(_LETTER_GRID))]) @ lift
-            is_missing = ~self.is_printed(points_mm + BELOW_MM * mark.grooves[0].into)
-            yield max(_READABLE, key=lambda letter: _resemble(letter, half_width, is_missing))
+            is_missing = ~self.is_printed(points_mm + READ_DEPTH_MM * mark.grooves[0].into)
+            yield max(_READABLE, key=lambda letter: _correlate_letters(letter, half_width, is_missing))
 
 
 def measure_depth_mm(mark: Mark) -> float:
@@ -146,22 +148,22 @@ _READABLE = [letter for letter in LETTERS if letter not in ".^"]
 _WHOLE_BED = shapely.box(-1e4, -1e4, 1e4, 1e4)
 _LETTER_GRID = np.stack(
     np.meshgrid(
-        np.arange(-2.0 - MARGIN, 2.0 + MARGIN + PITCH / 2, PITCH),
-        np.arange(-3.0 - MARGIN, 3.0 + MARGIN + PITCH / 2, PITCH),
+        np.arange(-2.0 - LETTER_MARGIN, 2.0 + LETTER_MARGIN + POINT_PITCH / 2, POINT_PITCH),
+        np.arange(-3.0 - LETTER_MARGIN, 3.0 + LETTER_MARGIN + POINT_PITCH / 2, POINT_PITCH),
     ),
     axis=-1,
 ).reshape(-1, 2)
 
 
 @lru_cache(maxsize=1024)
-def _draw(letter: str, half_width: float) -> Bools:
+def _mask_strokes(letter: str, half_width: float) -> Bools:
     """Find the points of a letter that are within its strokes."""
     lines = shapely.union_all([shapely.LineString(stroke) for stroke in draw_strokes(letter)])
     return np.asarray(shapely.contains_xy(lines.buffer(half_width), _LETTER_GRID))
 
 
-def _resemble(letter: str, half_width: float, is_missing: Bools) -> float:
+def _correlate_letters(letter: str, half_width: float, is_missing: Bools) -> float:
     """Compute the correlation between the missing points of a letter and the strokes of another."""
     if is_missing.all() or not is_missing.any():
         return 0.0
-    return float(np.corrcoef(_draw(letter, half_width), is_missing)[0, 1])
+    return float(np.corrcoef(_mask_strokes(letter, half_width), is_missing)[0, 1])

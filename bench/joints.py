@@ -37,13 +37,25 @@ from decompose.results import Decomposition, connect_parts
 
 ROOM_SIZES_MM = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 ALL_CONNECTORS = ConnectorOptions(FILAMENT_MM, marks=True)
-NEAR_MM = 60.0
-STEP_MM2 = 100.0  # glued area from which a step should have two pins
+MAX_PIN_DISTANCE_MM = 60.0  # of glue that counts as near a pin
+MIN_TWO_PINS_MM2 = 100.0  # glued area above which a step should have two pins
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Figures of one model; areas in mm2, times in seconds of one core, or of printing."""
+    """Figures of one model; areas in mm2.
+
+    Attributes
+    ----------
+    faces
+        Number of glued faces.
+    failures
+        Number of connectors that were left out because they broke a rule.
+    compute_s
+        CPU seconds of drilling.
+    price_share
+        Increase of the longest part's printing time by connectors, as a share.
+    """
 
     model: str
     parts: int
@@ -106,7 +118,7 @@ def measure(name: str, printers: int, longest_side_mm: float, slices: int) -> Ro
         steps=len(steps),
         pins=len(connectors.pins),
         steps_without_pair=sum(
-            step.glue_mm2 > STEP_MM2 and number not in pairs for number, step in enumerate(steps)
+            step.glue_mm2 > MIN_TWO_PINS_MM2 and number not in pairs for number, step in enumerate(steps)
         ),
         glue_near_share=measure_near_glue(drilled),
         marks=len(connectors.marks),
@@ -127,9 +139,9 @@ def measure_near_glue(result: Decomposition) -> float:
         pins = [pin.at_mm for pin in result.connectors.pins if pin.step == number]
         for face in (face for joint in step.joints for face in result.joints[joint].faces):
             discs = [
-                shapely.Point(face.axes @ at_mm).buffer(np.sqrt(NEAR_MM**2 - off_mm**2))
+                shapely.Point(face.axes @ at_mm).buffer(np.sqrt(MAX_PIN_DISTANCE_MM**2 - off_mm**2))
                 for at_mm in pins
-                if (off_mm := abs(float(face.normal @ at_mm) - face.offset_mm)) < NEAR_MM
+                if (off_mm := abs(float(face.normal @ at_mm) - face.offset_mm)) < MAX_PIN_DISTANCE_MM
             ]
             near_mm2 += face.outline.intersection(shapely.union_all(discs)).area
             total_mm2 += face.area_mm2
@@ -162,7 +174,7 @@ def slice_parts(cut: Decomposition, result: Decomposition, count: int) -> Sliced
     )
 
 
-def read_done(path: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
+def read_finished(path: Path | None) -> dict[tuple[str, int], dict[str, Any]]:
     """Read the cases that a file of an earlier run has, by model and number of printers."""
     if path is None or not path.exists():
         return {}
@@ -180,7 +192,7 @@ def main() -> None:
     parser.add_argument("--resume", type=Path)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    rows_by_case, rows = read_done(options.resume), []
+    rows_by_case, rows = read_finished(options.resume), []
     ends_s = monotonic() + options.budget
     for name in options.models:
         for printers in map(int, options.printers.split(",")):

@@ -132,7 +132,7 @@ def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
         whole_file, head, path = (
             Path(folder) / name for name in ("whole.gcode", "head.gcode", "moves.gcode")
         )
-        whole_file.write_text(COMPARISON_HEAD + moves + "M104 S0\n")  # a G28 would be measured with them
+        whole_file.write_text(COMPARISON_HEAD + moves + "M104 S0\n")  # no G28, whose time would count
         head.write_text(COMPARISON_HEAD)
         path.write_text(moves)
         printer = Path(folder) / "p"

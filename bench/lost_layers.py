@@ -2,9 +2,9 @@
 
 ``python -m bench.lost_layers [STL ...] [--cuts N] [--seed N] [--keep FOLDER] [--raw] [--json]``
 
-CuraEngine slices models made here, and those given, in several ways (UltiGCode, relative E, rafts, spirals
-and others). Each file is read whole, and with layers cut out in several ways. ``--keep`` keeps the slices in
-a folder, and reads them from it the next time.
+CuraEngine slices generated models, and those of the STL files, in several ways (UltiGCode, relative E, rafts,
+spirals and others). Each file is read whole, and with layers cut out in several ways. ``--keep`` keeps the
+slices in a folder, and reads them from it the next time.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def list_slices(
 
 @dataclass
 class Findings:
-    """Numbers of complete and of damaged files by kind of cut, and the files with a wrong verdict."""
+    """Numbers of complete and of damaged files by kind of cut, and the files that were judged wrongly."""
 
     whole: int = 0
     cut: Counter[str] = field(default_factory=Counter)

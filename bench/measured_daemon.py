@@ -1,4 +1,4 @@
-"""Daemon that measures CPU by event and bytes by commit: `python -m bench.measured_daemon FOLDER`."""
+"""Daemon that measures CPU per event and bytes per commit: `python -m bench.measured_daemon FOLDER`."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@
     python -m bench.night --seed 3 --keep DIR
 
 One job of many equal plates of slow moves. The operator clears beds in attended hours and is away for a
-night; a seeded list resets some boards in mid-print, one printer is unplugged permanently, and the daemon is
-killed twice. The lower bound is that of the remaining printers, without the hours in which nobody
+night. Some boards, chosen by the seed, are reset in mid-print, one printer is unplugged permanently, and the
+daemon is killed twice. The lower bound is that of the remaining printers, without the hours in which nobody
 clears a bed (`away_s`). With `--keep` the farm's folder (books, logs, journals) stays, in a new DIR.
 """
 

@@ -1,7 +1,8 @@
 """Codes and pin holes of a part, read only from the shape in its STL file.
 
-A hole is a ring in a flat face that a pin fits; the rim of the pin stops at its depth. A code
-is read as a person reads it: strokes at the bottom of grooves, compared with the digits of all codes.
+A hole is a ring in a flat face into which a pin fits. Its depth is the distance to the first wall below the
+rim of the pin. A code is read as a person reads it: strokes at the bottom of grooves are compared with the
+digits of all codes.
 """
 
 from __future__ import annotations
@@ -19,27 +20,32 @@ from decompose.connectors.marks import SIZES_MM
 from decompose.connectors.strokes import GRID_HIGH, draw_strokes, text_width
 from decompose.geometry import choose_plane_axes
 
-SEED_MM2, FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
-FLAT_MM = 0.01
+MIN_SEED_MM2, MIN_FACE_MM2 = 4.0, 25.0  # smallest triangle that begins a face, smallest face
+PLANE_TOLERANCE_MM = 0.01  # distance of the corners of a face from its plane
 SLIT_MM = 0.005  # half the width of a slit between triangles of one face
-PLAY_MM = (0.1, 1.5)  # least and greatest clearance of a hole around its pin
-RISE_MM = 0.03  # half of the height by which the bottom of a groove rises; its sides are nearer than SAME_MM
-SAME_MM = 0.12  # distance between a stroke and its points
-CLEARANCE = 0.3  # free margin around a code, as a share of the height of letters
-RIM_RAYS = 8
+PLAY_RANGE_MM = (0.1, 1.5)  # least and greatest clearance of a hole around its pin
+BOTTOM_RISE_MM = 0.03  # half of the difference in height along the bottom of a groove
+STROKE_TOLERANCE_MM = 0.12  # distance from a stroke to points at the bottom of its groove
+CLEARANCE_SHARE = 0.3  # free margin around a code, as a share of the height of letters
+RIM_RAYS = 8  # number of points on the rim of a pin at which the depth is measured
 GROOVE_WIDTH_MM, GROOVE_SLACK_MM = 2.0, 0.1  # least width of the groove of a key, error of its depth
-SHALLOW_MM = 1.0  # deeper than all grooves
+MIN_HOLE_DEPTH_MM = 1.0  # grooves of codes are less deep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hole:
-    """Hole for a pin: its mouth (3,), and the depth at which the pin stops.
+    """Hole for a pin, or groove for a key.
 
-    For the groove of a key, the middle of its mouth, and half the length of the longest key that lies in it.
+    Attributes
+    ----------
+    at_mm
+        (3,) middle of its mouth.
+    reach_mm
+        Depth at which a pin stops; of a groove, half the length of the longest key that lies in it.
     """
 
     at_mm: Floats
-    depth_mm: float
+    reach_mm: float
     is_groove: bool = False
 
 
@@ -81,7 +87,7 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
         for code in (f"{own_number}-{other_number}", f"-{other_number}")
     ]
     coded_faces = []
-    for normal, offset_mm, triangles in find_flats(vertices, faces):
+    for normal, offset_mm, triangles in find_flat_faces(vertices, faces):
         axes = choose_plane_axes(normal)  # text reads from outside
         outline = _unite_triangles(vertices[triangles] @ axes.T)
         rings = [ring for polygon in shapely.get_parts(outline) for ring in polygon.interiors]
@@ -95,24 +101,26 @@ def read_part(path: Path, own_number: str, other_numbers: Iterable[str], pin_mm:
     return coded_faces
 
 
-def find_flats(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, Ints]]:
+def find_flat_faces(vertices: Floats, faces: Ints) -> Iterator[tuple[Floats, float, Ints]]:
     """Yield the flat faces: unit normal (3,) outwards, offset along it, and triangles (m, 3)."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas_mm2 = np.linalg.norm(normals, axis=1) / 2.0
     is_free = np.ones(len(faces), dtype=np.bool_)
     for seed in np.argsort(-areas_mm2):
-        if areas_mm2[seed] < SEED_MM2:
+        if areas_mm2[seed] < MIN_SEED_MM2:
             return
         if not is_free[seed]:
             continue
         normal = normals[seed] / np.linalg.norm(normals[seed])
         offset_mm = float(corners[seed].mean(axis=0) @ normal)
         in_face = (
-            is_free & (np.abs(corners @ normal - offset_mm) < FLAT_MM).all(axis=1) & (normals @ normal > 0.0)
+            is_free
+            & (np.abs(corners @ normal - offset_mm) < PLANE_TOLERANCE_MM).all(axis=1)
+            & (normals @ normal > 0.0)
         )
         is_free &= ~in_face
-        if areas_mm2[in_face].sum() >= FACE_MM2:
+        if areas_mm2[in_face].sum() >= MIN_FACE_MM2:
             yield normal, offset_mm, faces[in_face]
 
 
@@ -126,13 +134,16 @@ def _read_holes(
 ) -> Iterator[Hole]:
     for ring in rings:
         circle = shapely.maximum_inscribed_circle(shapely.Polygon(ring), tolerance=0.01)
-        if PLAY_MM[0] < 2.0 * circle.length - pin_mm < PLAY_MM[1]:
+        if PLAY_RANGE_MM[0] < 2.0 * circle.length - pin_mm < PLAY_RANGE_MM[1]:
             centre = np.array(circle.coords[0])
             angles = 2.0 * np.pi * np.arange(RIM_RAYS) / RIM_RAYS
             rim = centre + 0.49 * pin_mm * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-            depth_mm = min(_probe(corners, point @ axes + offset_mm * normal, -normal) for point in rim)
-            if depth_mm > SHALLOW_MM:  # not the inside of a digit
-                yield Hole(centre @ axes + offset_mm * normal, depth_mm)
+            reach_mm = min(
+                _measure_distance_to_wall_mm(corners, point @ axes + offset_mm * normal, -normal)
+                for point in rim
+            )
+            if reach_mm > MIN_HOLE_DEPTH_MM:  # not the inside of a digit
+                yield Hole(centre @ axes + offset_mm * normal, reach_mm)
 
 
 def _read_grooves(
@@ -145,11 +156,11 @@ def _read_grooves(
         if width_mm < GROOVE_WIDTH_MM:
             continue
         at_mm = box[:4].mean(axis=0) @ axes + offset_mm * normal
-        if abs(_probe(corners, at_mm, -normal) - width_mm / 2.0) < GROOVE_SLACK_MM:
+        if abs(_measure_distance_to_wall_mm(corners, at_mm, -normal) - width_mm / 2.0) < GROOVE_SLACK_MM:
             yield Hole(at_mm, (length_mm - width_mm / np.sqrt(2.0)) / 2.0, is_groove=True)
 
 
-def _probe(corners: Floats, start: Floats, direction: Floats) -> float:
+def _measure_distance_to_wall_mm(corners: Floats, start: Floats, direction: Floats) -> float:
     """Measure the distance from a point to the first triangle (m, 3, 3) in a direction (Moeller-Trumbore)."""
     first_edge, second_edge = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     p = np.cross(direction, second_edge)
@@ -178,24 +189,29 @@ def _read_codes(
     is_inside = shapely.contains_xy(shapely.convex_hull(outline), vertices @ axes.T)
     for height_mm, groove_mm in SIZES_MM:
         bottom = np.unique(
-            (vertices @ axes.T)[is_inside & (np.abs(depths_mm - groove_mm + RISE_MM) < RISE_MM + 0.02)],
+            (vertices @ axes.T)[
+                is_inside & (np.abs(depths_mm - groove_mm + BOTTOM_RISE_MM) < BOTTOM_RISE_MM + 0.02)
+            ],
             axis=0,
         )
-        arrows = [(frame, middle) for frame, middle in _match("^", height_mm, bottom)]
+        arrows = [(frame, middle) for frame, middle in _find_text("^", height_mm, bottom)]
         on_arrow = np.zeros(len(bottom), dtype=np.bool_)
         for frame, middle in arrows:
-            on_arrow |= _measure_distances_mm(bottom, _draw_text("^", height_mm) @ frame + middle) < SAME_MM
+            on_arrow |= (
+                _measure_distances_mm(bottom, _draw_text("^", height_mm) @ frame + middle)
+                < STROKE_TOLERANCE_MM
+            )
         letters = bottom[~on_arrow]
         for text in texts:
-            for frame, middle in _match(text, height_mm, letters):
+            for frame, middle in _find_text(text, height_mm, letters):
                 strokes = _draw_text(text, height_mm)
                 local = (letters - middle) @ frame.T
                 half = (
                     np.array([text_width(text), GRID_HIGH]) * height_mm / GRID_HIGH / 2.0
-                    + CLEARANCE * height_mm
+                    + CLEARANCE_SHARE * height_mm
                 )
                 is_near = (np.abs(local) < half).all(axis=1)
-                if (_measure_distances_mm(local[is_near], strokes) > SAME_MM).any():
+                if (_measure_distances_mm(local[is_near], strokes) > STROKE_TOLERANCE_MM).any():
                     continue  # part of a longer code
                 arrow_pose = _find_nearest(arrows, middle)
                 is_own = (
@@ -205,7 +221,7 @@ def _read_codes(
     return codes
 
 
-def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats, Floats]]:
+def _find_text(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Find a text in points (n, 2): its frame, whose rows are right and up, and its middle (2,)."""
     strokes = _draw_text(text, height_mm)
     ends = np.unique(np.round(strokes.reshape(-1, 2), 6), axis=0)
@@ -215,7 +231,7 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
     i, j = np.unravel_index(int(distances_mm.argmax()), distances_mm.shape)
     middles: list[Floats] = []
     distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    for a, b in np.argwhere(np.abs(distances - distances_mm[i, j]) < SAME_MM):
+    for a, b in np.argwhere(np.abs(distances - distances_mm[i, j]) < STROKE_TOLERANCE_MM):
         text_direction, point_direction = ends[j] - ends[i], points[b] - points[a]
         turn_rad = np.arctan2(point_direction[1], point_direction[0]) - np.arctan2(
             text_direction[1], text_direction[0]
@@ -223,7 +239,7 @@ def _match(text: str, height_mm: float, points: Floats) -> Iterator[tuple[Floats
         frame = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
         middle = points[a] - ends[i] @ frame
         gaps = np.linalg.norm((ends @ frame + middle)[:, None] - points[None], axis=2).min(axis=1)
-        if gaps.max() < SAME_MM and all(
+        if gaps.max() < STROKE_TOLERANCE_MM and all(
             np.linalg.norm(middle - other_middle) > 1.0 for other_middle in middles
         ):
             middles.append(middle)

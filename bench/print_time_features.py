@@ -1,9 +1,9 @@
 """Seconds of each feature of small parts, by price and by slice, to find errors of prices.
 
-Usage: python -m bench.print_time_features [--seeds 1,2] [--qualities glue,paper] [--parts 2]
-       [--cache DIR] [--json]
+Usage: python -m bench.print_time_features --cache DIR [--seeds 1,2] [--qualities glue,paper]
+       [--pieces low,high] [--shapes] [--json]
 
-Parts of the models of `bench.unseen`, each cut for 4 printers, and the shapes of `bench.print_time_contours`.
+Parts are pieces of the models of `bench.unseen`, and with --shapes the shapes of `bench.print_time_contours`.
 A slice's seconds are those of its moves with acceleration and jerk (`bench.move_times`), by the kind of their
 line. Parts and slices are kept in the cache, so that a change of prices is measured in seconds.
 """
@@ -55,7 +55,7 @@ ON_PLANE_MM = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
+class PosedPart:
     """Part on the bed: triangles (m, 3, 3) in mm, and which of them (m,) are cuts."""
 
     name: str
@@ -79,7 +79,7 @@ class Row:
         return self.price_s / self.sliced_s - 1.0
 
 
-def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache: Path) -> Iterator[Posed]:
+def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache: Path) -> Iterator[PosedPart]:
     """Yield whole shapes, and pieces of each unseen model; poses are kept in the cache."""
     for name, shape in SHAPES.items() if shapes else ():
         vertices, faces = shape().arrays()
@@ -93,10 +93,10 @@ def list_parts(seeds: Sequence[int], pieces: Sequence[str], shapes: bool, cache:
                     posed_part = cut_piece(kind, seed, corner, cost)
                     np.savez(cache_file, corners=posed_part.corners, cut=posed_part.cut)
                 with np.load(cache_file) as arrays:
-                    yield Posed(cache_file.stem, arrays["corners"], arrays["cut"])
+                    yield PosedPart(cache_file.stem, arrays["corners"], arrays["cut"])
 
 
-def cut_piece(kind: str, seed: int, corner: str, cost: CostModel, side_mm: float = SIDE_MM) -> Posed:
+def cut_piece(kind: str, seed: int, corner: str, cost: CostModel, side_mm: float = SIDE_MM) -> PosedPart:
     """Cut a corner off an unseen model, across its two longest axes, and put it in its best pose."""
     solid = draw_model(kind, seed, side_mm).solid
     lo, hi = solid.bounds_mm
@@ -117,15 +117,15 @@ def cut_piece(kind: str, seed: int, corner: str, cost: CostModel, side_mm: float
     return place("", vertices, faces, is_cut, pose.to_model[:3, :3].T)
 
 
-def place(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotation: Floats) -> Posed:
+def place(name: str, vertices: Floats, faces: Ints, is_cut: Bools, rotation: Floats) -> PosedPart:
     """Place a mesh on the bed, centred, in single precision as in an STL."""
     placed_mm = vertices @ rotation.T
     lo, hi = placed_mm.min(axis=0), placed_mm.max(axis=0)
     centred_mm = (placed_mm - [*(lo + hi)[:2] / 2.0, lo[2]])[faces]
-    return Posed(name, centred_mm.astype(np.float32).astype(np.float64), is_cut)
+    return PosedPart(name, centred_mm.astype(np.float32).astype(np.float64), is_cut)
 
 
-def measure(posed_part: Posed, quality: str, cache: Path) -> Row | None:
+def measure(posed_part: PosedPart, quality: str, cache: Path) -> Row | None:
     """Price and slice a part; None if the slice is refused."""
     request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), quality)
     recipe = build_recipe(resolve_settings(request, find_resources()), prelude_s=0.0)
@@ -150,7 +150,7 @@ def measure(posed_part: Posed, quality: str, cache: Path) -> Row | None:
     )
 
 
-def price_features_s(posed_part: Posed, pose: Pose, recipe: Recipe) -> dict[str, float]:
+def price_features_s(posed_part: PosedPart, pose: Pose, recipe: Recipe) -> dict[str, float]:
     """Price each group of terms separately; ``slow`` is the time added by the minimum time of a layer."""
     fast = replace(
         recipe, min_layer_s=0.0, brim_mm=recipe.brim_mm if pose.brim_width_mm is None else pose.brim_width_mm
@@ -168,13 +168,13 @@ def weld(corners: Floats) -> tuple[Floats, Ints]:
     return vertices, index.reshape(-1, 3).astype(np.int64)
 
 
-def price_part(posed_part: Posed, cost: CostModel, fits: bool) -> Pose:
+def price_part(posed_part: PosedPart, cost: CostModel, fits: bool) -> Pose:
     vertices, faces = weld(posed_part.corners)
     return measure_pose(vertices, faces, posed_part.cut, np.eye(3), cost, fits)
 
 
 def slice_features_s(
-    posed_part: Posed, pose: Pose, request: SettingsRequest, cache: Path
+    posed_part: PosedPart, pose: Pose, request: SettingsRequest, cache: Path
 ) -> dict[str, float]:
     """Slice a part with its own settings; return CuraEngine's seconds, and those of each feature."""
     part_settings = PartSettings(

@@ -1,7 +1,7 @@
 """Error of the print-time model on models that it was not fitted to, and the fit of its factors.
 
 Usage: python -m bench.print_time_model [--dataset FILE.csv] [--models DIR] [--unseen SEED] [--parts N]
-       [--json]
+       [--workers N] [--cache DIR] [--json]
 
 Without an existing dataset, models are made (with those of DIR), decomposed and sliced, in about 20 minutes
 with two workers. The table is written to --dataset, so that the fit can be repeated without slicing.
@@ -102,8 +102,8 @@ class Table:
         """Compute the errors (rows,), each with factors fitted without its model."""
         errors = np.zeros(len(self.sliced_s))
         for model in np.unique(self.models):
-            of_model = self.models == model
-            errors[of_model] = self.errors(self.fit(training_rows & ~of_model), tables)[of_model]
+            in_model = self.models == model
+            errors[in_model] = self.errors(self.fit(training_rows & ~in_model), tables)[in_model]
         return errors
 
 

@@ -146,9 +146,9 @@ KINDS: dict[str, Kind] = {
     **{f"move: {name}": Kind(to_board=damage) for name, damage in _LINE_DAMAGES.items()},
     **{f"ok: {name}": Kind(to_host=damage) for name, damage in _ANSWER_DAMAGES.items()},
     **{f"refusal: {name}": Kind(spoil, damage) for name, damage in _REFUSAL_DAMAGES.items()},
-    "refusal: invented": Kind(to_host=refuse(0)),
-    "refusal: invented, of an older line": Kind(to_host=refuse(3)),
-    "refusal: invented, of a line long ago": Kind(to_host=refuse(40)),
+    "refusal without cause: of the last line": Kind(to_host=refuse(0)),
+    "refusal without cause: of the third line before it": Kind(to_host=refuse(3)),
+    "refusal without cause: of the 40th line before it": Kind(to_host=refuse(40)),
     **{
         f"{code}: {name}": Kind(to_board=damage, lines=lines)
         for code, lines in _OTHER_COMMANDS.items()

@@ -153,13 +153,13 @@ def measure(size_mb: int, times: int, form: bool) -> dict[str, Any]:
         "mb_per_s": max(size_mb / seconds for seconds in durations_s),
         "mb_per_s_each": [size_mb / seconds for seconds in durations_s],
         "cpu_s_per_gb": 1000 * cpu_s / (size_mb * times),
-        "status_asked": len(status_ms),
+        "status_requests": len(status_ms),
         "status_median_ms": status_ms[len(status_ms) // 2],
         "status_p99_ms": status_ms[int(0.99 * len(status_ms))],
         "status_worst_ms": status_ms[-1],
         "idle_status_median_ms": idle_ms[len(idle_ms) // 2],
         "idle_status_worst_ms": idle_ms[-1],
-        "cut_upload_leaves": leftovers,
+        "files_of_cut_upload": leftovers,
         "load": os.getloadavg()[0],
     }
 
@@ -176,12 +176,12 @@ def main() -> None:
         print(json.dumps({**result, "goals": GOALS}, indent=2))
     else:
         print(
-            f"{result['mb']} MB: {result['mb_per_s']:.0f} MB/s; the status meanwhile within "
-            f"{result['status_median_ms']:.0f} ms, at worst {result['status_worst_ms']:.0f} ms; "
-            f"a cut upload leaves {len(result['cut_upload_leaves'])} files"
+            f"{result['mb']} MB: {result['mb_per_s']:.0f} MB/s; GET /status meanwhile took "
+            f"{result['status_median_ms']:.0f} ms (median), {result['status_worst_ms']:.0f} ms at worst; "
+            f"an interrupted upload leaves {len(result['files_of_cut_upload'])} files"
         )
     slow = result["mb_per_s"] < GOALS["mb_per_s"] or result["status_worst_ms"] > GOALS["status_worst_ms"]
-    sys.exit(slow or bool(result["cut_upload_leaves"]))
+    sys.exit(slow or bool(result["files_of_cut_upload"]))
 
 
 if __name__ == "__main__":

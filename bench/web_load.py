@@ -174,7 +174,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
         "closed_by_the_daemon": clients.closed,
         "refused": clients.refused,
         "descriptors": descriptors,
-        "status_asked": len(local_ms),
+        "status_requests": len(local_ms),
         "status_median_ms": local_ms[len(local_ms) // 2],
         "status_p99_ms": local_ms[int(0.99 * len(local_ms))],
         "status_worst_ms": local_ms[-1],

@@ -30,7 +30,7 @@ def test_tasks_are_grouped_by_the_stages_that_follow_each_other():
         "slice_part",
     ]
     tasks = [
-        {"what": kind, "begin_s": float(index), "cpu_s": 10.0 + index} for index, kind in enumerate(order)
+        {"kind": kind, "begin_s": float(index), "cpu_s": 10.0 + index} for index, kind in enumerate(order)
     ]
     assert list_stages(tasks[::-1]) == [
         {"decompose_job": [10.0]},
@@ -55,7 +55,7 @@ def test_the_critical_path_ends_with_the_last_drawing_if_that_takes_longer():
 
 
 def test_drawings_by_one_worker_lengthen_the_path():
-    path = find_critical_path(STAGES, one_draws=True)
+    path = find_critical_path(STAGES, single_drawer=True)
     assert path[-1] == ("draw_job", 3.0 + 5.0 + 6.0 + 2.0)
     assert sum_path(path) == sum_path(find_critical_path(STAGES)) + 8.0
 
@@ -63,7 +63,7 @@ def test_drawings_by_one_worker_lengthen_the_path():
 def test_the_table_of_a_page_is_replaced():
     page = "# Page\n<!-- bench/cluster.py replay -->\nold\n<!-- end of replay -->\nrest\n"
     figures = {"duration_s": 12.34, "bound_s": 11.0, "efficiency": 0.5, "cpu_ms_per_task": 17.6}
-    figures |= {"late_ms": 9.9, "one_draws_s": 15.5, "ratio": 0.8}
+    figures |= {"overhead_ms": 9.9, "single_drawer_s": 15.5, "ratio": 0.8}
     runs = [{"workers": n, "jobs": 2, "tasks": 30, **figures} for n in (4, 16)]
     new_page = replace_table(page, "replay", REPLAY_COLUMNS, runs)
     assert new_page.startswith("# Page\n<!-- bench/cluster.py replay -->\n| workers | jobs |")
@@ -76,22 +76,28 @@ def test_the_table_of_a_page_is_replaced():
 
 
 def test_rounds_are_summed_up_for_each_fault():
-    nothing = {"taken_twice": 0, "tasks_left": 0, "processes_more": 0}
-    figures = {"job_ended": True, "in_mid_job": True, "tasks_right": 8, "here": False, **nothing}
+    nothing = {"results_taken_twice": 0, "remaining_tasks": 0, "extra_processes": 0}
+    figures = {"job_ended": True, "during_job": True, "correct_tasks": 8, "used_local_pool": False, **nothing}
     rounds = [
-        {**figures, "fault": "cut farm", "duration_s": 50.0, "differences": [], "here": True},
+        {**figures, "fault": "cut farm", "duration_s": 50.0, "differences": [], "used_local_pool": True},
         {
             **figures,
             "fault": "kill worker",
             "duration_s": 20.0,
             "differences": [],
-            "processes_more": 2,
-            "in_mid_job": False,
+            "extra_processes": 2,
+            "during_job": False,
         },
         {**figures, "fault": "cut farm", "duration_s": 60.0, "differences": ["1/01 sha256: a and b"]},
     ]
     cut, killed_row = sum_up_faults(rounds)
-    assert (cut["rounds"], cut["least_s"], cut["most_s"], cut["same"], cut["here"]) == (2, 50.0, 60.0, 1, 1)
-    assert (killed_row["fault"], killed_row["same"], killed_row["right"]) == ("kill worker", 1, 8)
-    assert (cut["more"], killed_row["more"]) == (0, 2)
-    assert (cut["in_mid_job"], killed_row["in_mid_job"]) == (2, 0)
+    assert (cut["rounds"], cut["least_s"], cut["most_s"], cut["same"], cut["used_local_pool"]) == (
+        2,
+        50.0,
+        60.0,
+        1,
+        1,
+    )
+    assert (killed_row["fault"], killed_row["same"], killed_row["correct_tasks"]) == ("kill worker", 1, 8)
+    assert (cut["extra_processes"], killed_row["extra_processes"]) == (0, 2)
+    assert (cut["during_job"], killed_row["during_job"]) == (2, 0)

@@ -29,7 +29,7 @@ def test_hole_that_meets_a_slit_between_triangles_is_read(tmp_path: Path) -> Non
     path = tmp_path / "p01.stl"
     trimesh.util.concatenate(meshes).export(path)
     faces = [face for face in read_part(path, "1", ["2"], 2.85) if face.normal[2] > 0.9]
-    assert [hole.depth_mm for face in faces for hole in face.holes] == [pytest.approx(6.0)]
+    assert [hole.reach_mm for face in faces for hole in face.holes] == [pytest.approx(6.0)]
 
 
 def test_groove_of_a_key_is_read_with_half_the_length_that_it_takes(tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_groove_of_a_key_is_read_with_half_the_length_that_it_takes(tmp_path: Pa
     trimesh.Trimesh(*block.arrays(), process=False).export(tmp_path / "p01.stl")
     faces = [face for face in read_part(tmp_path / "p01.stl", "1", ["2"], 2.85) if face.normal[2] > 0.9]
     [hole] = [hole for face in faces for hole in face.holes]
-    assert hole.is_groove and 4.0 < hole.depth_mm < 4.1
+    assert hole.is_groove and 4.0 < hole.reach_mm < 4.1
     assert hole.at_mm == pytest.approx([20.0, 20.0, 10.0])
 
 

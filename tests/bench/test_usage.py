@@ -1,0 +1,33 @@
+"""Usage of each bench: it names the options that the parser takes, and no others."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).parents[2] / "bench"
+CLUSTER_OPTIONS = {"--scheduler", "--certificates"}  # of `add_cluster_options`
+OPTION = r"(?<![\w-])--[a-z][a-z-]*"
+
+
+def list_benches() -> list[Path]:
+    return [path for path in sorted(BENCH.glob("*.py")) if "[--json]" in read_docstring(path)]
+
+
+def read_docstring(path: Path) -> str:
+    return ast.get_docstring(ast.parse(path.read_text())) or ""
+
+
+@pytest.mark.parametrize("path", list_benches(), ids=lambda path: path.stem)
+def test_usage_names_the_options_of_the_parser(path: Path):
+    text = path.read_text()
+    parsed = set(re.findall(rf'add_argument\(\s*"({OPTION})"', text))
+    if "add_cluster_options(" in text:
+        parsed |= CLUSTER_OPTIONS
+    named = set(re.findall(OPTION, re.sub(r"`farm [^`]*`", "", read_docstring(path))))
+    assert named == parsed
+
+
+def test_most_benches_have_a_usage():
+    assert len(list_benches()) > 35
