@@ -28,7 +28,7 @@ from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.drawings import split_steps
 from farm.planning.parts.search_rounds import SearchRounds
 from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, PlanRequest
-from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm
+from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm_up_planning
 
 MODEL = "ultimaker2_plus"
 KIND, SEED = "organic", 1
@@ -112,7 +112,7 @@ def measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
 
 async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
     state = StateFolder(folder / f"{parts}-{workers}")
-    local_pool = Workers(folder / "workers", workers, warm=warm)
+    local_pool = Workers(folder / "workers", workers, warm_up=warm_up_planning)
     while local_pool.starting is not None:
         await asyncio.sleep(0.1)
     try:
@@ -155,7 +155,7 @@ def measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> d
 
 async def _measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
     state = StateFolder(folder / f"{parts}-{workers}-search")
-    local_pool = Workers(folder / "workers", workers, warm=warm)
+    local_pool = Workers(folder / "workers", workers, warm_up=warm_up_planning)
     while local_pool.starting is not None:
         await asyncio.sleep(0.1)
     try:

@@ -134,7 +134,7 @@ async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[s
     person = Person(os.getuid(), os.getgid())
 
     async def identify_person(scope: Any, receive: Any, send: Any) -> None:
-        await app({**scope, "state": {"person": person}}, receive, send)
+        await app({**scope, "state": {"caller": person}}, receive, send)
 
     async with httpx.AsyncClient(
         transport=httpx.ASGITransport(identify_person), base_url="http://farm"

@@ -34,7 +34,7 @@ from farm.http import NetworkState, Services
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState, Role
 from farm.paths import StateFolder
 from farm.planning import list_bed_boxes
-from farm.planning.tasks import warm
+from farm.planning.tasks import warm_up_planning
 from farm.state.storage import open_books
 from farm.web import NetworkServer, make_web_app
 
@@ -84,7 +84,11 @@ async def serve(folder: Path, printers: int, pipe: Connection) -> None:
     for name in names:
         controller.on_snapshot(make_snapshot(name, None, 0.0))
     services = Services(
-        controller, state, folder / "fleet.yaml", Workers(state.work / "workers", 1, None, warm), refuse
+        controller,
+        state,
+        folder / "fleet.yaml",
+        Workers(state.work / "workers", 1, None, warm_up_planning),
+        refuse,
     )
     server = NetworkServer(
         WebSection.model_validate(web), make_web_app(services, DryRuns(controller), ()), 200, NetworkState()

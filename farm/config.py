@@ -342,7 +342,7 @@ class PrinterSection(_Section):
     @model_validator(mode="after")
     def _check_simulation(self) -> Self:
         if self.simulated and self.port.removeprefix(SIMULATED).partition("?")[0] != self.model:
-            raise ValueError(f"{self.name}: port {self.port} simulates another model than {self.model}")
+            raise ValueError(f"{self.name}: port {self.port} simulates a model other than {self.model}")
         return self
 
 

@@ -54,7 +54,7 @@ from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning import JobPlanner, list_bed_boxes
 from farm.planning.error_translation import translate_errors
 from farm.planning.replanning import ReplanWorker
-from farm.planning.tasks import warm
+from farm.planning.tasks import warm_up_planning
 from farm.state.storage import NightlyBackup, open_books
 from farm.upkeep.upkeep import Upkeep
 from slicing.cache import trim_cache
@@ -91,7 +91,9 @@ class Daemon:
         self._clock = open_farm_clock(fleet, self._state)
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
-        self._workers: Pool = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
+        self._workers: Pool = Workers(
+            self._state.work / "workers", compute.workers, compute.memory_gb, warm_up_planning
+        )
         self._cluster: ClusterPool | None = None
         if compute.scheduler is not None:
             with translate_errors():

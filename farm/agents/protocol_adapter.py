@@ -79,7 +79,7 @@ def make_agent_request(instruction: ev.AnyInstruction, books: Books, files: Path
         case ev.SendCleared():
             filament = m.Filament(instruction.filament) if instruction.filament else None
             return m.BedCleared(id=0, filament=filament)
-        case ev.StopPlanning() | ev.NameFiles():
+        case ev.StopPlanning() | ev.LinkFiles():
             return None
 
 

@@ -20,7 +20,7 @@ from typing import TypeVar
 
 from farm.compute.limits import CHECKING, Limit
 from farm.compute.memory import read_machine_bytes
-from farm.compute.worker_process import RaisedError, Warm, Worker
+from farm.compute.worker_process import RaisedError, WarmUp, Worker
 from farm.errors import ErrorCode, FarmError
 
 log = logging.getLogger(__name__)
@@ -68,7 +68,7 @@ class Workers:
         Number of workers, without the one for urgent tasks; as many as cores by default.
     memory_gb
         Memory limit of each; see `compute_memory_per_worker`.
-    warm
+    warm_up
         First call in every worker: imports the modules that tasks need.
     """
 
@@ -77,12 +77,12 @@ class Workers:
         scratch: Path,
         count: int | None = None,
         memory_gb: float | None = None,
-        warm: Warm | None = None,
+        warm_up: WarmUp | None = None,
     ) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._scratch = scratch
         self._memory_bytes = compute_memory_per_worker(count, memory_gb)
-        self._warm = warm
+        self._warm_up = warm_up
         self._is_closed = False
         self._threads = ThreadPoolExecutor(count + 1, thread_name_prefix="worker")
         self._alive: set[Worker] = set()
@@ -174,7 +174,7 @@ class Workers:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _start(self) -> None:
-        worker = Worker(self._scratch, self._memory_bytes, self._warm)
+        worker = Worker(self._scratch, self._memory_bytes, self._warm_up)
         self._alive.add(worker)
         self._assign_worker(worker)
 
@@ -215,7 +215,7 @@ class Workers:
         if self._urgent_worker is not None or self._is_closed:
             return
         try:
-            worker = self._urgent_worker = Worker(self._scratch, self._memory_bytes, self._warm)
+            worker = self._urgent_worker = Worker(self._scratch, self._memory_bytes, self._warm_up)
         except OSError as error:
             log.error("no worker for urgent tasks can be started: %s", error)
             return

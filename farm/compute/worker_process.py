@@ -20,7 +20,7 @@ from typing import Any
 
 from farm.errors import FarmError
 
-Warm = Callable[[Callable[[str], object]], None]
+WarmUp = Callable[[Callable[[str], object]], None]
 """Function that prepares a process for its tasks; its argument reports the step, as text."""
 
 _PR_SET_PDEATHSIG = 1
@@ -48,16 +48,16 @@ class Worker:
         Folder in which the process gets a folder for its temporary files.
     memory_bytes
         Limit of its data memory.
-    warm
+    warm_up
         Function that the process calls first; None for none.
     """
 
-    def __init__(self, scratch: Path, memory_bytes: int, warm: Warm | None) -> None:
+    def __init__(self, scratch: Path, memory_bytes: int, warm_up: WarmUp | None) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
         (self.folder / _STEP).write_text("loading the planning code")
         context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
         self._pipe, child_pipe = context.Pipe()
-        arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm)
+        arguments = (child_pipe, os.getpid(), self.folder, memory_bytes, warm_up)
         self._process = context.Process(target=_serve, args=arguments, daemon=True)
         self._process.start()
         self.pid = self._process.pid or 0
@@ -104,12 +104,12 @@ class Worker:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm: Warm | None) -> None:
+def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm_up: WarmUp | None) -> None:
     """Serve calls one after another; the main function of the process."""
     _prepare(daemon, folder, memory_bytes)
-    if warm is not None:
+    if warm_up is not None:
         try:
-            warm((folder / _STEP).write_text)
+            warm_up((folder / _STEP).write_text)
         except Exception:
             traceback.print_exc()  # the task that needs it fails with a message
     os.nice(_WORK_NICE - _START_NICE)

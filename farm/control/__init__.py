@@ -3,7 +3,13 @@
 from farm.control.access import LINK_S, MAX_SESSION_S, AppKeyRequests, KeyCommands, SessionCommands, find_key
 from farm.control.controller import Controller
 from farm.control.effects import FarmEffects
-from farm.control.job_commands import PAGE_PATIENCE_S, DryRuns, JobCommands, abort_prints, find_successor
+from farm.control.job_commands import (
+    PAGE_DRY_RUN_TIMEOUT_S,
+    DryRuns,
+    JobCommands,
+    abort_prints,
+    find_successor,
+)
 from farm.control.notifier import Notifier, delete_record
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
@@ -12,7 +18,7 @@ from farm.control.timers import Timers
 __all__ = [
     "LINK_S",
     "MAX_SESSION_S",
-    "PAGE_PATIENCE_S",
+    "PAGE_DRY_RUN_TIMEOUT_S",
     "AppKeyRequests",
     "Controller",
     "DryRuns",

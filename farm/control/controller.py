@@ -108,13 +108,13 @@ class Controller:
         self._handle_all(events, ())
 
     def _handle_all(
-        self, events: Iterable[ev.AnyEvent], repeated: Iterable[ev.AnyInstruction], at_once: bool = True
+        self, events: Iterable[ev.AnyEvent], repeated: Iterable[ev.AnyInstruction], schedules_now: bool = True
     ) -> None:
         """Handle events, repeat instructions to agents, and schedule: now, or at the next tick."""
         effects: list[Effect] = []
         self.scheduler.next_change_s = -math.inf
         try:
-            instructions = self._schedule() if at_once else ()
+            instructions = self._schedule() if schedules_now else ()
             for effect in chain(self._commit(events), repeated, instructions):
                 effects.append(effect)  # noqa: PERF402  (after an error, the earlier effects are performed)
         finally:
@@ -193,8 +193,8 @@ class Controller:
         has_changed = self.telemetry.store(snapshot, self.clock.now())
         try:
             if reading.events or has_changed:
-                at_once = len(self.fleet.printers) <= LARGE_FLEET
-                self._handle_all(reading.events, self._list_unconfirmed([name]), at_once)
+                schedules_now = len(self.fleet.printers) <= LARGE_FLEET
+                self._handle_all(reading.events, self._list_unconfirmed([name]), schedules_now)
             else:
                 self._perform(self._list_unconfirmed([name]))
             self._perform(reading.instructions)

@@ -15,7 +15,7 @@ from farm.planning.replanning import ReplanTask, ReplanWorker, StartReplan
 from farm.scheduling import StartPlanning
 from farm.state import Books, apply_reels
 from farm.state import events as ev
-from farm.state.storage import name_files
+from farm.state.storage import link_files
 
 log = logging.getLogger(__name__)
 
@@ -52,8 +52,8 @@ class FarmEffects:
                 self._start_replan(effect, books)
             case ev.StopPlanning():
                 self._planner.stop(effect.job)
-            case ev.NameFiles():
-                self._name_files(effect.job, books)
+            case ev.LinkFiles():
+                self._link_files(effect.job, books)
             case _:
                 self._agents.perform(effect, books, self._state.files)
 
@@ -84,7 +84,7 @@ class FarmEffects:
             files=self._state.files,
             folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
             time_factors={name: books.printer(name).time_factors for name in order.printers},
-            others=tuple(
+            other_parts=tuple(
                 job_part
                 for job_part in map(books.parts.__getitem__, job.parts)
                 if job_part.id != part.id and job_part.copy_number == part.copy_number
@@ -93,10 +93,10 @@ class FarmEffects:
         )
         self._replan_worker.start(task, order.cut)
 
-    def _name_files(self, number: int, books: Books) -> None:
+    def _link_files(self, number: int, books: Books) -> None:
         job = books.job(number)
         names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
-            name_files(self._state.job(job.id), self._state.files, names)
+            link_files(self._state.job(job.id), self._state.files, names)
         except OSError as error:  # the links are optional: the job continues
             log.warning("job %d: its files could not be linked: %s", job.id, error, extra={"job": job.id})

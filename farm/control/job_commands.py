@@ -18,9 +18,9 @@ from farm.state.storage import compute_sha256
 from farm.text import format_count
 from farm.views.jobs import list_queue
 
-PATIENCE_S = 60.0
+DRY_RUN_TIMEOUT_S = 60.0
 """Wall seconds without a request after which a dry run is abandoned; long enough for a restart."""
-PAGE_PATIENCE_S = 3600.0
+PAGE_DRY_RUN_TIMEOUT_S = 3600.0
 """Wall seconds for which a dry run is kept after its plan was shown on a page."""
 _CANCELLER = "the farm: nobody waits for its plan any more"
 
@@ -50,7 +50,7 @@ class JobCommands:
         if self._controller.stopping:
             raise Refused("the farm is shutting down: submit again after `farm up`")
 
-    def find_excess(self, options: JobOptions) -> list[str]:
+    def list_unusable_options(self, options: JobOptions) -> list[str]:
         """List the options of a submission that ask for more printers than the fleet has."""
         printers = len(self._controller.fleet.printers)
         fleet = f"the fleet has {format_count(printers, 'printer')}"
@@ -321,15 +321,15 @@ class DryRuns:
         self._controller = controller
         self._kept_until_s: dict[int, float] = {}
 
-    def keep(self, job: int, now_s: float, patience_s: float = PATIENCE_S) -> None:
+    def keep(self, job: int, now_s: float, timeout_s: float = DRY_RUN_TIMEOUT_S) -> None:
         """Keep a dry run for some time after a client's request about it."""
-        self._kept_until_s[job] = max(now_s + patience_s, self._kept_until_s.get(job, 0.0))
+        self._kept_until_s[job] = max(now_s + timeout_s, self._kept_until_s.get(job, 0.0))
 
     def cancel_abandoned(self, now_s: float) -> None:
         """Cancel the dry runs without a recent request."""
         jobs = self._controller.books.jobs.values()
         dry_runs = [job.id for job in jobs if job.options.dry_run and not job.state.ended]
-        self._kept_until_s = {n: self._kept_until_s.get(n, now_s + PATIENCE_S) for n in dry_runs}
+        self._kept_until_s = {n: self._kept_until_s.get(n, now_s + DRY_RUN_TIMEOUT_S) for n in dry_runs}
         abandoned_jobs = [number for number, until_s in self._kept_until_s.items() if now_s > until_s]
         if abandoned_jobs:
             at_s = self._controller.clock.now()

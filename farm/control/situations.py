@@ -24,7 +24,7 @@ from farm.scheduling import (
 )
 from farm.state import Books
 
-PATIENCE_S = 30.0
+CONNECT_GRACE_S = 30.0
 """Wall seconds in which printers are expected to connect after the farm has started."""
 
 
@@ -75,7 +75,7 @@ class Situations:
 
     @property
     def startup_end_s(self) -> float:
-        return self._farm.started_s + PATIENCE_S * self._farm.clock.scale
+        return self._farm.started_s + CONNECT_GRACE_S * self._farm.clock.scale
 
     def is_starting(self) -> bool:
         """Return whether the farm has just started, and printers may still be connecting."""

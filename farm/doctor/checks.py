@@ -221,24 +221,24 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
         yield make_warning("clock", text, "set fleet.timezone to where the printers are, if that is wrong")
 
 
-def check_room(facts: Facts) -> Iterator[Finding]:
+def check_free_space(facts: Facts) -> Iterator[Finding]:
     """Check the free space on the disks, and shared memory."""
-    for room in facts.rooms:
-        if room.free_bytes is None:
-            yield make_problem("room", f"{room.folder} cannot be written", "check its owner and its disk")
+    for space in facts.free_spaces:
+        if space.free_bytes is None:
+            yield make_problem("room", f"{space.folder} cannot be written", "check its owner and its disk")
             continue
-        text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB free"
-        if room.free_bytes < MIN_BYTES:
+        text = f"{space.folder} has {space.free_bytes / 1024**2:.0f} MB free"
+        if space.free_bytes < MIN_BYTES:
             yield make_problem(
                 "room", f"{text}: too little to plan, or to write the database", "free some space"
             )
-        elif room.free_bytes < RECOMMENDED_BYTES:
+        elif space.free_bytes < RECOMMENDED_BYTES:
             yield make_warning("room", f"{text}: a large job may not fit", "free some space")
         else:
             yield make_success("room", text)
-    if facts.disk is not None and facts.fleet is not None and facts.rooms:
+    if facts.disk is not None and facts.fleet is not None and facts.free_spaces:
         rules = facts.fleet.fleet
-        folder = facts.rooms[0].folder
+        folder = facts.free_spaces[0].folder
         shortage = describe_shortage(folder, facts.disk, rules.keep.gb, rules.uploads.free_gb)
         if shortage is not None:
             text, _, action = shortage.partition(": ")
@@ -281,5 +281,5 @@ _CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
     check_cura,
     check_code,
     check_clock,
-    check_room,
+    check_free_space,
 )

@@ -31,8 +31,8 @@ from farm.doctor.facts import (
     CuraFacts,
     Facts,
     FileFacts,
+    FreeSpace,
     PortFacts,
-    RoomFacts,
     UserFacts,
 )
 from farm.errors import FarmError
@@ -85,9 +85,9 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
         ),
         ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
         disk=_measure_disk(places.state, books.books),
-        rooms=tuple(_measure_rooms(places.state)),
+        free_spaces=tuple(_measure_free_spaces(places.state)),
         code=_find_code(),
-        shared_memory=_measure_room(_SHARED_MEMORY),
+        shared_memory=_measure_free_space(_SHARED_MEMORY),
     )
 
 
@@ -253,12 +253,12 @@ def _find_user(fleet: Fleet | None, state: StateFolder) -> UserFacts:
     return UserFacts(getpass.getuser(), frozenset(groups), frozenset(known_groups), owner)
 
 
-def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:
+def _measure_free_spaces(state: StateFolder) -> Iterator[FreeSpace]:
     folder = state.root
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent  # `farm up` creates it there
     for path in dict.fromkeys((folder, Path(tempfile.gettempdir()))):
-        yield _measure_room(path)
+        yield _measure_free_space(path)
 
 
 def _measure_disk(state: StateFolder, books: Books | None) -> DiskUse | None:
@@ -270,9 +270,9 @@ def _measure_disk(state: StateFolder, books: Books | None) -> DiskUse | None:
     return None
 
 
-def _measure_room(folder: Path) -> RoomFacts:
+def _measure_free_space(folder: Path) -> FreeSpace:
     try:
         usable = os.access(folder, os.W_OK | os.X_OK)
-        return RoomFacts(str(folder), shutil.disk_usage(folder).free if usable else None)
+        return FreeSpace(str(folder), shutil.disk_usage(folder).free if usable else None)
     except OSError:
-        return RoomFacts(str(folder), None)
+        return FreeSpace(str(folder), None)

@@ -148,7 +148,7 @@ class ClockFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class RoomFacts:
+class FreeSpace:
     """Free space on a folder's disk, in bytes; None if it cannot be written."""
 
     folder: str
@@ -208,7 +208,7 @@ class Facts:
     files: FileFacts = FileFacts()
     agents: tuple[AgentFacts, ...] = ()
     ports: tuple[PortFacts, ...] = ()
-    rooms: tuple[RoomFacts, ...] = ()
+    free_spaces: tuple[FreeSpace, ...] = ()
     disk: DiskUse | None = None
     code: CodeFacts | None = None
-    shared_memory: RoomFacts = RoomFacts("/dev/shm", None)
+    shared_memory: FreeSpace = FreeSpace("/dev/shm", None)

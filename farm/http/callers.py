@@ -96,7 +96,7 @@ def find_user_role(name: str, operators: str | None) -> Role | None:
 
 
 class PeerProtocol(H11Protocol):
-    """HTTP protocol whose requests carry the caller as `request.state.person`.
+    """HTTP protocol whose requests carry the caller as `request.state.caller`.
 
     It also records since when it has waited for its client to send the rest of a request or to read the
     response: the server closes connections that wait too long.
@@ -109,7 +109,7 @@ class PeerProtocol(H11Protocol):
         if peer is not None and peer.family == socket.AF_UNIX:
             credentials = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
             _, uid, gid = _CREDENTIALS.unpack(credentials)
-            self.app_state: dict[str, Any] = {**self.app_state, "person": Person(uid, gid)}
+            self.app_state: dict[str, Any] = {**self.app_state, "caller": Person(uid, gid)}
 
     def data_received(self, data: bytes) -> None:
         previous_state = self.conn.their_state
@@ -143,7 +143,7 @@ def identify_caller(request: Request) -> Caller:
     Refused
         If the sender is unknown.
     """
-    caller: Caller | None = getattr(request.state, "person", None)
+    caller: Caller | None = getattr(request.state, "caller", None)
     if caller is None:
         raise Refused("the sender of this request is unknown: use the daemon's Unix socket")
     return caller

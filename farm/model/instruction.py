@@ -66,12 +66,12 @@ class StopPlanning(Instruction):
     job: int
 
 
-class NameFiles(Instruction):
+class LinkFiles(Instruction):
     """Link a planned job's files under readable names."""
 
     job: int
 
 
 AnyInstruction = (
-    SendStart | SendEndBy | SendCancel | SendPause | SendForget | SendCleared | StopPlanning | NameFiles
+    SendStart | SendEndBy | SendCancel | SendPause | SendForget | SendCleared | StopPlanning | LinkFiles
 )

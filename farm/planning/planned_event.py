@@ -25,7 +25,7 @@ from farm.state import events as ev
 def build_planned_event(
     job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
-    """Build the event of a plan, with its expected time, which rounds, hours and heating limit may extend."""
+    """Build the event of a plan, with its expected time, including waits for rounds, hours or heating."""
     used_printers = {plate.printer for plate in plan.plates}
     printers = list(printers)
     fleet = [make_idle(view) for view in printers if view.name in used_printers]
@@ -49,7 +49,7 @@ def build_planned_event(
         glue_s = (plan.assembly_s or 0.0) * compute_assembly_ratio(books.jobs.values())
         notices = (*notices, *_describe_lateness(job, ends_s, glue_s, rules, now_s))
     is_parallel = len({slot.printer for slot in forecast.slots}) == len(plan.plates)
-    at_once = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
+    is_unlimited = forecast.unprintable_plates or (is_parallel and rules.max_heating is None)
     return ev.JobPlanned(
         at_s=now_s,
         job=job.id,
@@ -58,7 +58,7 @@ def build_planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        expected_s=plan.expected_s if at_once else forecast.ends_s - forecast.starts_s,
+        expected_s=plan.expected_s if is_unlimited else forecast.ends_s - forecast.starts_s,
         lower_bound_s=max(0.0, forecast.lower_bound_s - forecast.starts_s),
         picture=plan.picture,
         assembly=plan.assembly,

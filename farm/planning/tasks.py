@@ -67,14 +67,14 @@ def list_slice_files(task: SliceTask) -> TaskFiles:
 
 def list_cut_files(task: ReplanTask) -> TaskFiles:
     """List the files of `cut_part`: all parts of the copy, the job's reports, and the pieces' folder."""
-    names = (*(part.file for part in (task.part, *task.others)), *task.reports)
+    names = (*(part.file for part in (task.part, *task.other_parts)), *task.reports)
     return TaskFiles(reads=tuple(task.files / name for name in names), folders=(task.folder,))
 
 
 if TYPE_CHECKING:
     from farm.planning.inspection.inspect_submission import inspect_submission
     from farm.planning.inspection.own_gcode import plan_gcode
-    from farm.planning.parts.decompose_job import decompose_job, warm
+    from farm.planning.parts.decompose_job import decompose_job, warm_up_planning
     from farm.planning.parts.draw_job import draw_job, draw_overview, draw_some_steps
     from farm.planning.parts.paused_job import continue_job, try_grid
     from farm.planning.parts.relevel_parts import relevel_parts
@@ -88,7 +88,7 @@ else:
     draw_overview = Deferred("farm.planning.parts.draw_job:draw_overview", list_overview_files)
     draw_some_steps = Deferred("farm.planning.parts.draw_job:draw_some_steps", list_step_files)
     relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts", list_relevel_files)
-    warm = Deferred("farm.planning.parts.decompose_job:warm")
+    warm_up_planning = Deferred("farm.planning.parts.decompose_job:warm_up_planning")
     plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
     try_grid = Deferred("farm.planning.parts.paused_job:try_grid", list_attempt_files)
     slice_part = Deferred("farm.planning.parts.slice_part:slice_part", list_slice_files)
@@ -106,5 +106,5 @@ __all__ = [
     "relevel_parts",
     "slice_part",
     "try_grid",
-    "warm",
+    "warm_up_planning",
 ]

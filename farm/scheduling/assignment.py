@@ -61,7 +61,11 @@ def select_possible(assignments: Iterable[Assignment], situation: Situation) -> 
         if len(starts) >= limit:
             break
         plate = waiting.get(assignment.plate)
-        if plate is None or assignment.printer not in free or plate.places == started_by_job[plate.job]:
+        if (
+            plate is None
+            or assignment.printer not in free
+            or plate.extra_printers == started_by_job[plate.job]
+        ):
             continue
         if _can_take(situation, fleet[assignment.printer], plate):
             starts.append(assignment)
@@ -95,12 +99,12 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     reasons = HoldReasons(
         situation, frozenset(printer_by_plate.values()), situation.spare_printers, limit_reached
     )
-    places = situation.waiting.places
+    extra_printers = situation.waiting.extra_printers
     for plate in situation.waiting:
-        if plate.id in printer_by_plate and plate.job in places:
-            places[plate.job] -= 1
+        if plate.id in printer_by_plate and plate.job in extra_printers:
+            extra_printers[plate.job] -= 1
     return {
-        plate.id: reasons.make_job_limit_hold() if places.get(plate.job) == 0 else reasons.find(plate)
+        plate.id: reasons.make_job_limit_hold() if extra_printers.get(plate.job) == 0 else reasons.find(plate)
         for plate in situation.waiting
         if plate.id not in printer_by_plate
     }
@@ -130,7 +134,7 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         order=FleetOrder.from_printers(free),
         planned=situation.waiting.planned,
         spare_printers=situation.spare_printers,
-        places=situation.waiting.places,
+        extra_printers=situation.waiting.extra_printers,
         starts=_count_allowed_starts(situation),
         rules=situation.rules,
         now_s=situation.now_s,

@@ -108,8 +108,8 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
 class _Simulation:
     """Simulation of the farm from now on, from one change to the next, without failures.
 
-    Free printers that get no plate are blocked: no waiting plate can start on them before hours or the
-    places of a job change.
+    Free printers that get no plate are blocked: no waiting plate can start on them before attended or quiet
+    hours begin or end, or a job may use more printers.
     """
 
     def __init__(self, situation: Situation, coming_printers: Sequence[FleetPrinter]) -> None:
@@ -121,7 +121,7 @@ class _Simulation:
         self._fleet = {printer.name: make_idle(printer) for printer in coming_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
         self._planned_plates = Counter(plate.planned for plate in situation.waiting)
-        self._places = situation.waiting.places
+        self._extra_printers = situation.waiting.extra_printers
         self._heating_count = 0
         self._idle: set[str] = set()
         self._blocked_printers: set[str] = set()
@@ -195,8 +195,8 @@ class _Simulation:
         self._remaining_plates[job] -= 1
         if not self._remaining_plates[job] and self._spares.pop(job, 0):
             self._blocked_printers.clear()
-        if job in self._places:
-            self._places[job] += 1
+        if job in self._extra_printers:
+            self._extra_printers[job] += 1
             self._blocked_printers.clear()
 
     def _match(self) -> bool:
@@ -215,7 +215,7 @@ class _Simulation:
             order=self._order,
             planned=planned_printers,
             spare_printers=self._choose_spare_printers(planned_printers),
-            places=self._places,
+            extra_printers=self._extra_printers,
             starts=starts,
             rules=self._rules,
             now_s=self._now_s,
@@ -246,8 +246,8 @@ class _Simulation:
         self._push(self._now_s + plate.heating_s, _HEATED, name)
         self._push(end_s, _END, plate.job)
         self._push(self._rules.bed_clear_s(end_s, CLEARING_S), _READY, name)
-        if plate.job in self._places:
-            self._places[plate.job] -= 1
+        if plate.job in self._extra_printers:
+            self._extra_printers[plate.job] -= 1
         self._planned_plates[plate.planned] -= 1
         if not self._planned_plates[plate.planned]:
             del self._planned_plates[plate.planned]

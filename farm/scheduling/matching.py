@@ -210,7 +210,7 @@ class WaitingPlate:
     first_layer_s: float = 0.0  # from its start to the end of its first layer
     failed_on: frozenset[str] = frozenset()
     is_repeat: bool = False  # printed before: that failed, or its part is bad
-    places: int | None = None  # number of additional printers that its job may use now; None: no limit
+    extra_printers: int | None = None  # that its job may use now; None: no limit
     not_before_s: float | None = None
     glue_rank: int = 0  # place in the order in which the parts of its job are glued; 0: none
 

@@ -56,7 +56,7 @@ class MatchingInputs:
         The printers for which the waiting plates were planned.
     spare_printers
         Free printers that are kept for plates that failed elsewhere.
-    places
+    extra_printers
         Number of additional printers that a job may use; jobs without a limit are absent.
     starts
         Number of printers that may start to heat up now.
@@ -69,7 +69,7 @@ class MatchingInputs:
     order: FleetOrder
     planned: Collection[str]
     spare_printers: Collection[str]
-    places: Mapping[int, int]
+    extra_printers: Mapping[int, int]
     starts: int
     rules: StartRules
     now_s: float
@@ -82,26 +82,30 @@ def match_plates(queue: Queue, inputs: MatchingInputs) -> dict[str, WaitingPlate
     """
     matching = _Matching(inputs)
     max_starts = min(inputs.starts, len(inputs.free))
-    places = dict(inputs.places)
+    extra_printers = dict(inputs.extra_printers)
     unplaced_plates: list[WaitingPlate] = []
     for (*_, job), plates in queue:
         for plate in plates:
             if len(matching.plate_by_printer) >= max_starts:
                 return matching.plate_by_printer
-            if places.get(job) == 0:
+            if extra_printers.get(job) == 0:
                 break
             if not matching.may_place(plate):
                 continue
             if matching.place(plate):
-                if job in places:
-                    places[job] -= 1
+                if job in extra_printers:
+                    extra_printers[job] -= 1
             elif plate.failed_on:
                 unplaced_plates.append(plate)
     for plate in unplaced_plates:
         if len(matching.plate_by_printer) >= max_starts:
             break
-        if places.get(plate.job) != 0 and matching.place_on_any(plate) and plate.job in places:
-            places[plate.job] -= 1
+        if (
+            extra_printers.get(plate.job) != 0
+            and matching.place_on_any(plate)
+            and plate.job in extra_printers
+        ):
+            extra_printers[plate.job] -= 1
     return matching.plate_by_printer
 
 

@@ -317,7 +317,9 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             feature_shares=plate.feature_shares,
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
-            places=None if printers is None else max(0, printers - sum(1 for _ in books.open_prints(job.id))),
+            extra_printers=None
+            if printers is None
+            else max(0, printers - sum(1 for _ in books.open_prints(job.id))),
             is_repeat=bool(plate.prints),
             not_before_s=job.not_before_s,
             glue_rank=min(_find_glue_ranks(plate, books), default=0),

@@ -17,7 +17,7 @@ from farm.wording import name_time
 
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
-GRAMS_SHARE, MIN_GRAMS = 1.05, 5.0
+GRAMS_RATIO, MIN_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
 FIRST_LAYER_S = 3600.0
 """Seconds of the attended hours reserved for first layers, which need supervision."""
@@ -140,7 +140,7 @@ class StartRules:
 
     def start_window(self, is_unattended: bool, at_s: float) -> StartWindow:
         """Return the limits on prints that start at `at_s` on printers with this permission."""
-        quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
+        quiet = self.quiet.span(at_s) or self.quiet.next_span(at_s)
         attended_span = self.attended.span(at_s)
         return StartWindow(
             at_s=at_s,
@@ -152,7 +152,7 @@ class StartRules:
 
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
         """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
-        quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
+        quiet = self.quiet.span(at_s) or self.quiet.next_span(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
         if quiet[1] == float("inf"):
@@ -175,7 +175,7 @@ class StartRules:
         span = self.attended.span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
-        next_span = self.attended.following(at_s)
+        next_span = self.attended.next_span(at_s)
         if next_span is None:
             text = f"{rule}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
@@ -197,7 +197,7 @@ class StartRules:
         self, plates: Iterable[WaitingPlate], printers: Collection[FleetPrinter], at_s: float
     ) -> Iterator[float]:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
-        quiet, attended_span = self.quiet.following(at_s), self.attended.span(at_s)
+        quiet, attended_span = self.quiet.next_span(at_s), self.attended.span(at_s)
         for plate in plates:
             before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
             for printer in printers:
@@ -237,7 +237,7 @@ class StartRules:
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
-        next_span = self.attended.following(now_s)
+        next_span = self.attended.next_span(now_s)
         hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
         return f"{printer.name} prints only in attended hours ({printer.why_attended}){hint}"
 
@@ -255,17 +255,17 @@ class StartRules:
         if span is not None and math.isinf(span[1]):
             raise ValueError(
                 "--overnight starts when nobody is there, and the `attended` hours of fleet.yaml never end: "
-                "give --at a time"
+                "use --at TIME"
             )
         if self.first_layers_attended:
             while span is not None and span[1] - FIRST_LAYER_S <= now_s:
-                span = self.attended.following(span[1])
-            span = span or self.attended.following(now_s)
+                span = self.attended.next_span(span[1])
+            span = span or self.attended.next_span(now_s)
             latest = None if span is None else datetime.fromtimestamp(span[1] - FIRST_LAYER_S, self.zone)
             example = "" if latest is None else f", like --at '{latest:%a %H:%M}'"
             raise ValueError(
                 "--overnight starts when nobody is there, but fleet.yaml requires attended first layers "
-                f"(`first_layers_attended`): give --at a time before attended hours end{example}"
+                f"(`first_layers_attended`): use --at with a time before attended hours end{example}"
             )
         return None if span is None else span[1]
 
@@ -277,13 +277,13 @@ class StartRules:
         """Return the time at which a present person can have cleared the bed of an ended print."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
-        next_span = self.attended.following(ended_s)
+        next_span = self.attended.next_span(ended_s)
         return (next_span[0] if next_span is not None else ended_s) + clearing_s
 
 
 def compute_needed_grams(plate: WaitingPlate) -> float:
     """Return the grams that a reel must have for a plate, including the reserve."""
-    return max(plate.grams * GRAMS_SHARE, plate.grams + MIN_GRAMS)
+    return max(plate.grams * GRAMS_RATIO, plate.grams + MIN_GRAMS)
 
 
 def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
@@ -294,6 +294,6 @@ def find_filament_shortage(plate: WaitingPlate, printer: FleetPrinter, grams: fl
     has, needs = f"{printer.name} has {grams:.0f} g", f"needs {grams_needed:.0f} g"
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
-        text=f"{has}, it {needs}: load a reel, then `farm load {printer.name}`",
+        text=f"{has}, this plate {needs}: load a reel, then `farm load {printer.name}`",
         reel=ShortReel(printer=printer.name, text=f"{has}, {plate.id} {needs}"),
     )

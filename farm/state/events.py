@@ -11,7 +11,7 @@ from farm.model.host_events import HostConnected as HostConnected
 from farm.model.host_events import HostLost as HostLost
 from farm.model.instruction import AnyInstruction as AnyInstruction
 from farm.model.instruction import Instruction as Instruction
-from farm.model.instruction import NameFiles as NameFiles
+from farm.model.instruction import LinkFiles as LinkFiles
 from farm.model.instruction import SendCancel as SendCancel
 from farm.model.instruction import SendCleared as SendCleared
 from farm.model.instruction import SendEndBy as SendEndBy

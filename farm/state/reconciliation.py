@@ -11,7 +11,7 @@ from farm.state.faults import OwnFault
 from farm.state.plate_state import PlateState
 from farm.state.transitions import apply
 
-CLOCKS_APART_S = 60.0
+MAX_CLOCK_DIFFERENCE_S = 60.0
 """Largest difference between two hosts' clocks, in seconds."""
 
 
@@ -143,7 +143,7 @@ def _is_same_moment(first_s: float | None, second_s: float | None) -> bool:
     """Return whether two times are equal, within the difference of two hosts' clocks."""
     if first_s is None or second_s is None:
         return first_s is second_s
-    return abs(first_s - second_s) <= CLOCKS_APART_S
+    return abs(first_s - second_s) <= MAX_CLOCK_DIFFERENCE_S
 
 
 def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
@@ -263,7 +263,7 @@ def find_plate(books: Books, printer: str, report: AgentPrint) -> Plate | None:
     candidates = [
         plate
         for job in books.jobs.values()
-        if job.planned_s is not None and job.planned_s <= report.started_s + CLOCKS_APART_S
+        if job.planned_s is not None and job.planned_s <= report.started_s + MAX_CLOCK_DIFFERENCE_S
         for plate in books.plates_of(job)
         if plate.sha256 == report.sha256 and (_is_waiting(books, plate) or _may_be_waiting(books, plate))
     ]

@@ -28,7 +28,7 @@ from farm.state.retention import (
     select_jobs,
 )
 from farm.state.storage import (
-    GRACE_S,
+    NEW_FILE_GRACE_S,
     Store,
     StoredFile,
     StoreError,
@@ -37,7 +37,7 @@ from farm.state.storage import (
     list_backups,
     list_files,
     parse_backup_time_s,
-    unlink_missing_files,
+    remove_broken_links,
 )
 from farm.state.transitions import apply
 from farm.text import format_count
@@ -246,20 +246,23 @@ class Upkeep:
         freed_bytes = 0
         for names, min_age_s in self._list_deletions(files, controller.books):
             freed_bytes += await asyncio.to_thread(delete_files, folder, names, time.time(), min_age_s)
-        await asyncio.to_thread(unlink_missing_files, self._state.jobs)
+        await asyncio.to_thread(remove_broken_links, self._state.jobs)
         return freed_bytes
 
     def _list_deletions(
         self, files: dict[str, StoredFile], books: Books
     ) -> list[tuple[frozenset[str], float]]:
-        """List the files that are not kept, with the wall seconds since they were stored.
+        """List the files that are not kept, with the age at which they may be deleted, in wall seconds.
 
         Files that no job names may belong to a database that a person restores: they stay for `days`.
         """
         deletable = list_deletable_files(books)
         unknown = files.keys() - deletable - list_named_files(books)
         days_s = self._rules.days * _DAY_S / self._controller.clock.scale
-        return [(deletable & files.keys(), GRACE_S), (frozenset(unknown), max(GRACE_S, days_s))]
+        return [
+            (deletable & files.keys(), NEW_FILE_GRACE_S),
+            (frozenset(unknown), max(NEW_FILE_GRACE_S, days_s)),
+        ]
 
     def _select(
         self, files: dict[str, StoredFile], books: Books, now_s: float, backup_s: float | None = None

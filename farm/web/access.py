@@ -9,7 +9,7 @@ import re
 
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
-from farm.web.slicers import SLICER_OPEN, SLICER_ROLES
+from farm.web.slicers import PUBLIC_SLICER_ROUTES, SLICER_ROLES
 
 METRICS = "/metrics"
 SCHEMA = f"{NETWORK_PREFIX}/openapi.json"
@@ -71,7 +71,7 @@ PAGES = (
     "/jobs/{number}/stills/{name}",
 )
 OPERATOR_PAGES = ("/printers/{name}/wire",)
-OPEN = frozenset(
+PUBLIC_ROUTES = frozenset(
     {
         ("GET", LIVENESS),
         ("GET", "/login"),
@@ -79,7 +79,7 @@ OPEN = frozenset(
         ("GET", "/login/{token}"),
         ("POST", "/login/{token}"),
         ("GET", "/static/{name}"),
-        *SLICER_OPEN,
+        *PUBLIC_SLICER_ROUTES,
     }
 )
 """Routes that require no key; they show no data of the farm."""
@@ -115,7 +115,7 @@ def _compile(path: str) -> re.Pattern[str]:
     return re.compile(re.sub(r"\{\w+\}", "[^/]+", path))
 
 
-_OPEN_PATTERNS = [(method, _compile(path)) for method, path in OPEN]
+_OPEN_PATTERNS = [(method, _compile(path)) for method, path in PUBLIC_ROUTES]
 _PATTERNS = [(method, _compile(path), role) for (method, path), role in ROLES.items()]
 
 

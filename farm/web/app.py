@@ -187,7 +187,7 @@ class Guard:
         decision = self._judge(scope)
         if not isinstance(decision, Refusal):
             is_allowed = partial(self._is_valid, decision)
-            state = {**scope.get("state", {}), "person": decision, "is_allowed": is_allowed}
+            state = {**scope.get("state", {}), "caller": decision, "is_allowed": is_allowed}
             await self._app({**scope, "state": state}, receive, send_with_headers)
             return
         response = self._answer(decision, scope["path"], Headers(scope=scope))

@@ -68,9 +68,9 @@ class Visitor:
 
 def find_holder(request: Request) -> KeyHolder:
     """Return the caller, whom the guard has identified. Raises Refused for a visitor."""
-    person = request.state.person
-    if isinstance(person, KeyHolder):
-        return person
+    caller = request.state.caller
+    if isinstance(caller, KeyHolder):
+        return caller
     raise Refused("this needs a session: `farm web` on the farm's host opens one")
 
 

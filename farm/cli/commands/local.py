@@ -58,7 +58,7 @@ def decompose(
         str, typer.Option(help="auto, a name from the paper, or cells per side.")
     ] = "auto",
     interior: Annotated[
-        str, typer.Option(help="leave: leave the deep inside hollow; keep: print it too.")
+        str, typer.Option(help="leave: leave the interior hollow; keep: print it.")
     ] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Thinnest wall around the hollow, mm.")] = 10.0,
     min_glue: Annotated[float, typer.Option(min=0, help="Smallest area of a joint that holds, mm2.")] = 25.0,
@@ -255,7 +255,7 @@ def worker(
     check_cluster(scheduler, certificates)
     from farm.compute.cluster.serve import WorkerOptions, serve_tasks  # loads Dask
     from farm.planning.error_translation import translate_errors
-    from farm.planning.tasks import warm
+    from farm.planning.tasks import warm_up_planning
 
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     name = name or socket.gethostname()
@@ -271,7 +271,7 @@ def worker(
     if acquire_lock(options.folder / "lock") is None:  # until this process ends
         raise Refused(f"another worker uses {options.folder}: give each its own --folder")
     with translate_errors():
-        asyncio.run(serve_tasks(options, warm))
+        asyncio.run(serve_tasks(options, warm_up_planning))
 
 
 def _choose_folder(name: str) -> Path:

@@ -61,7 +61,8 @@ class ClusterPool:
     """Pool on a cluster; see `farm.compute.pool.Pool`.
 
     Work without known files runs on this computer: it is quick, and a person waits for it. When the cluster
-    has had no usable worker for `cluster_state.PATIENCE_S`, all work runs on this computer until it has one.
+    has had no usable worker for `cluster_state.WORKER_TIMEOUT_S`, all work runs on this computer until it has
+    one.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from enum import StrEnum
 
-PATIENCE_S = 30.0
+WORKER_TIMEOUT_S = 30.0
 """Wall seconds without a usable worker after which work runs on this computer."""
 
 
@@ -15,7 +15,7 @@ class Place(StrEnum):
 
     CLUSTER = "cluster"
     WAITING = "waiting"  # for a worker of the cluster
-    HERE = "here"  # as there has been none for `PATIENCE_S`
+    HERE = "here"  # as there has been none for `WORKER_TIMEOUT_S`
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,13 +90,12 @@ def describe_place(place: Place, scheduler: str) -> str:
     reason = f"no worker of {scheduler} can be used"
     if place is Place.WAITING:
         return f"{reason}: tasks wait for one"
-    return (
-        f"{reason} for {PATIENCE_S:.0f} s: tasks run on this host; see that the scheduler and its workers run"
-    )
+    advice = "tasks run on this computer; see that the scheduler and its workers run"
+    return f"{reason} for {WORKER_TIMEOUT_S:.0f} s: {advice}"
 
 
 def choose_place(lost_s: float) -> Place:
     """Choose the place of new work, from the seconds since the cluster had a usable worker."""
     if lost_s <= 0.0:
         return Place.CLUSTER
-    return Place.WAITING if lost_s < PATIENCE_S else Place.HERE
+    return Place.WAITING if lost_s < WORKER_TIMEOUT_S else Place.HERE

@@ -21,7 +21,7 @@ class FileCache:
     folder
         Its folder, which is created.
     max_bytes
-        Largest size of the files that no task uses and that are kept.
+        Limit on the total size of the kept files that no task uses.
     """
 
     def __init__(self, folder: Path, max_bytes: int = CACHE_BYTES) -> None:
@@ -46,7 +46,7 @@ class FileCache:
             If it cannot be written.
         """
         if hashlib.sha256(content).hexdigest() != sha256:
-            raise ValueError(f"the file {sha256[:12]} was damaged on its way")
+            raise ValueError(f"the file {sha256[:12]} was damaged in transit")
         path = self.path(sha256)
         if path.exists():
             return

@@ -13,7 +13,7 @@ from farm.compute.cluster.installation import read_installation
 from farm.compute.cluster.security import make_security
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.compute.worker_pool import Workers
-from farm.compute.worker_process import Warm
+from farm.compute.worker_process import WarmUp
 
 log = logging.getLogger(__name__)
 _RETRY_S = 2.0
@@ -41,12 +41,12 @@ class WorkerOptions:
     memory_gb: float | None = None
 
 
-async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
+async def serve_tasks(options: WorkerOptions, warm_up: WarmUp | None) -> None:
     """Run tasks for the farms of a cluster until SIGTERM or Ctrl-C.
 
     Parameters
     ----------
-    warm
+    warm_up
         First call in every process; see `Workers`.
 
     Raises
@@ -61,7 +61,7 @@ async def serve_tasks(options: WorkerOptions, warm: Warm | None) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop_event.set)
     security = make_security(options.scheduler, options.certificates)
     installation = await asyncio.to_thread(read_installation)
-    pool = Workers(options.folder / "processes", options.slots, options.memory_gb, warm)
+    pool = Workers(options.folder / "processes", options.slots, options.memory_gb, warm_up)
     executor = TaskExecutor(options.name, options.folder, pool, installation)
     try:
         while not stop_event.is_set():

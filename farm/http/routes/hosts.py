@@ -28,7 +28,7 @@ def host_routes(services: Services) -> APIRouter:
     async def update_agents(by: OperatorName) -> api.HostUpdate:
         hosts = () if services.hosts is None else services.hosts.begin_update(by)
         if not hosts:
-            raise Refused("no connected host has agents of another version than its service")
+            raise Refused("no connected host has agents of a version other than its service's")
         return api.HostUpdate(hosts=list(hosts))
 
     return router

@@ -45,7 +45,9 @@ def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
         name = clean_name(name)
         model = await uploads.receive_model(request.stream(), request_id, name, size, job_options)
         number, is_repeated = jobs.submit(request_id, name, model, job_options, by)
-        return api.SubmitResponse(job=number, again=is_repeated, notices=jobs.find_excess(job_options))
+        return api.SubmitResponse(
+            job=number, again=is_repeated, notices=jobs.list_unusable_options(job_options)
+        )
 
     @router.get("/uploads/{request_id}")
     async def upload(request_id: str) -> api.UploadView:

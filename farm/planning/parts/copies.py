@@ -45,7 +45,7 @@ def iterate_part_counts(copies: int, printers: int, max_parts: int) -> Iterator[
             yield rounds, parts
 
 
-def choose_spaced(items: Sequence[T], count: int) -> list[T]:
+def choose_evenly_spaced(items: Sequence[T], count: int) -> list[T]:
     """Choose items at equal distances in a sequence: of printers sorted by kind, a share of each kind."""
     return [items[i * len(items) // count] for i in range(count)]
 

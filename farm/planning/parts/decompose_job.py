@@ -30,7 +30,7 @@ from farm.planning.decompose_progress import ProgressFile
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.part_records import DecomposedPart
-from farm.planning.parts.copies import choose_spaced, iterate_part_counts
+from farm.planning.parts.copies import choose_evenly_spaced, iterate_part_counts
 from farm.planning.parts.cut_record import write_cut_record
 from farm.planning.parts.draw_job import write_drawing_record
 from farm.planning.parts.pricing import build_decompose_options, estimate_time_factors, price_rooms
@@ -39,7 +39,7 @@ from farm.planning.plate_times import reassign_loads
 from slicing.settings import find_resources
 
 
-def warm(report: Callable[[str], object]) -> None:
+def warm_up_planning(report: Callable[[str], object]) -> None:
     """Load the planning code before the first job by cutting a small box, and compile it if necessary."""
     if not is_compiled():
         report("compiling the planning code, which takes minutes; `farm setup` does it in advance")
@@ -240,7 +240,7 @@ class ModelCutter:
         for rounds, parts in iterate_part_counts(copies, printers, part_limit):
             if parts < least_parts and parts < part_limit:
                 continue
-            share = sorted(choose_spaced(by_kind, parts))  # the fastest first, as in `rooms`
+            share = sorted(choose_evenly_spaced(by_kind, parts))  # the fastest first, as in `rooms`
             cutter = replace(self, rooms=[self.rooms[i] for i in share])
             try:
                 if has_count:

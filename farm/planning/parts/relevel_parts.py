@@ -65,7 +65,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:
-    """Compute the time of each part, scaled by its printer's factor for the part over that for the job.
+    """Compute the time of each part, scaled by its printer's time factor for the part relative to the job.
 
     Moving planes assumes one speed for each printer, which is its speed for the features of the whole job.
     """

@@ -102,7 +102,7 @@ class ReplanCoordinator:
                 yield self._start(plate, recut.printers, cut=True)
 
     def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
-        """Yield the plates that wait for one kind of printer and are sliced for another kind.
+        """Yield the plates to slice for another kind of printer than the one that they wait for.
 
         Parameters
         ----------

@@ -40,7 +40,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     with translate_errors():
         resources = find_resources()
     job_options = build_decompose_options(task.options, task.printers)
-    connectors = replace(job_options.connectors, taken_mm=read_taken_mm(task))
+    connectors = replace(job_options.connectors, taken_mm=read_pin_distances_mm(task))
     options = replace(job_options, interior=Interior.KEEP, connectors=connectors)  # no hollows
     whole, quality = Model(_read_solid(task.files / task.part.file), (), 1.0), task.options.quality
     time_factors = estimate_time_factors(task.printers, task.time_factors, whole.solid, quality, resources)
@@ -60,14 +60,17 @@ def cut_part(task: ReplanTask) -> Pieces:
         with translate_errors():
             raise
     pieces = tuple(DecomposedPart.from_part(part, task.folder) for part in stored_decomposition.parts)
-    job_parts = [*(_convert_part(task.files, other) for other in task.others), *stored_decomposition.parts]
+    job_parts = [
+        *(_convert_part(task.files, other) for other in task.other_parts),
+        *stored_decomposition.parts,
+    ]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(job_parts, picture)
     write_glb(job_parts, assembly)
     return Pieces(pieces, picture, assembly, task.folder / REPORT, task.folder / INSTRUCTIONS)
 
 
-def read_taken_mm(task: ReplanTask) -> tuple[float, ...]:
+def read_pin_distances_mm(task: ReplanTask) -> tuple[float, ...]:
     """Read the distances between the pins of the job's parts, in mm, which new pairs of pins must avoid."""
     reports = ((task.files / name).read_text(encoding="utf-8") for name in task.reports)
     return tuple(mm for report in reports for mm in read_pair_distances_mm(json.loads(report)))

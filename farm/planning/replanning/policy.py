@@ -163,7 +163,9 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         for p in situation.free
         if p.name not in used_printers and _has_same_filament(plate, p) and _could_start(piece, p, situation)
     ]
-    max_pieces = min(len(free), MAX_PIECES, len(free) if plate.places is None else plate.places)
+    max_pieces = min(
+        len(free), MAX_PIECES, len(free) if plate.extra_printers is None else plate.extra_printers
+    )
     if max_pieces < 2:
         return None
     factors = {p.name: p.time_factors.compute_factor(plate.feature_shares) for p in free}
@@ -213,7 +215,7 @@ def _find_best_printer(
         for p in free
         if _differs_in_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, situation)
     ]
-    if plate.places == 0 or not ready:
+    if plate.extra_printers == 0 or not ready:
         return None
     return min(ready, key=lambda p: (_estimate_sliced_s(plate, p), p.name))
 

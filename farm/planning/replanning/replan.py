@@ -30,7 +30,7 @@ class ReplanTask:
         Scratch folder.
     time_factors
         Time factors of the printers, by name; 1 if there is none.
-    others
+    other_parts
         The other parts of the same copy of the model, for the picture.
     reports
         Reports on the decomposition and on earlier cuts of its job, in the file store.
@@ -43,7 +43,7 @@ class ReplanTask:
     files: Path
     folder: Path
     time_factors: Mapping[str, TimeFactors] = field(default_factory=dict)
-    others: tuple[Part, ...] = ()
+    other_parts: tuple[Part, ...] = ()
     reports: tuple[str, ...] = ()
 
     def time_factors_of(self, printer: str) -> TimeFactors:

@@ -2,20 +2,20 @@
 
 from farm.state.storage.backups import NightlyBackup, back_up, list_backups, open_books, parse_backup_time_s
 from farm.state.storage.file_store import (
-    GRACE_S,
+    NEW_FILE_GRACE_S,
     StoredFile,
     compute_sha256,
     delete_files,
+    link_files,
     list_files,
-    name_files,
+    remove_broken_links,
     store_file,
-    unlink_missing_files,
 )
 from farm.state.storage.migrations import SCHEMA_VERSION
 from farm.state.storage.store import Store, StoreError, read_books
 
 __all__ = [
-    "GRACE_S",
+    "NEW_FILE_GRACE_S",
     "SCHEMA_VERSION",
     "NightlyBackup",
     "Store",
@@ -24,12 +24,12 @@ __all__ = [
     "back_up",
     "compute_sha256",
     "delete_files",
+    "link_files",
     "list_backups",
     "list_files",
-    "name_files",
     "open_books",
     "parse_backup_time_s",
     "read_books",
+    "remove_broken_links",
     "store_file",
-    "unlink_missing_files",
 ]

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-GRACE_S = 3600.0
+NEW_FILE_GRACE_S = 3600.0
 """Wall seconds for which a new file is kept even if the books do not name it."""
 
 
@@ -20,7 +20,7 @@ def compute_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
+def link_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
     """Create links into the store in a folder (name -> stored name), and remove its other links."""
     folder.mkdir(parents=True, exist_ok=True)
     relative = Path(os.path.relpath(store, folder))
@@ -31,7 +31,7 @@ def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
         (folder / name).symlink_to(relative / file_name)
 
 
-def unlink_missing_files(jobs: Path) -> None:
+def remove_broken_links(jobs: Path) -> None:
     """Remove the links of all jobs whose file is gone."""
     for link in jobs.glob("*/*"):
         if link.is_symlink() and not link.exists():
@@ -85,7 +85,9 @@ def list_files(folder: Path) -> dict[str, StoredFile]:
     return files
 
 
-def delete_files(folder: Path, names: Iterable[str], now_s: float, min_age_s: float = GRACE_S) -> int:
+def delete_files(
+    folder: Path, names: Iterable[str], now_s: float, min_age_s: float = NEW_FILE_GRACE_S
+) -> int:
     """Delete files that the books do not name; return the number of bytes.
 
     Recently stored files stay, as the event that names them may follow.

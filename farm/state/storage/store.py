@@ -323,12 +323,12 @@ class Store:
         (number,) = self._db.execute("SELECT count(*) FROM event WHERE seq <= ?", (last,)).fetchone()
         return int(number)
 
-    def delete_events(self, last: int, at_once: int = 2000) -> int:
-        """Delete up to `at_once` of the oldest events up to a number; return how many were deleted."""
+    def delete_events(self, last: int, max_count: int = 2000) -> int:
+        """Delete up to `max_count` of the oldest events up to a number; return how many were deleted."""
         try:
             return self._db.execute(
                 "DELETE FROM event WHERE seq IN (SELECT seq FROM event WHERE seq <= ? ORDER BY seq LIMIT ?)",
-                (last, at_once),
+                (last, max_count),
             ).rowcount
         except sqlite3.Error as error:
             raise StoreError(f"old events cannot be deleted: {error}") from error

@@ -39,7 +39,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
     job = _apply_plan(books.job(event.job), event)
     hold = (restore.HOLD if job.restored else _make_approval_hold(job.id)) if event.held else None
     job = replace_fields(job, state=JobState.HELD if event.held else JobState.PRINTING, hold=hold)
-    return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+    return put(books, job, *event.parts, *event.plates), (ev.LinkFiles(job=job.id),)
 
 
 @change.register
@@ -51,7 +51,7 @@ def _(event: ev.PlanRevised, books: Books) -> Result:
     job = replace_fields(_apply_plan(previous, event), revisions=previous.revisions + 1)
     removed_plates = [plate for plate in plates if plate.id not in job.plates]
     replaced_plates = [replace_fields(plate, replaced_by=job.plates) for plate in removed_plates]
-    return put(books, job, *replaced_plates, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+    return put(books, job, *replaced_plates, *event.parts, *event.plates), (ev.LinkFiles(job=job.id),)
 
 
 def _apply_plan(job: Job, event: ev.JobPlanned) -> Job:
@@ -121,7 +121,7 @@ def _(event: ev.JobPruned, books: Books) -> Result:
     if keep_reason is not None:
         raise InvalidTransition(event, JOB, job.id, job.state, keep_reason)
     job = replace_fields(job, pruned_s=event.at_s, part_pictures=event.part_pictures)
-    return put(books, job), (ev.NameFiles(job=job.id),)
+    return put(books, job), (ev.LinkFiles(job=job.id),)
 
 
 @change.register

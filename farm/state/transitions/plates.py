@@ -47,7 +47,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
         cuts=_add_file(job.cuts, plate.parts[0], event.decomposition),
         cut_instructions=_add_file(job.cut_instructions, plate.parts[0], event.instructions),
     )
-    return put(books, old_plate, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
+    return put(books, old_plate, job, *plates, *event.parts), (ev.LinkFiles(job=job.id),)
 
 
 def _add_file(files: Mapping[str, str], part: str, file: str | None) -> Mapping[str, str]:

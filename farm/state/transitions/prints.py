@@ -119,7 +119,7 @@ def _is_end_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
 
 
 def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
-    """Return an ended print, with its state, fault, charge and filament."""
+    """Return an ended print, with its state, fault and filament, and whether it counts as an attempt."""
     state, fault, reason = event.state, event.fault, event.reason
     has_started = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_reason is not None:

@@ -104,7 +104,7 @@ def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
     return str(state) if state.ended else "printing"
 
 
-def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
+def list_bars(job: api.JobView, history: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
     """List every print of a job, and the prints of other jobs in the same time span."""
     job_bars = []
     for attempt in job.prints:
@@ -122,7 +122,7 @@ def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime)
     first, last = min(bar.start for bar in job_bars), max(bar.end for bar in job_bars)
     return job_bars + [
         Bar(row.printer, start, end, _OTHER_JOB, "", f"{row.part} of another job")
-        for row in others
+        for row in history
         if row.job != job.id and row.started and row.ended
         for start, end in [(datetime.fromisoformat(row.started), datetime.fromisoformat(row.ended))]
         if end > first and start < last

@@ -14,7 +14,7 @@ PLANNED = "planned"
 
 
 @dataclass(frozen=True, slots=True)
-class PlannedPrint:
+class TimelinePrint:
     """Print of a plate on a printer; times in seconds since the epoch.
 
     Attributes
@@ -35,7 +35,7 @@ class PlannedPrint:
 class FleetPlan:
     """Prints of the fleet between two times, and the plates that no printer can take."""
 
-    prints: tuple[PlannedPrint, ...]
+    prints: tuple[TimelinePrint, ...]
     unprintable_plates: tuple[str, ...]
 
     def job_ends_s(self) -> dict[int, float]:
@@ -62,7 +62,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     forecast = forecast_prints(situation, has_bound=False)
     plates = context.books.plates
     planned_prints = (
-        PlannedPrint(
+        TimelinePrint(
             slot.printer,
             plates[slot.plate].job,
             plates[slot.plate].parts[0],
@@ -77,7 +77,7 @@ def plan_fleet(context: ViewContext, situation: Situation, since_s: float) -> Fl
     return FleetPlan(tuple(prints), forecast.unprintable_plates)
 
 
-def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint]:
+def _list_started(context: ViewContext, since_s: float) -> Iterator[TimelinePrint]:
     """List the prints that have started since a time; an open print lasts until its expected end."""
     for attempt in context.books.prints.values():
         if attempt.state.ended and (attempt.started_s is None or (attempt.ended_s or 0.0) < since_s):
@@ -85,7 +85,7 @@ def _list_started(context: ViewContext, since_s: float) -> Iterator[PlannedPrint
         starts_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
         part = context.books.plates[attempt.plate].parts[0]
         kind = name_outcome(attempt.state, attempt.verdict)
-        yield PlannedPrint(
+        yield TimelinePrint(
             attempt.printer,
             attempt.job,
             part,
@@ -105,7 +105,7 @@ def list_spans(hours: Hours, begin_s: float, end_s: float) -> list[tuple[float, 
     """List the spans of weekly hours within an interval, clipped to it."""
     spans, at_s = [], begin_s
     while at_s < end_s:
-        span = hours.span(at_s) or hours.following(at_s)
+        span = hours.span(at_s) or hours.next_span(at_s)
         if span is None or span[0] >= end_s:
             break
         spans.append((max(begin_s, span[0]), min(end_s, span[1])))

@@ -9,7 +9,7 @@ from farm.scheduling import Situation
 from farm.text import format_duration
 from farm.views.charts import Mark, TimeAxis
 from farm.views.context import ViewContext
-from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, PlannedPrint, list_spans, plan_fleet
+from farm.views.dashboard.fleet_plan import PLANNED, FleetPlan, TimelinePrint, list_spans, plan_fleet
 from farm.views.dashboard.what_if import Change, JobShift, try_change
 from farm.views.jobs import count_waiting
 
@@ -102,7 +102,7 @@ class Shift:
 
 @dataclass(frozen=True, slots=True)
 class WaitingJob:
-    """Job whose place or start can be changed on trial."""
+    """Job whose place in the queue or start a what-if change can alter."""
 
     id: int
     name: str
@@ -121,9 +121,9 @@ class TimelineView:
     jobs_without_plan
         Jobs without a plan, which the timeline cannot show yet.
     waiting
-        Jobs with plates that have not started: their place or start can be changed on trial.
+        Jobs with plates that have not started: the jobs that a what-if change can alter.
     change, shifts
-        The change on trial, and its effect on each job; None and empty for the present plan.
+        The what-if change, and its effect on each job; None and empty for the present plan.
     """
 
     now: str
@@ -152,7 +152,7 @@ def describe_fleet_timeline(
     past_s
         Time from the start of the timeline to now, in seconds.
     change
-        A change to a job on trial: the timeline shows the plan with the change.
+        A what-if change to a job: the timeline shows the plan with it.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def _lay_out_bands(axis: TimeAxis, spans: Sequence[tuple[float, float]]) -> tupl
     return tuple(Band(axis.x(begin_s), axis.x(end_s) - axis.x(begin_s)) for begin_s, end_s in spans)
 
 
-def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: PlannedPrint) -> Bar:
+def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: TimelinePrint) -> Bar:
     x = axis.x(slot.starts_s)
     width = max(3.0, axis.x(slot.ends_s) - x - 1.0)
     label = " ".join(filter(None, (SIGNS[slot.kind], slot.part)))
@@ -236,7 +236,7 @@ def _lay_out_bar(context: ViewContext, axis: TimeAxis, slot: PlannedPrint) -> Ba
     return Bar(x, width, slot.kind, label, text, slot.job)
 
 
-def _make_table_row(context: ViewContext, slot: PlannedPrint) -> TableRow:
+def _make_table_row(context: ViewContext, slot: TimelinePrint) -> TableRow:
     return TableRow(
         printer=slot.printer,
         job=slot.job,

@@ -17,8 +17,8 @@ from farm.views.history import list_prints
 from farm.views.printers import describe_printer
 from farm.views.tasks import list_tasks
 
-_PRINTS = 20
-_FAULTS = 10
+_MAX_PRINTS = 20
+_MAX_FAULTS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def describe_printer_page(
             readings, context.now_s, context.fleet.zone, lambda at_s: context.format_time(at_s) or ""
         ),
         figures=sum_figures(name, prints, context.books.plates),
-        prints=list(reversed(list_prints(context, None, name, None, _PRINTS))),
+        prints=list(reversed(list_prints(context, None, name, None, _MAX_PRINTS))),
         faults=_list_faults(context, prints),
         upkeep=[describe_event(context.books, context.fleet.zone, row) for row in upkeep],
     )
@@ -122,7 +122,7 @@ def _list_faults(context: ViewContext, prints: Sequence[Print]) -> list[FaultVie
         if attempt.state.ended and (attempt.fault or attempt.verdict_why or attempt.fail_reason)
     ]
     faulty.sort(key=lambda attempt: attempt.ended_s or 0.0, reverse=True)
-    return [_describe_fault(context, attempt) for attempt in faulty[:_FAULTS]]
+    return [_describe_fault(context, attempt) for attempt in faulty[:_MAX_FAULTS]]
 
 
 def _describe_fault(context: ViewContext, attempt: Print) -> FaultView:

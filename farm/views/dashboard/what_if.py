@@ -1,4 +1,4 @@
-"""Forecast with a change on trial: to the place of a job in the queue, or to its start. Pure."""
+"""Forecast with a what-if change: to the place of a job in the queue, or to its start. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from farm.views.dashboard.fleet_plan import FleetPlan, plan_fleet
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Change to a job, on trial.
+    """What-if change to a job.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def change_situation(situation: Situation, books: Books, change: Change, now_s: 
     books
         The present books.
     change
-        The change on trial.
+        The what-if change.
     now_s
         Farm time, seconds since the epoch.
     """

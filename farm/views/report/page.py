@@ -63,7 +63,7 @@ def load_templates() -> Environment:
 
 def render_page(
     job: api.JobView,
-    others: Sequence[api.HistoryRow],
+    history: Sequence[api.HistoryRow],
     now: datetime,
     facts: Sequence[tuple[str, str]],
     contents: JobContents,
@@ -72,8 +72,10 @@ def render_page(
 
     Parameters
     ----------
-    job, others
-        The job, and ended prints of all jobs, for the chart.
+    job
+        The job.
+    history
+        Ended prints of all jobs, for the chart.
     now
         Farm time in the farm's time zone; open prints are drawn until then.
     facts
@@ -89,7 +91,7 @@ def render_page(
         facts=facts,
         zone=str(now.tzinfo),
         palette=Markup(load_palette()),
-        gantt=lay_out_gantt(list_bars(job, others, now)),
+        gantt=lay_out_gantt(list_bars(job, history, now)),
         failures=_list_failures(job),
         stills=_list_stills(job, pictures),
         figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts_by_use],

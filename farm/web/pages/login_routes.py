@@ -38,7 +38,7 @@ def login_routes(services: Services, cookie: SessionCookie, callers: CallerFinde
 
     @router.post("/login")
     async def log_in_with_key(request: Request) -> Response:
-        key = callers.find_key(await _read_key(request), request.state.person.address)
+        key = callers.find_key(await _read_key(request), request.state.caller.address)
         if isinstance(key, Refusal):
             page = render_message(name, key.text, has_login_hint=True)
             return HTMLResponse(page, key.status, {"www-authenticate": "Bearer"})

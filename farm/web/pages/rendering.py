@@ -20,7 +20,7 @@ from farm.web.pages.sentences import (
     format_time_attributes,
     format_time_element,
 )
-from farm.web.pages.static_files import find_address, load_static_files
+from farm.web.pages.static_files import load_static_files, make_static_url
 from farm.wording import describe_material, format_deviation, format_share
 
 NAVIGATION: tuple[tuple[str, str, Role], ...] = (
@@ -140,7 +140,7 @@ def load_templates() -> Environment:
         "job_state": format_job_state,
         "outcome": format_outcome,
     }
-    return load_environment("farm.web.pages", filters, asset=find_address)
+    return load_environment("farm.web.pages", filters, asset=make_static_url)
 
 
 def format_state(state: str) -> Markup:

@@ -48,7 +48,7 @@ def load_static_files() -> Mapping[str, StaticFile]:
     return static_files
 
 
-def find_address(name: str) -> str:
+def make_static_url(name: str) -> str:
     """Return the path of a file with its version, for caches of browsers; empty if it is missing."""
     file = load_static_files().get(name)
     return "" if file is None else f"/static/{name}?v={file.version}"

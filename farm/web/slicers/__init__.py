@@ -13,12 +13,18 @@ from farm.web.slicers.app_keys import app_key_routes
 from farm.web.slicers.moonraker import moonraker_routes
 from farm.web.slicers.octoprint_commands import octoprint_commands
 from farm.web.slicers.octoprint_routes import octoprint_routes
-from farm.web.slicers.paths import PREFIXES, SLICER_OPEN, SLICER_ROLES, is_slicer_path, is_slicer_upload
+from farm.web.slicers.paths import (
+    PREFIXES,
+    PUBLIC_SLICER_ROUTES,
+    SLICER_ROLES,
+    is_slicer_path,
+    is_slicer_upload,
+)
 from farm.web.slicers.selection import Selection
 from farm.web.slicers.text_errors import make_text
 
 __all__ = [
-    "SLICER_OPEN",
+    "PUBLIC_SLICER_ROUTES",
     "SLICER_ROLES",
     "add_slicer_routes",
     "is_slicer_path",

@@ -38,7 +38,7 @@ def app_key_routes(services: Services) -> APIRouter:
     @router.post(APP_KEY_REQUESTS)
     async def ask(request: Request, body: AppRequest) -> Response:
         request_url = str(request.url.replace(path=quote(request.url.path), query="", fragment=""))
-        token = requests.add(body.app, request.state.person.address, time.monotonic())
+        token = requests.add(body.app, request.state.caller.address, time.monotonic())
         answer = {"app_token": token, "auth_dialog": request_url.removesuffix(APP_KEY_REQUESTS) + "/"}
         return JSONResponse(answer, _CREATED, {"location": f"{request_url}/{token}"})
 

@@ -43,7 +43,7 @@ SLICER_ROLES: dict[tuple[str, str], Role] = {
     for path in paths
 }
 """Role by method and path."""
-SLICER_OPEN = frozenset(
+PUBLIC_SLICER_ROUTES = frozenset(
     (method, prefix + path)
     for prefix in PREFIXES
     for method, path in (("GET", APP_KEY_PROBE), ("POST", APP_KEY_REQUESTS), ("GET", APP_KEY_REQUEST))

@@ -74,7 +74,7 @@ def test_start_step_is_reported_until_a_worker_is_ready(pool, tmp_path):
         await wait_until(lambda: workers.starting is None)
         return await workers.run(work.get_pid)
 
-    assert pool.run(use, warm=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
+    assert pool.run(use, warm_up=partial(work.start_after, tmp_path / "fifo", tmp_path / "first"))
 
 
 def test_work_is_given_to_a_started_worker(pool, tmp_path):
@@ -85,7 +85,7 @@ def test_work_is_given_to_a_started_worker(pool, tmp_path):
         return [await workers.run(work.get_pid) for _ in range(3)]
 
     warm_up = partial(work.start_after, tmp_path / "fifo", tmp_path / "first")
-    assert len(set(pool.run(use, count=2, warm=warm_up))) == 1
+    assert len(set(pool.run(use, count=2, warm_up=warm_up))) == 1
 
 
 @pytest.mark.parametrize("ending", ["dies", "is cancelled"])

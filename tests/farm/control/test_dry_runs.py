@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from farm.control.job_commands import PAGE_PATIENCE_S, PATIENCE_S, DryRuns
+from farm.control.job_commands import DRY_RUN_TIMEOUT_S, PAGE_DRY_RUN_TIMEOUT_S, DryRuns
 from farm.errors import Refused
 from farm.model import JobOptions, JobState
 from farm.planning.plan import Plan
@@ -26,15 +26,15 @@ def test_abandoned_dry_run_is_cancelled(tmp_path):
     held_job = submit(farm, "c", hold=True)
     dry_runs = DryRuns(farm.controller)
     dry_runs.cancel_abandoned(0.0)
-    dry_runs.keep(expected_job, PATIENCE_S)
-    dry_runs.cancel_abandoned(PATIENCE_S)
+    dry_runs.keep(expected_job, DRY_RUN_TIMEOUT_S)
+    dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S)
     jobs = farm.controller.books.jobs
     assert not any(job.state.ended for job in jobs.values())
-    dry_runs.cancel_abandoned(PATIENCE_S + 1.0)
+    dry_runs.cancel_abandoned(DRY_RUN_TIMEOUT_S + 1.0)
     jobs = farm.controller.books.jobs
     assert [jobs[n].state.ended for n in (expected_job, removed_job, held_job)] == [False, True, False]
     assert jobs[removed_job].reason == "cancelled by the farm: nobody waits for its plan any more"
-    dry_runs.cancel_abandoned(3 * PATIENCE_S)
+    dry_runs.cancel_abandoned(3 * DRY_RUN_TIMEOUT_S)
     assert farm.controller.books.jobs[expected_job].state is JobState.CANCELLED
 
 
@@ -56,11 +56,11 @@ def test_page_keeps_a_dry_run_for_longer_than_a_command_does(tmp_path):
     farm = Farm(tmp_path)
     number = submit(farm, "a", dry_run=True, hold=True)
     dry_runs = DryRuns(farm.controller)
-    dry_runs.keep(number, 0.0, PAGE_PATIENCE_S)
+    dry_runs.keep(number, 0.0, PAGE_DRY_RUN_TIMEOUT_S)
     dry_runs.keep(number, 1.0)  # a command counts as a request too
-    dry_runs.cancel_abandoned(PAGE_PATIENCE_S)
+    dry_runs.cancel_abandoned(PAGE_DRY_RUN_TIMEOUT_S)
     assert not farm.controller.books.job(number).state.ended
-    dry_runs.cancel_abandoned(PAGE_PATIENCE_S + 1.0)
+    dry_runs.cancel_abandoned(PAGE_DRY_RUN_TIMEOUT_S + 1.0)
     assert farm.controller.books.job(number).state.ended
 
 

@@ -15,8 +15,8 @@ from farm.doctor.facts import (
     CuraFacts,
     Facts,
     FileFacts,
+    FreeSpace,
     PortFacts,
-    RoomFacts,
     UserFacts,
 )
 from farm.doctor.finding import Level
@@ -56,9 +56,9 @@ SOUND_FACTS = Facts(
     files=FileFacts(3),
     agents=(AgentFacts("a", True, PROTOCOL),),
     ports=(PortFacts("a", "/dev/ttyUSB0", True, True, "dialout"),),
-    rooms=(RoomFacts("/s", 10**11),),
+    free_spaces=(FreeSpace("/s", 10**11),),
     code=CodeFacts("/opt/code", "/home/farm/code", True),
-    shared_memory=RoomFacts("/dev/shm", 10**9),
+    shared_memory=FreeSpace("/dev/shm", 10**9),
 )
 STRANGER = UserFacts("farm", frozenset(), frozenset({"ops"}), "farm")
 CASES = {
@@ -169,17 +169,17 @@ CASES = {
         "clock",
         "Etc/UTC",
     ),
-    "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
+    "full disk": ({"free_spaces": (FreeSpace("/s", 10**6),)}, "problem", "room", "/s has 1 MB free"),
     "soon full": (
         {"disk": DiskUse(free_bytes=3e9, stored_bytes=20e9, prunable_bytes=0.0, day_bytes=2e9)},
         "warning",
         "room",
         "the disk of /s is full in about a night (3.0 GB free, 2.0 GB stored a day)",
     ),
-    "little room": ({"rooms": (RoomFacts("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
-    "read-only disk": ({"rooms": (RoomFacts("/s", None),)}, "problem", "room", "cannot be written"),
+    "little room": ({"free_spaces": (FreeSpace("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
+    "read-only disk": ({"free_spaces": (FreeSpace("/s", None),)}, "problem", "room", "cannot be written"),
     "no shared memory": (
-        {"shared_memory": RoomFacts("/dev/shm", None)},
+        {"shared_memory": FreeSpace("/dev/shm", None)},
         "warning",
         "room",
         "/dev/shm cannot be used",

@@ -21,7 +21,8 @@ FLEET = (make_printer("a", booked=True, heating=True), make_printer("b", grams=5
 
 
 @pytest.mark.parametrize(
-    "reason", [{"places": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}]
+    "reason",
+    [{"extra_printers": 0}, {"not_before_s": 16 * 3600.0}, {"grams": 900.0, "failed_on": frozenset("c")}],
 )
 @pytest.mark.parametrize("start_rules", [make_rules(), START_RULES])
 def test_no_printer_is_reserved_for_a_plate_that_may_not_start(reason, start_rules):

@@ -153,17 +153,19 @@ def test_plate_is_moved_only_to_a_printer_with_enough_room():
 
 
 def test_job_uses_at_most_the_requested_printers():
-    waiting_plates = [make_plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
+    waiting_plates = [make_plate(f"1/0{i}", "ab"[i % 2], extra_printers=1) for i in range(4)]
     assignments, holds = assign(waiting_plates, [make_printer(name) for name in "abcd"])
     assert len(assignments) == 1
     assert {hold.code for hold in holds.values()} == {HoldCode.JOB_PRINTER_LIMIT}
-    assert assign([make_plate("1/01", "a", places=0)], [make_printer("a")])[0] == []
+    assert assign([make_plate("1/01", "a", extra_printers=0)], [make_printer("a")])[0] == []
 
 
 @given(plates, printers, st.integers(0, 5))
-def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, places):
-    assignments, _ = assign([replace(waits, places=places) for waits in waiting_plates], fleet)
-    assert len(assignments) <= places
+def test_limit_on_printers_of_a_job_holds_for_any_fleet(waiting_plates, fleet, extra_printers):
+    assignments, _ = assign(
+        [replace(waits, extra_printers=extra_printers) for waits in waiting_plates], fleet
+    )
+    assert len(assignments) <= extra_printers
 
 
 def test_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
@@ -252,6 +254,8 @@ def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet,
     possible = assignment.select_possible(assignments, later_moment)
     free_names = {p.name for p in later_moment.free}
     assert all(item in assignments and item.printer in free_names for item in possible)
-    places = {plate.job: plate.places for plate in waiting_plates if plate.places is not None}
+    extra_printers = {
+        plate.job: plate.extra_printers for plate in waiting_plates if plate.extra_printers is not None
+    }
     jobs = Counter(plate.job for plate in waiting_plates if plate.id in {item.plate for item in possible})
-    assert all(jobs[job] <= limit for job, limit in places.items())
+    assert all(jobs[job] <= limit for job, limit in extra_printers.items())

@@ -41,7 +41,7 @@ def test_spans_may_cross_midnight_and_the_end_of_the_week():
     begin, end = parse_time("2026-11-20 22:00"), parse_time("2026-11-21 08:00")
     assert night.span(parse_time("2026-11-21 05:00")) == (begin, end)
     assert night.span(parse_time("2026-11-21 08:00")) is None
-    assert night.following(end) == (begin + 7 * 86400, end + 7 * 86400)
+    assert night.next_span(end) == (begin + 7 * 86400, end + 7 * 86400)
     assert night.edge_s(parse_time("2026-11-21 05:00")) == end
     assert night.edge_s(end) == begin + 7 * 86400
 
@@ -109,7 +109,7 @@ windows = st.lists(
 def test_spans_keep_their_invariants(texts, moment):
     calendar = hours(*texts)
     now_s = moment.replace(tzinfo=LONDON).timestamp()
-    span, next_span, edge_s = calendar.span(now_s), calendar.following(now_s), calendar.edge_s(now_s)
+    span, next_span, edge_s = calendar.span(now_s), calendar.next_span(now_s), calendar.edge_s(now_s)
     if span is not None:
         assert span[0] <= now_s < span[1]
     if next_span is not None:

@@ -79,7 +79,7 @@ def test_overnight_is_refused_if_first_layers_need_attendance(now, expected_time
     start_rules = StartRules(attended_hours, Hours((), BERLIN), first_layers_attended=True)
     now_s = datetime.fromisoformat(now).replace(tzinfo=BERLIN).timestamp()
     with pytest.raises(
-        FarmError, match=rf"attended first layers .*give --at .*, like --at '{expected_time}'"
+        FarmError, match=rf"attended first layers .*use --at .*, like --at '{expected_time}'"
     ) as error:
         parse_start_and_deadline_s(JobOptions(overnight=True), start_rules, now_s)
     assert error.value.code is ErrorCode.SETTINGS

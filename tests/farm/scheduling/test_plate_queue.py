@@ -14,7 +14,7 @@ plates = st.lists(
             job=job,
             priority=jobs[job][0],
             rank=jobs[job][1],
-            places={1: None, 2: 3, 3: 0}[job],
+            extra_printers={1: None, 2: 3, 3: 0}[job],
             requirements=Requirements(material, None, 0.4),
             **changes,
         ),
@@ -40,7 +40,9 @@ def test_queue_gives_what_its_plates_give(waiting_plates):
     assert queue.demands == {plate.demand for plate in waiting_plates}
     assert queue.starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
     assert list(queue.repeats) == [plate for plate in queue if plate.is_repeat]
-    assert queue.places == {plate.job: plate.places for plate in waiting_plates if plate.job != 1}
+    assert queue.extra_printers == {
+        plate.job: plate.extra_printers for plate in waiting_plates if plate.job != 1
+    }
 
 
 @given(plates, st.data())

@@ -88,7 +88,7 @@ def test_forbidden_starts_are_refused(waiting_plates, fleet, start_rules, now_s,
         assert printer_view.bed is Bed.CLEAR
         assert printer_view.grams is None or plate_view.grams <= printer_view.grams
         assert plate_view.not_before_s is None or plate_view.not_before_s <= now_s
-        quiet = start_rules.quiet.span(now_s) or start_rules.quiet.following(now_s)
+        quiet = start_rules.quiet.span(now_s) or start_rules.quiet.next_span(now_s)
         assert quiet is None or now_s + plate_view.expected_s <= quiet[0]
         attended_span = start_rules.attended.span(now_s)
         if not printer_view.unattended:
@@ -243,7 +243,7 @@ def find_printer(plate_view, printer_view, start_rules=None, now_s=FRIDAY, **cha
             "first layers",
         ),
         ({"not_before_s": FRIDAY + HOUR}, {}, {}, "start_time", "Fri 18:00"),
-        ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, it needs 101 g"),
+        ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, this plate needs 101 g"),
         ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )

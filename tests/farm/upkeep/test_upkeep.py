@@ -19,7 +19,7 @@ from farm.state import events as ev
 from farm.state import validate_books
 from farm.state.books import Books
 from farm.state.retention import list_named_files
-from farm.state.storage import Store, StoreError, back_up, list_files, name_files, open_books
+from farm.state.storage import Store, StoreError, back_up, link_files, list_files, open_books
 from farm.state.storage.backups import list_backups
 from farm.upkeep import upkeep
 from farm.upkeep.upkeep import Upkeep
@@ -56,14 +56,14 @@ class LinkingEffects(RecordedEffects):
 
     def perform(self, effect, books):
         super().perform(effect, books)
-        if isinstance(effect, ev.NameFiles):
-            link_files(books, self._state, effect.job)
+        if isinstance(effect, ev.LinkFiles):
+            link_job_files(books, self._state, effect.job)
 
 
-def link_files(books, state, number):
+def link_job_files(books, state, number):
     entry = books.jobs[number]
     names = list_job_files(entry, map(books.parts.__getitem__, entry.parts), books.plates_of(entry))
-    name_files(state.job(number), state.files, names)
+    link_files(state.job(number), state.files, names)
 
 
 class StoppedClock(Clock):
@@ -84,7 +84,7 @@ def fill(root, ages=AGES, events=40):
             store.commit(ev.MaintenanceEnded(at_s=at_s, printer="a", by=f"ann-{number}"), Books(), books)
     write_files(books, state)
     for number in books.jobs:
-        link_files(books, state, number)
+        link_job_files(books, state, number)
     return state, books
 
 

@@ -13,7 +13,7 @@ from farm.http import Person
 from farm.model import Role
 from farm.state.storage import StoreError
 from farm.web.cookies import SessionCookie
-from farm.web.pages.static_files import find_address
+from farm.web.pages.static_files import make_static_url
 from http_caller import DAEMON_USER, call_as
 from network_farm import HOST, OWN_PAGE, NetworkFarm
 
@@ -149,7 +149,7 @@ def test_static_files_need_no_session_and_are_kept_by_their_version(farm):
     assert style.headers["content-encoding"] == "gzip"
     assert "table" in style.text
     assert style.headers["cache-control"] == "no-store"
-    assert "immutable" in farm.ask("GET", find_address("farm.css")).headers["cache-control"]
+    assert "immutable" in farm.ask("GET", make_static_url("farm.css")).headers["cache-control"]
     assert farm.ask("GET", "/static/farm.css", headers={"accept-encoding": "br"}).text == style.text
     for name in ("nothing.css", "..", "%2e%2e%2frouting.py"):
         assert farm.ask("GET", f"/static/{name}").status_code in (401, 404)

@@ -85,7 +85,7 @@ def fleet_routes(pages: PageContext) -> APIRouter:
 
 
 def find_change(context: ViewContext, query: TimelineQuery) -> Change | None:
-    """Return the change to a job that a reader puts on trial; None for the present plan.
+    """Return the what-if change to a job that a reader has chosen; None for the present plan.
 
     Raises
     ------

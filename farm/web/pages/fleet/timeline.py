@@ -1,4 +1,4 @@
-"""Page of the fleet's timeline, with the effect of a change to a job on trial. Pure."""
+"""Page of the fleet's timeline, with the effect of a what-if change to a job. Pure."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from farm.web.pages.rendering import Farm, render_page
 RANGES = ((6, "6 hours"), (12, "12 hours"), (24, "day"), (72, "3 days"), (168, "week"))
 """Lengths of the shown past: hours and label."""
 MOVES = (("", "unchanged"), ("first", "first"), ("up", "one up"), ("down", "one down"), ("last", "last"))
-"""Moves of a job on trial: values of `api.QueuePlace` and label."""
+"""What-if moves of a job: values of `api.QueuePlace` and label."""
 
 
 class TimelineQuery(BaseModel):
-    """Query of the page: the length of the shown past, and a change on trial."""
+    """Query of the page: the length of the shown past, and a what-if change."""
 
     hours: Literal["6", "12", "24", "72", "168"] = "12"
     job: Annotated[Annotated[int, Field(ge=1, le=2**31)] | None, EMPTY_IS_NONE] = None
@@ -87,20 +87,20 @@ def render_timeline(
         at=query.at,
         address=f"/timeline?{query.write()}",
         start=format_start(view),
-        tried=describe_change(view.change, query),
+        change_text=describe_change(view.change, query),
         describe_shift=describe_shift,
     )
 
 
 def format_start(view: TimelineView) -> str:
-    """Format the start on trial with its date, as `22:00` means another day tomorrow; empty for none."""
+    """Format the what-if start with its date, as `22:00` means another day tomorrow; empty for none."""
     if view.change is None or view.change.not_before_s is None:
         return ""
     return datetime.fromtimestamp(view.change.not_before_s, ZoneInfo(view.zone)).isoformat(" ", "minutes")
 
 
 def describe_change(change: Change | None, query: TimelineQuery) -> str:
-    """Describe the change on trial in a few words."""
+    """Describe the what-if change in a few words."""
     if change is None:
         return ""
     place = f"{dict(MOVES)[query.to]} in the queue" if query.to else ""

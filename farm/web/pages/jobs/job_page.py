@@ -44,8 +44,8 @@ class JobData:
         The job.
     printers
         All printers of the fleet.
-    others
-        Prints of the fleet, for the timeline.
+    history
+        Ended prints of the fleet, for the timeline.
     timeline
         Expected times of its plates; None without a plan, or once it has ended.
     report
@@ -60,7 +60,7 @@ class JobData:
 
     job: api.JobView
     printers: Sequence[api.PrinterView] = ()
-    others: Sequence[api.HistoryRow] = ()
+    history: Sequence[api.HistoryRow] = ()
     timeline: api.Timeline | None = None
     report: Report = field(default_factory=Report)
     files: Sequence[str] = ()
@@ -208,7 +208,7 @@ def list_changes(job: api.JobView) -> list[str]:
 def draw_job_gantt(data: JobData, now: datetime) -> Gantt | None:
     """Lay out the prints of a job, the prints of other jobs at that time, and the remaining plates."""
     slots = () if data.timeline is None else data.timeline.slots
-    return lay_out_gantt([*list_bars(data.job, data.others, now), *list_expected_bars(slots, now)])
+    return lay_out_gantt([*list_bars(data.job, data.history, now), *list_expected_bars(slots, now)])
 
 
 def draw_job_curve(data: JobData, now: datetime) -> Curve | None:

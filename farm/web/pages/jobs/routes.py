@@ -14,7 +14,7 @@ from fastapi.responses import FileResponse, HTMLResponse, StreamingResponse
 from pydantic import BaseModel
 
 from farm import api
-from farm.control import PAGE_PATIENCE_S, DryRuns
+from farm.control import PAGE_DRY_RUN_TIMEOUT_S, DryRuns
 from farm.errors import NoSuchThing
 from farm.http import Services, describe_farm, find_stored_file, name_stored_files
 from farm.views import describe_job, describe_timeline, list_history
@@ -57,7 +57,7 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
             return Report()
 
     async def show(reader: Reader, number: int, note: Note | None = None, curve: int | None = None) -> str:
-        dry_runs.keep(number, time.monotonic(), PAGE_PATIENCE_S)
+        dry_runs.keep(number, time.monotonic(), PAGE_DRY_RUN_TIMEOUT_S)
         report = await read_stored_report(number)
         if curve is not None and not report.curve:
             report = report.model_copy(update={"curve": (await read_stored_report(curve)).curve})
@@ -93,7 +93,7 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
     async def show_report(number: int) -> Response:
         context = controller.build_view_context(services.state)
         job = describe_job(context, controller.books.job(number))
-        others = list_history(context, None, None, _MAX_PRINTS)
+        history = list_history(context, None, None, _MAX_PRINTS)
         try:
             path = await find_stored_file(services, number, _PICTURE)
             picture = await asyncio.to_thread(path.read_bytes)
@@ -101,7 +101,7 @@ def job_page_routes(pages: PageContext, dry_runs: DryRuns) -> APIRouter:
             picture = None
         now = datetime.fromtimestamp(context.now_s, controller.fleet.zone)
         contents = JobContents({}, picture, await read_stored_report(number))
-        page = render_page(job, others, now, list_figures(job), contents)
+        page = render_page(job, history, now, list_figures(job), contents)
         return HTMLResponse(page, headers=_DOCUMENT)
 
     return router

@@ -63,7 +63,7 @@ def submit_routes(pages: PageContext, jobs: JobCommands) -> APIRouter:
         except (FarmError, HTTPException) as error:
             text = str(error.detail if isinstance(error, HTTPException) else error)
             return HTMLResponse(render(Reader.for_holder(holder), Note(text, True), values), _BAD_REQUEST)
-        excess = jobs.find_excess(services.controller.books.job(number).options)
+        excess = jobs.list_unusable_options(services.controller.books.job(number).options)
         if excess:
             pages.notes.put(holder.key.id, Note("; ".join(excess)))
         return RedirectResponse(f"/jobs/{number}", _SEE_OTHER)

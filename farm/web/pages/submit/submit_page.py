@@ -98,8 +98,8 @@ def render_submit_page(
         values={**DEFAULTS, **values},
         units=UNITS,
         qualities=QUALITIES,
-        least_pin=MIN_PIN_MM,
-        most_pin=MAX_PIN_MM,
+        min_pin_mm=MIN_PIN_MM,
+        max_pin_mm=MAX_PIN_MM,
         beds=json.dumps([list(bed) for bed in choices.beds_mm]),
         file_types=",".join((_MESHES, *([_STEP] if choices.reads_step else []), _GCODE)),
     )

@@ -32,7 +32,7 @@ def read_pids(note):
 
 
 def test_a_killed_worker_and_a_killed_scheduler(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster_state, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(cluster_state, "WORKER_TIMEOUT_S", 1.0)
     source, note, second_note = tmp_path / "model.stl", tmp_path / "pids", tmp_path / "second"
     source.write_bytes(b"solid")
     processes = Processes(tmp_path)

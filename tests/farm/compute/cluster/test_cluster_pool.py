@@ -206,7 +206,7 @@ def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
 
 
 @pytest.mark.parametrize(
-    "sent", [{"0" * 64: b"other bytes"}, {}], ids=["damaged on its way", "of another version"]
+    "sent", [{"0" * 64: b"other bytes"}, {}], ids=["damaged in transit", "of another version"]
 )
 def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
     async def main():
@@ -216,7 +216,7 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
 
     answer = asyncio.run(main())
     assert answer.unfit == (
-        "the file 000000000000 was damaged on its way" if sent else "it has Cura's settings abc, not other"
+        "the file 000000000000 was damaged in transit" if sent else "it has Cura's settings abc, not other"
     )
 
 

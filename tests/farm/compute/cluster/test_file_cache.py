@@ -14,7 +14,7 @@ def compute_name(content):
 
 def test_a_file_with_another_hash_is_not_kept(tmp_path):
     cache = FileCache(tmp_path / "files")
-    with pytest.raises(ValueError, match="damaged on its way"):
+    with pytest.raises(ValueError, match="damaged in transit"):
         cache.store(compute_name(b"right"), b"wrong")
     assert list((tmp_path / "files").iterdir()) == []
     assert cache.list_missing([compute_name(b"right"), compute_name(b"right")]) == (compute_name(b"right"),)

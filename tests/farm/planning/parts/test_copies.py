@@ -15,7 +15,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, TimeFactors
 from farm.planning.booking import book_plan
 from farm.planning.inspection.inspect_submission import inspect_model
-from farm.planning.parts.copies import MAX_PLATES, choose_spaced, iterate_part_counts, multiply_plan
+from farm.planning.parts.copies import MAX_PLATES, choose_evenly_spaced, iterate_part_counts, multiply_plan
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import DecomposeTask, Plan
@@ -42,7 +42,7 @@ def test_fewer_rounds_go_before_more_parts_and_all_printers_are_tried(copies, pr
 @given(st.lists(st.integers(), min_size=1, max_size=30), st.data())
 def test_share_of_copies_is_chosen_for_each_kind_of_printer(items, data):
     count = data.draw(st.integers(1, len(items)))
-    chosen_items = choose_spaced(sorted(items), count)
+    chosen_items = choose_evenly_spaced(sorted(items), count)
     assert len(chosen_items) == count
     item_counts = Counter(chosen_items)
     for item, available in Counter(items).items():

@@ -56,7 +56,7 @@ def test_plate_of_a_bed_full_until_morning_is_resliced():
     [
         ({}, {"family": UM2, "grams": 10.0}),  # too little filament
         ({"failed_on": frozenset("b")}, {"family": UM2}),
-        ({"places": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
+        ({"extra_printers": 0}, {"family": UM2}),  # its job already uses its maximum number of printers
         ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"family": UM2}),
         (
             {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
@@ -129,10 +129,12 @@ def test_failed_part_is_cut_for_printers_not_needed_by_others():
     assert choice == policy.Recut("1/01", ("c", "d", "a"))
     short_part = make_part(hours=1.0)
     assert policy.choose_recut(short_part, make_situation([short_part], fleet, NIGHT, NOW_S)) is None
-    two = make_part(places=2)
+    two = make_part(extra_printers=2)
     assert len(policy.choose_recut(two, make_situation([two], fleet, NIGHT, NOW_S)).printers) == 2
     assert (
-        policy.choose_recut(make_part(places=1), make_situation([make_part(places=1)], fleet, NIGHT, NOW_S))
+        policy.choose_recut(
+            make_part(extra_printers=1), make_situation([make_part(extra_printers=1)], fleet, NIGHT, NOW_S)
+        )
         is None
     )
     assert policy.choose_recut(failed_part, make_situation([failed_part], fleet[:1], NIGHT, NOW_S)) is None
@@ -181,7 +183,7 @@ parts = st.builds(
     make_part,
     st.floats(0.5, 20.0),
     failed_on=st.frozensets(st.sampled_from("abcdef"), max_size=2),
-    places=st.none() | st.integers(0, 3),
+    extra_printers=st.none() | st.integers(0, 3),
     grams=st.floats(1, 150),
 )
 
@@ -205,7 +207,7 @@ def test_recut_requests_matching_free_printers_if_useful(view, fleet):
     if decomposition is not None:
         assert 2 <= len(set(decomposition.printers)) == len(decomposition.printers) <= policy.MAX_PIECES
         assert all(by_name[name].obstacle() is None for name in decomposition.printers)
-        assert view.places is None or len(decomposition.printers) <= view.places
+        assert view.extra_printers is None or len(decomposition.printers) <= view.extra_printers
         assert whole_s - NOW_S > policy.MIN_GAIN_S + 2 * policy.JOIN_S
     assert (
         policy.choose_reslice(view, make_situation([view], fleet[::-1], NIGHT, NOW_S), free_printers[::-1])

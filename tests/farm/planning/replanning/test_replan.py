@@ -14,7 +14,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, PartPrintOptions, Plate
 from farm.paths import StateFolder
 from farm.planning.replanning import replan
-from farm.planning.replanning.cut_part import cut_part, read_taken_mm
+from farm.planning.replanning.cut_part import cut_part, read_pin_distances_mm
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
@@ -57,7 +57,7 @@ def make_task(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, UM2)):
     folder.mkdir(exist_ok=True)
     other_part = plan_event.parts[1].model_copy(update={"file": part.file})
     options = JobOptions(engine="guillotine")
-    return ReplanTask(plate, part, options, fleet.printers, state.files, folder, others=(other_part,))
+    return ReplanTask(plate, part, options, fleet.printers, state.files, folder, other_parts=(other_part,))
 
 
 def read_in_model_frame(path, to_model):
@@ -156,4 +156,4 @@ def test_pins_of_pieces_avoid_the_distances_of_the_job(state):
         path = state.work / f"report{number}.json"
         path.write_text(json.dumps(report))
         names.append(store_file(state.files, path))
-    assert read_taken_mm(replace(make_task(state), reports=tuple(names))) == (30.0,)
+    assert read_pin_distances_mm(replace(make_task(state), reports=tuple(names))) == (30.0,)

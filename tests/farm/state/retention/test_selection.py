@@ -112,7 +112,7 @@ def test_pruned_job_keeps_its_pictures_and_is_not_printed_again():
     event = ev.JobPruned(at_s=NOW_S, job=1, by="ann", part_pictures={"1/p01": "small.png"})
     new_books, instructions = apply(event, books)
     assert list_job_file_names(new_books, new_books.jobs[1]) == {"picture-1.png", "small.png"}
-    assert instructions == (ev.NameFiles(job=1),)
+    assert instructions == (ev.LinkFiles(job=1),)
     assert list_job_file_names(new_books, new_books.jobs[2]) == list_job_file_names(books, books.jobs[2])
     with pytest.raises(InvalidTransition, match="pruned"):
         apply(ev.ReprintRequested(at_s=NOW_S, plate="1/01", why="", by="ann"), new_books)

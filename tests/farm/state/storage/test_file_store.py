@@ -8,13 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 from farm.state.storage.file_store import (
-    GRACE_S,
+    NEW_FILE_GRACE_S,
     compute_sha256,
     delete_files,
+    link_files,
     list_files,
-    name_files,
+    remove_broken_links,
     store_file,
-    unlink_missing_files,
 )
 
 
@@ -47,11 +47,11 @@ def test_links_have_the_current_names_beside_other_files(tmp_path):
     (tmp_path / "a.stl").write_bytes(b"solid")
     name = store_file(store, tmp_path / "a.stl")
     for _ in range(2):
-        name_files(folder, store, {"p01.stl": name})
+        link_files(folder, store, {"p01.stl": name})
     assert (folder / "p01.stl").read_bytes() == b"solid"
     (folder / "notes.txt").write_text("mine")
     (folder / "mine.stl").symlink_to(tmp_path / "elsewhere.stl")
-    name_files(folder, store, {"p01a.stl": name})
+    link_files(folder, store, {"p01a.stl": name})
     assert {path.name for path in folder.iterdir()} == {"p01a.stl", "notes.txt", "mine.stl"}
 
 
@@ -65,9 +65,9 @@ def test_unnamed_files_are_deleted_an_hour_after_they_were_stored(tmp_path):
     store.mkdir()
     name = store_content(store, tmp_path, b"solid")
     now_s = (store / name).stat().st_mtime
-    assert delete_files(store, [name, "gone.stl"], now_s + GRACE_S - 1) == 0
+    assert delete_files(store, [name, "gone.stl"], now_s + NEW_FILE_GRACE_S - 1) == 0
     assert delete_files(store, [name], now_s - 7200.0) == 0  # the clock was set back
-    assert delete_files(store, [name], now_s + GRACE_S) == 5
+    assert delete_files(store, [name], now_s + NEW_FILE_GRACE_S) == 5
     assert list_files(store) == {}
 
 
@@ -117,8 +117,8 @@ def test_links_to_deleted_files_are_removed(tmp_path):
     store, jobs = tmp_path / "files", tmp_path / "jobs"
     store.mkdir()
     kept_name, removed_name = store_content(store, tmp_path, b"a"), store_content(store, tmp_path, b"b")
-    name_files(jobs / "1", store, {"p01.stl": kept_name, "p02.stl": removed_name})
+    link_files(jobs / "1", store, {"p01.stl": kept_name, "p02.stl": removed_name})
     (jobs / "1" / "notes.txt").write_text("mine")
     (store / removed_name).unlink()
-    unlink_missing_files(jobs)
+    remove_broken_links(jobs)
     assert {path.name for path in (jobs / "1").iterdir()} == {"p01.stl", "notes.txt"}

@@ -61,7 +61,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     job = books.jobs[1]
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
-    assert (job.picture, instructions) == ("n.png", [ev.NameFiles(job=1)])
+    assert (job.picture, instructions) == ("n.png", [ev.LinkFiles(job=1)])
     assert list_job_files(job, (), ())["decomposition-p02.json"] == "c.json"
     assert list_job_files(job, (), ())["instructions-p02.html"] == "i.html"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")

@@ -1,4 +1,4 @@
-"""Timeline of the fleet, and changes that are tried out."""
+"""Timeline of the fleet, and what-if changes."""
 
 import dataclasses
 from itertools import pairwise

@@ -9,7 +9,7 @@ from urllib.parse import urlencode
 
 import pytest
 
-from farm.control import PAGE_PATIENCE_S
+from farm.control import PAGE_DRY_RUN_TIMEOUT_S
 from farm.errors import NoSuchThing
 from farm.http import StreamLimit
 from farm.model import Role
@@ -282,8 +282,8 @@ def test_dry_run_is_kept_while_its_page_is_open(tmp_path):
     plan_job(farm, hold=True, dry_run=True)
     session = farm.open_session()
     asyncio.run(read_first_event(farm, session, "/jobs/1"))
-    farm.dry_runs.cancel_abandoned(time.monotonic() + PAGE_PATIENCE_S - 1.0)
+    farm.dry_runs.cancel_abandoned(time.monotonic() + PAGE_DRY_RUN_TIMEOUT_S - 1.0)
     assert not farm.controller.books.job(1).state.ended
-    farm.dry_runs.cancel_abandoned(time.monotonic() + PAGE_PATIENCE_S + 1.0)
+    farm.dry_runs.cancel_abandoned(time.monotonic() + PAGE_DRY_RUN_TIMEOUT_S + 1.0)
     assert farm.controller.books.job(1).state.ended
     farm.store.close()

@@ -237,7 +237,7 @@ def test_hostile_words_change_no_element_of_any_page(farm, text, name):
 
 
 def render_others(farm, text, name):
-    """Return pages that no address shows by itself: of log-in, messages, refused forms, changes tried out."""
+    """Return pages that no address shows by itself: of log-in, messages, refused forms, what-if changes."""
     fleet = SimpleNamespace(name=name, timezone="UTC")
     reader, note = Reader(text, Role.OPERATE), Note(text, is_problem=True)
     choices = list_choices(farm.controller.fleet)

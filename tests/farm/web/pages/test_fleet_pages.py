@@ -139,7 +139,7 @@ def test_history_is_exported_as_chosen(busy_farm):
 
 def test_change_is_tried_and_an_operator_may_make_it(busy_farm):
     page = read(busy_farm, "/timeline?job=3&to=first&at=")
-    assert "Change on trial: job 3 first in the queue" in page
+    assert "What if: job 3 first in the queue" in page
     assert "earlier" in page
     assert "later" in page
     assert 'action="/jobs/3/move"' in page
