@@ -1,9 +1,9 @@
 """Assembly of parts by their shapes and the page of instructions alone, as a person would assemble them.
 
-The parts are their STL files, from which holes and codes are read (`bench.part_reader`); the page is read as
-text. Step by step two bodies are put together wherever their pins go in: at the faces with the codes of the
-step, in every possible way. The outcome is judged by the report of the decomposition. Then each body is
-tried at the faces of every other step, where it must not fit.
+The parts are their STL files, from which holes and codes are read (`bench.connectors.part_reader`); the page
+is read as text. Step by step two bodies are put together wherever their pins go in: at the faces with the
+codes of the step, in every possible way. The outcome is judged by the report of the decomposition. Then each
+body is tried at the faces of every other step, where it must not fit.
 
 Usage: python -m bench.assembly FOLDER... [--json]   (of `farm decompose --pins filament --marks`)
 """
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.part_reader import CodedFace, read_part
+from bench.connectors.part_reader import CodedFace, read_part
 from decompose.arrays import Bools, Floats
 from decompose.files.names import INSTRUCTIONS, REPORT, find_part_number
 

@@ -1,18 +1,18 @@
 """A Dask cluster: faults of real processes, and the cost of its scheduler for many workers.
 
 ``PYTHONPATH=tests/support python -m bench.cluster faults [--rounds N] [--seed N] [--json]``, as root, runs
-rounds in which a process or the network fails; see `bench.cluster_faults`. The figures of each round are
+rounds in which a process or the network fails; see `bench.clusters.faults`. The figures of each round are
 printed when it ends, with `--json` to standard error. Checks: the plan of the job is that of one computer,
 each result is taken once, and at the end no host has a task or an extra process.
 
 ``... jobs [--parts 20,100] [--workers 1,2] [--record FILE] [--json]`` plans a job by a number of workers of
-this computer; see `bench.cluster_jobs`. The times of the tasks can be recorded. ``... drawings [--parts
+this computer; see `bench.clusters.jobs`. The times of the tasks can be recorded. ``... drawings [--parts
 20,100] [--json]`` draws the parts of such jobs, by one worker and by several. ``... search [--parts 20,100]
 [--workers 1,2] [--budget S] [--json]`` searches for the parts of such jobs, its attempts by several workers.
 
 ``... replay [--workers 4,16,64,256] [--parts 20,100] [--jobs N] [--scale F] [--tasks FILE] [--page FILE]
 [--json]`` runs jobs with tasks that only sleep through the real scheduler, a job for each four workers; see
-`bench.cluster_replay`. `overhead_ms` is the median of the time that a task takes beyond its sleep,
+`bench.clusters.replay`. `overhead_ms` is the median of the time that a task takes beyond its sleep,
 `efficiency` the work divided by workers times duration, `critical_s` the longest job on an unlimited number
 of workers, its tasks named in `critical_path`. All times but `overhead_ms` are unscaled. In a second run one
 worker makes all drawings of a job: `single_drawer_s`, and `ratio`, the first duration as a share of it.
@@ -29,9 +29,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from bench.cluster_replay import replay
+from bench.clusters.replay import replay
 
-RECORDED_JOBS = Path(__file__).with_name("cluster_jobs.json")
+RECORDED_JOBS = Path(__file__).with_name("clusters") / "jobs.json"
 TABLE_BEGIN, TABLE_END = "<!-- bench/cluster.py {} -->", "<!-- end of {} -->"
 REPLAY_COLUMNS = {
     "workers": "{workers}",
@@ -108,7 +108,7 @@ def main() -> None:
 
 def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Plan each job by each number of workers, and record the times of its tasks."""
-    from bench.cluster_jobs import list_stages, measure_job
+    from bench.clusters.jobs import list_stages, measure_job
 
     rows: list[dict[str, Any]] = []
     records: dict[str, list[dict[str, list[float]]]] = {}
@@ -124,7 +124,7 @@ def measure_jobs(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]
 
 def measure_searches(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Search for the parts of each job by each number of workers."""
-    from bench.cluster_jobs import measure_search
+    from bench.clusters.jobs import measure_search
 
     return [
         measure_search(parts, workers, args.budget, folder)
@@ -135,7 +135,7 @@ def measure_searches(args: argparse.Namespace, folder: Path) -> list[dict[str, A
 
 def measure_drawings(args: argparse.Namespace, folder: Path) -> list[dict[str, Any]]:
     """Draw the parts of each job, by one worker and by several."""
-    from bench.cluster_jobs import measure_drawing
+    from bench.clusters.jobs import measure_drawing
 
     return [measure_drawing(int(parts), folder) for parts in args.parts.split(",")]
 
@@ -194,8 +194,8 @@ def sum_up_faults(rounds: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def measure_faults(rounds: int, seed: int, folder: Path, as_json: bool) -> dict[str, Any]:
     """Run rounds with faults; see `run_faults`. Prints the figures of each."""
-    from bench.cluster_faults import run_faults  # needs the command ip, and root
-    from virtual_network import find_obstacle
+    from bench.clusters.faults import run_faults  # needs the command ip, and root
+    from hosts.virtual_network import find_obstacle
 
     obstacle = find_obstacle()
     if obstacle is not None:

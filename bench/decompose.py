@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.cluster_calls import add_cluster_options, count_calls, open_calls
-from bench.peak_memory import read_peak_mb
-from bench.print_time_parts import ENDLESS_BED, make_recipe
+from bench.clusters.calls import add_cluster_options, count_calls, open_calls
+from bench.prices.parts import ENDLESS_BED, make_recipe
+from bench.search.peak_memory import read_peak_mb
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.export import write_decomposition

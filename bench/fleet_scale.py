@@ -8,7 +8,7 @@ protocol, all in this process. First every printer gets a plate, then all print 
 
 With `--hosts` the printers are spread over hosts, each with the real service of `farm host`, and the daemon
 connects to each as over ssh. After the prints, one host is lost, then half of them; then, where this computer
-allows network namespaces (root), packets are lost and delayed (`bench.fleet_faults`).
+allows network namespaces (root), packets are lost and delayed (`bench.fleets.faults`).
 
 Costs are CPU time, which other load hardly changes. An event is anything that commits: a report of an
 agent, a command of a person, a timer; reading and answering of the socket counts only in `cpu_share`,
@@ -33,8 +33,8 @@ from typing import Any
 
 import yaml
 
-from bench.daemon_process import Daemon, EventFollower, NoticeReceiver
-from bench.fleet_faults import (
+from bench.fleets.daemon_process import Daemon, EventFollower, NoticeReceiver
+from bench.fleets.faults import (
     HALF,
     ONE,
     PrintingFleet,
@@ -43,9 +43,9 @@ from bench.fleet_faults import (
     measure_loss,
     measure_poor_network,
 )
-from bench.host_services import FARM, HostGroups, find_network_obstacle, make_places
-from bench.measured_daemon import fill_books
-from bench.protocol_agents import MODEL, PORT, ProtocolAgents
+from bench.fleets.host_services import FARM, HostGroups, find_network_obstacle, make_places
+from bench.fleets.measured_daemon import fill_books
+from bench.fleets.protocol_agents import MODEL, PORT, ProtocolAgents
 from drivers.clock import Clock
 from farm.paths import StateFolder, write_anchor
 

@@ -30,9 +30,9 @@ from drivers.emulator.launch import Command, control, is_running
 from farm import api
 from farm.errors import FarmError
 from farm.state.storage import Store
-from installed_version import Versions  # type: ignore[import-not-found]  # in tests/support
-from network_hosts import NetworkHosts  # type: ignore[import-not-found]
-from virtual_network import find_obstacle  # type: ignore[import-not-found]
+from farms.installed_version import Versions  # type: ignore[import-not-found]  # in tests/support
+from hosts.network_hosts import NetworkHosts  # type: ignore[import-not-found]
+from hosts.virtual_network import find_obstacle  # type: ignore[import-not-found]
 
 OLD_VERSION, NEW_VERSION = "1.0.0", "1.0.1"
 UPDATE_SHARE = 0.3  # share of the first plates that is printed when the new version is installed

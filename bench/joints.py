@@ -7,8 +7,8 @@ walls, and the material of supports is compared.
 Usage: python -m bench.joints MODEL|SHAPE... [--printers 8,20] [--longest-side 330] [--slices 0]
     [--budget 1800] [--resume FILE] [--json]
 
-A SHAPE is a name of `bench.shapes`. No case is begun after --budget seconds. --resume keeps a line of JSON
-for each finished case, and leaves out those that it has.
+A SHAPE is a name of `bench.models.shapes`. No case is begun after --budget seconds. --resume keeps a line of
+JSON for each finished case, and leaves out those that it has.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from bench.joint_slices import slice_printed
-from bench.print_time_parts import make_recipe
-from bench.shapes import SHAPES
+from bench.connectors.joint_slices import slice_printed
+from bench.models.shapes import SHAPES
+from bench.prices.parts import make_recipe
 from decompose.connectors import pairs_of
 from decompose.decompose import decompose_model
 from decompose.geometry import Model, load_model

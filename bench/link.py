@@ -7,10 +7,11 @@ Real processes: every agent resets its board, heats, streams short moves and end
   fast that moves take almost no time: this is the limit of host and link.
 * ``printcore``: an agent and then printcore print the same moves on one emulator, in wall time and with the
   time of bytes at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
-* ``agent``: N agents at 50 lines/s, peers that only acknowledge: turnaround, CPU, memory (`bench.agent`).
+* ``agent``: N agents at 50 lines/s, peers that only acknowledge: turnaround, CPU, memory
+  (`bench.printing.agent`).
 * ``peers``: the same for 50 agents.
 * ``memory``: one agent that prints a file of 50 MB.
-* ``estop``: daemon and agents stopped by SIGSTOP, until all targets are 0 (`bench.estop`).
+* ``estop``: daemon and agents stopped by SIGSTOP, until all targets are 0 (`bench.printing.estop`).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
-from bench import agent, estop
+from bench.printing import agent, estop
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control

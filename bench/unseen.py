@@ -22,9 +22,9 @@ from time import perf_counter
 import numpy as np
 from trimesh import creation
 
-from bench.cluster_calls import add_cluster_options, count_calls, open_calls
-from bench.peak_memory import read_peak_mb
-from bench.shapes import ellipsoid, rod, solid
+from bench.clusters.calls import add_cluster_options, count_calls, open_calls
+from bench.models.shapes import ellipsoid, rod, solid
+from bench.search.peak_memory import read_peak_mb
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.geometry import Model, Solid

@@ -25,7 +25,7 @@ from zoneinfo import ZoneInfo
 
 from PIL import Image
 
-from chromium import CHROMIUM, Chromium  # type: ignore[import-not-found]  # in tests/support
+from browser.chromium import CHROMIUM, Chromium  # type: ignore[import-not-found]  # in tests/support
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures" / "dashboard"

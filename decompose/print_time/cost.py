@@ -5,7 +5,7 @@ cells of a grid is that of a part, cut faces being ordinary faces, so that `grid
 from tables. The rest follows from the sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. Travel, acceleration and retraction, which
-these omit, are in measured factors: `FACTORS`, by bench/print_time_model.py.
+these omit, are in measured factors: `FACTORS`, by bench/prices/model.py.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class CostModel:
 
     On parts that the decomposition makes, each model held out from the fit, the mean error of a part with its
     own supports is 1.5 %, and 2.3 % at most in each of five settings, even if the fit uses only two of them;
-    that of the tables, with supports down to the bed, is 2.8 % (bench/print_time_model.py,
-    bench/print_time.csv).
+    that of the tables, with supports down to the bed, is 2.8 % (bench/prices/model.py,
+    bench/prices/print_time.csv).
     """
 
     fixed_s: float

@@ -65,7 +65,7 @@ FACTORS: Mapping[str, float] = {
 
 ``columns`` replaces all of `SUPPORT` where only tables are available. The factors of travel, of supports and
 of the terms that only a pose shows were fitted to the features of sliced parts
-(`bench/print_time_features.py`), the others to five settings (`bench/print_time_model.py`).
+(`bench/prices/features.py`), the others to five settings (`bench/prices/model.py`).
 """
 
 

@@ -1,7 +1,7 @@
 """Effort of a search: work is counted, not timed, so that every machine gets the same result.
 
-Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/effort.py`). Work
-is recorded by the thread that distributes it, whatever threads do the work.
+Each kind of work has a price: the time of a unit on one core of a typical machine (`bench/search/effort.py`).
+Work is recorded by the thread that distributes it, whatever threads do the work.
 """
 
 from __future__ import annotations

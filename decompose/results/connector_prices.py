@@ -1,4 +1,4 @@
-"""Print time that the connectors of a part add, by what slices of parts showed (`bench.joint_costs`)."""
+"""Print time that connectors add to a part, fitted to slices of parts (`bench.prices.joint_costs`)."""
 
 from __future__ import annotations
 

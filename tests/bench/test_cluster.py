@@ -3,8 +3,8 @@
 import pytest
 
 from bench.cluster import REPLAY_COLUMNS, replace_table, sum_up_faults
-from bench.cluster_jobs import list_stages
-from bench.cluster_replay import find_critical_path, sum_path
+from bench.clusters.jobs import list_stages
+from bench.clusters.replay import find_critical_path, sum_path
 
 STAGES = [
     {"decompose_job": [30.0]},

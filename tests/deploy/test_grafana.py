@@ -9,7 +9,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from farm.model import PrintState
-from scraped_farm import ScrapedFarm
+from farms.scraped_farm import ScrapedFarm
 
 BOARD = json.loads((Path(__file__).parents[2] / "deploy/grafana/farm.json").read_text())
 PANELS = BOARD["panels"]

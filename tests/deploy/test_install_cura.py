@@ -2,7 +2,7 @@
 
 import pytest
 
-from apt_host import Host, resources
+from hosts.apt_host import Host, resources
 
 
 class TestInstall:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from apt_host import Host
 from decompose.jit import INSTALLED
-from installed_version import ROOT, build_wheel, install_wheel
+from farms.installed_version import ROOT, build_wheel, install_wheel
+from hosts.apt_host import Host
 
 BROWSER_SOURCES = "farm/web/pages/browser/"
 """Bundled by `deploy/build-pages.sh`: the wheel has the bundle."""

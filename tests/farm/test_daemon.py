@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from books.recording_controller import make_fleet
 from farm.cli import commands
 from farm.daemon import Daemon, run
 from farm.errors import FarmError
@@ -15,7 +16,6 @@ from farm.model import Job, JobOptions, JobState, PlanProgress, PlanStep
 from farm.paths import Places, StateFolder
 from farm.state import Books
 from farm.state import events as ev
-from recording_controller import make_fleet
 
 
 def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):

@@ -3,8 +3,8 @@
 import pytest
 from pydantic import ValidationError
 
+from books.make_books import make_plan_event
 from farm.model import Part, PartGeometry, PartPrintOptions
-from make_books import make_plan_event
 
 FLAT_PART = {
     "id": "1/p01",

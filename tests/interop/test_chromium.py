@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from chromium import CHROMIUM, Chromium
+from browser.chromium import CHROMIUM, Chromium
 from farm.model import Role
-from network_farm import HOST, NetworkFarm
-from served_farm import serve
+from farms.network_farm import HOST, NetworkFarm
+from farms.served_farm import serve
 
 pytestmark = [
     pytest.mark.system,

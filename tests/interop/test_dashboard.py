@@ -6,8 +6,10 @@ import re
 
 import pytest
 
-from accessibility import AXE, find_faults, read
-from chromium import CHROMIUM, Chromium
+from books.make_books import make_end_event
+from books.planned_job import plan_job, submit_model
+from browser.accessibility import AXE, find_faults, read
+from browser.chromium import CHROMIUM, Chromium
 from farm.model import (
     AgentSnapshot,
     FilamentState,
@@ -20,10 +22,8 @@ from farm.model import (
     Verdict,
 )
 from farm.state import events as ev
-from make_books import make_end_event
-from network_farm import HOST, NetworkFarm
-from planned_job import plan_job, submit_model
-from served_farm import serve
+from farms.network_farm import HOST, NetworkFarm
+from farms.served_farm import serve
 
 pytestmark = [
     pytest.mark.system,

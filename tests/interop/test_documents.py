@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from accessibility import AXE, find_faults
-from chromium import CHROMIUM, Chromium
+from books.planned_job import plan_job
+from browser.accessibility import AXE, find_faults
+from browser.chromium import CHROMIUM, Chromium
 from decompose.decompose import decompose_model
 from decompose.export.instructions import write_instructions
 from decompose.geometry import Model, Solid
@@ -15,8 +16,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import connect_parts
 from farm.model import Role
-from network_farm import NetworkFarm
-from planned_job import plan_job
+from farms.network_farm import NetworkFarm
 
 pytestmark = [
     pytest.mark.system,

@@ -10,11 +10,11 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from clusters.same_process import SameProcess
 from farm.model import Role
-from make_gcode import make_marlin
-from octoprint_server import OctoPrintServer
-from same_process import SameProcess
-from web_farm import WebFarm
+from farms.web_farm import WebFarm
+from model_files.make_gcode import make_marlin
+from printers.octoprint_server import OctoPrintServer
 
 pytestmark = [
     pytest.mark.system,

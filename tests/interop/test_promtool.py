@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from farm.model import PrintState
-from scraped_farm import ScrapedFarm
+from farms.scraped_farm import ScrapedFarm
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 RULES, BOARD = DEPLOY / "prometheus/farm.rules.yml", DEPLOY / "grafana/farm.json"

@@ -2,10 +2,10 @@
 
 import pytest
 
-from make_gcode import FILAMENT_MM2, TravelStopwatch
+from model_files.make_gcode import FILAMENT_MM2, TravelStopwatch
+from printers.slicing_printers import UM2_PLUS
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import PrintTarget, accept_gcode
-from slicing_printers import UM2_PLUS
 
 
 def accept(path):

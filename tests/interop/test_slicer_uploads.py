@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from make_gcode import make_marlin, make_square
-from real_farm import PATIENCE_S, RealFarm, wait_for
+from farms.real_farm import PATIENCE_S, RealFarm, wait_for
+from model_files.make_gcode import make_marlin, make_square
 
 FOLDER = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from chromium import CHROMIUM, Chromium
+from books.planned_job import plan_job
+from browser.chromium import CHROMIUM, Chromium
 from decompose.export import write_glb
 from decompose.geometry import Solid
 from decompose.results import Part
 from farm.control import JobCommands, PrinterCommands
 from farm.model import Role
 from farm.web.pages.static_files import load_static_files
-from make_3mf import pack_3mf, write_mesh_xml, write_model_xml, write_object_xml
-from network_farm import HOST, NetworkFarm
-from planned_job import plan_job
-from served_farm import serve
+from farms.network_farm import HOST, NetworkFarm
+from farms.served_farm import serve
+from model_files.make_3mf import pack_3mf, write_mesh_xml, write_model_xml, write_object_xml
 
 pytestmark = [
     pytest.mark.system,

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from playwright.sync_api import expect, sync_playwright
 
-from chromium import CHROMIUM, OPTIONS, PATIENCE_S
-from real_farm import RealFarm, find_free_port, wait_for
+from browser.chromium import CHROMIUM, OPTIONS, PATIENCE_S
+from farms.real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = [
     pytest.mark.system,

@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from make_stl import write_stl_bytes
+from model_files.make_stl import write_stl_bytes
+from printers.slicing_printers import PRINTERS
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
-from slicing_printers import PRINTERS
 
 WHOLE_BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 

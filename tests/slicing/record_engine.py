@@ -17,9 +17,9 @@ from pathlib import Path
 
 import trimesh
 
+from printers.slicing_printers import UM2_PLUS
 from slicing.engine import EngineLimits, read_engine_version, run_engine
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
-from slicing_printers import UM2_PLUS
 
 MOVE = trimesh.transformations.translation_matrix
 

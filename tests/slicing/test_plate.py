@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from make_stl import write_stl_bytes
+from model_files.make_stl import write_stl_bytes
 from slicing import plate
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
 from slicing.mesh import read_triangles

@@ -4,11 +4,11 @@ import pytest
 import trimesh
 
 from drivers.printers import BEDS, compute_part_room
-from make_stl import write_stl_bytes
+from model_files.make_stl import write_stl_bytes
+from printers.slicing_printers import PRINTERS
 from slicing.errors import BadSetting
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, resolve_settings
-from slicing_printers import PRINTERS
 
 MODEL = "creality_ender3"
 

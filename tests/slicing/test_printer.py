@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from slicing_printers import PRINTERS, UM2_PLUS
+from printers.slicing_printers import PRINTERS, UM2_PLUS
 
 FILAMENT_MM2 = 6.379
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import trimesh
 
-from real_farm import RealFarm
+from farms.real_farm import RealFarm
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.emulator.launch import control
-from real_farm import RealFarm, wait_for
+from farms.real_farm import RealFarm, wait_for
 
 
 @pytest.mark.system

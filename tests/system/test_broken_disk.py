@@ -10,9 +10,9 @@ import pytest
 
 from farm.paths import StateFolder
 from farm.state.storage.backups import back_up
-from killed_daemon_farm import KilledFarm
-from real_farm import wait_for
-from small_disk import SmallDisk
+from farms.killed_daemon_farm import KilledFarm
+from farms.real_farm import wait_for
+from hosts.small_disk import SmallDisk
 
 pytestmark = pytest.mark.system
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from real_farm import wait_for
+from farms.real_farm import wait_for
 
 pytestmark = pytest.mark.system
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from real_farm import RealFarm, wait_for
+from farms.real_farm import RealFarm, wait_for
 
 pytestmark = pytest.mark.system
 

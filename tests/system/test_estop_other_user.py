@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from real_farm import RealFarm
+from farms.real_farm import RealFarm
 
 NOBODY_UID = 65534
 CLIENT_COUNT = 80  # that connects and asks for nothing

@@ -7,7 +7,7 @@ import json
 import pytest
 import trimesh
 
-from real_farm import BUDGET_S, wait_for
+from farms.real_farm import BUDGET_S, wait_for
 
 pytestmark = pytest.mark.system
 

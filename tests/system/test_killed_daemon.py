@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from killed_daemon_farm import KilledFarm
-from restarted_daemon import AFTER_DELAY, MOMENTS
+from farms.killed_daemon_farm import KilledFarm
+from farms.restarted_daemon import AFTER_DELAY, MOMENTS
 
 pytestmark = pytest.mark.system
 

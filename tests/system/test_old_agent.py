@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.remote import kill_agent
-from real_farm import RealFarm, wait_for
+from farms.real_farm import RealFarm, wait_for
 
 ROOT = Path(__file__).parents[2]
 OLD_COMMIT = "00f76ab"  # the last commit whose agents do not report their protocol

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from make_gcode import make_marlin, make_square, make_ultigcode
+from model_files.make_gcode import make_marlin, make_square, make_ultigcode
 
 pytestmark = pytest.mark.system
 

@@ -13,17 +13,17 @@ from drivers import messages as m
 from drivers.records import JOURNAL, Journal
 from farm.state.storage.file_store import compute_sha256, store_file
 from farm.state.storage.store import Store
-from power_cut import PowerCut
+from hosts.power_cut import PowerCut
 
 C_COMPILER = shutil.which("cc")
-SHIM_SOURCE = Path(__file__).parents[1] / "support" / "synced.c"
+SHIM_SOURCE = Path(__file__).parents[1] / "support" / "hosts" / "synced.c"
 COMMITS = """
 import sys
 from pathlib import Path
 from farm.state.books import Books
 from farm.state.transitions import apply
 from farm.state.storage.store import Store
-from make_books import make_fleet_events, make_job
+from books.make_books import make_fleet_events, make_job
 from farm.state import events as ev
 
 store, books = Store(Path(sys.argv[1])), Books()

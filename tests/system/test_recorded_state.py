@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from real_farm import wait_for
-from recorded_state import unpack_state
+from farms.real_farm import wait_for
+from farms.recorded_state import unpack_state
 
 pytestmark = pytest.mark.system
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from real_farm import wait_for
+from farms.real_farm import wait_for
 
 pytestmark = pytest.mark.system
 

@@ -9,9 +9,9 @@ import pytest
 
 from bench.night import write_slow_gcode
 from drivers.emulator.launch import Command, control, is_running
-from host_pipe import HostPipe
-from installed_version import Versions
-from real_farm import RealFarm, wait_for
+from farms.installed_version import Versions
+from farms.real_farm import RealFarm, wait_for
+from hosts.host_pipe import HostPipe
 
 pytestmark = pytest.mark.system
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from box_tables import Shape, make_tables
+from books.box_tables import Shape, make_tables
 from decompose.bound.covering import cover_cells
 from decompose.grid import box_index
 

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from box_tables import Shape, list_boxes, make_tables
+from books.box_tables import Shape, list_boxes, make_tables
 from decompose.bound import bound_by_surface_s, bound_makespan
 from decompose.bound.makespan import TOLERANCE, Bound
 from decompose.engines.guillotine import Partitioner

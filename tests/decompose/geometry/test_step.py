@@ -13,7 +13,7 @@ import pytest
 from decompose.errors import ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.geometry import load_model, step
 from decompose.geometry.step import read_step
-from make_step import write_step_text
+from model_files.make_step import write_step_text
 
 needs_cascadio = pytest.mark.skipif(
     importlib.util.find_spec("cascadio") is None, reason="the extra `step` is not installed"

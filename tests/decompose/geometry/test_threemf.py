@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 from decompose.errors import DecomposeError, ModelEmpty, ModelTooDetailed, ModelUnreadable
 from decompose.geometry import load_model
 from decompose.geometry.threemf import model_part, package, read_3mf
-from make_3mf import pack_3mf, write_components_xml, write_mesh_xml, write_model_xml, write_object_xml
+from model_files.make_3mf import (
+    pack_3mf,
+    write_components_xml,
+    write_mesh_xml,
+    write_model_xml,
+    write_object_xml,
+)
 
 BOX = write_mesh_xml(trimesh.creation.box((10, 20, 30)))
 OTHER_MODEL = "3D/Objects/other.model"

@@ -17,7 +17,7 @@ from drivers.link.replies import LinkFault, Report
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.records import JOURNAL, Alarm, Journal, StartFile, read_journal
 from drivers.safety import NO_COMMAND
-from print_rig import PLUS, Rig, make_gcode
+from printers.print_rig import PLUS, Rig, make_gcode
 
 DEADLINE_S = 20.0
 CUT_OUTCOME = "power_off_cmd cut its mains"

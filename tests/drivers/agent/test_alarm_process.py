@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import MODEL, Printer, make_gcode, printer, run
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import PortError
+from printers.agent_with_emulator import MODEL, Printer, make_gcode, printer, run
 
 SCALE = 6.0  # a higher scale would make the minimum delay (4 s of wall time) longer than these times
 

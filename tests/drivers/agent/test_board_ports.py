@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from agent_with_emulator import MODEL, Printer, make_gcode, printer, read_all, run
 from drivers import messages as m
 from drivers.agent.board import Board
 from drivers.emulator.launch import control, launch, read_status
@@ -22,6 +21,7 @@ from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.records import JOURNAL
 from drivers.remote import is_alive
 from drivers.session import Session, SessionContext
+from printers.agent_with_emulator import MODEL, Printer, make_gcode, printer, read_all, run
 
 
 @pytest.mark.system

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import DEADLINE_S, MODEL, Printer, make_gcode, run
 from drivers import messages as m
 from drivers.agent.idle_watch import FilamentWatch
 from drivers.emulator.launch import Command, control, launch
 from drivers.records import JOURNAL
+from printers.agent_with_emulator import DEADLINE_S, MODEL, Printer, make_gcode, run
 
 REST_POSITION = b"X:0.00 Y:224.50 Z:205.00 E:-20.00 Count X:0.00 Y:224.50 Z:205.00"
 OTHER_POSITION = REST_POSITION.replace(b"E:-20.00", b"E:80.00")

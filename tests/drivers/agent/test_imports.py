@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import make_gcode, printer, run
 from drivers import messages as m
+from printers.agent_with_emulator import make_gcode, printer, run
 
 
 @pytest.mark.system

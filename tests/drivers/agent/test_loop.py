@@ -7,10 +7,19 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import HEAD, MODEL, TAIL, Printer, make_gcode, printer, run, wait_for_emulator
 from drivers import messages as m
 from drivers.emulator.launch import control, read_status
 from drivers.remote import is_alive, spawn_agent
+from printers.agent_with_emulator import (
+    HEAD,
+    MODEL,
+    TAIL,
+    Printer,
+    make_gcode,
+    printer,
+    run,
+    wait_for_emulator,
+)
 
 
 @pytest.mark.system

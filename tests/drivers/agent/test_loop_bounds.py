@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import make_gcode, printer, run
 from drivers import messages as m
 from drivers.records import AGENT_LOG, JOURNAL, Journal
 from drivers.records.journal import MAX_BYTES
+from printers.agent_with_emulator import make_gcode, printer, run
 
 
 def fill_journal(path: Path) -> None:

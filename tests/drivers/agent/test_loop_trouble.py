@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import DEADLINE_S, MODEL, SCALE, make_gcode, printer, run, wait_for_emulator
 from drivers import messages as m
 from drivers.agent.loop import Agent
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.launch import is_running as emulator_is_running
 from drivers.errors import Fault, JournalError
 from drivers.records import Journal, StartFile
+from printers.agent_with_emulator import DEADLINE_S, MODEL, SCALE, make_gcode, printer, run, wait_for_emulator
 
 
 class ScriptedAgent(Agent):

@@ -16,7 +16,7 @@ from drivers.gcode import add_frame
 from drivers.link import Connected, Link, Phase, Report, replies
 from drivers.link.link import SILENCE_S
 from drivers.link.recovery import MAX_QUERIES, TRIES
-from link_bench import BANNER, Bench, Wire, make_lines, stream_program
+from printers.link_bench import BANNER, Bench, Wire, make_lines, stream_program
 
 
 def test_frames_equal_those_of_the_documentation():

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import wait_for_emulator
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
@@ -23,6 +22,7 @@ from drivers.link.dialogue import exchange
 from drivers.ports import NetPort
 from drivers.remote import AgentClient, spawn_agent
 from drivers.safety import StopTarget, stop_printer
+from printers.agent_with_emulator import wait_for_emulator
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 60.0

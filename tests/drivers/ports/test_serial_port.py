@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import read_all
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
 from drivers.ports import SerialPort
 from drivers.ports.serial_port import find_device
+from printers.agent_with_emulator import read_all
 
 TCGETS2 = 0x802C542A  # a rate without a POSIX constant
 

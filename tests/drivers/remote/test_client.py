@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from agent_with_emulator import run
 from drivers import messages as m
 from drivers.errors import AgentError
 from drivers.remote import AgentClient, is_alive
+from printers.agent_with_emulator import run
 
 
 def test_connection_and_request_fail_without_an_agent(tmp_path: Path):

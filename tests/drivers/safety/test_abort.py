@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import read_all
 from drivers.agent.board import Board
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
@@ -19,7 +18,8 @@ from drivers.link import Connected, Event, Link
 from drivers.ports import Port, SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.safety import StopTarget, send_abort_until_accepted, stop_printer
-from firmware_host import Host, add_number
+from printers.agent_with_emulator import read_all
+from printers.firmware_host import Host, add_number
 
 MOVE_S = 2.0
 MAX_LINE_BYTES = 95  # with its newline

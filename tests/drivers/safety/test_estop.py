@@ -17,7 +17,6 @@ from pathlib import Path
 
 import pytest
 
-from agent_with_emulator import Printer, wait_for_emulator
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
@@ -27,6 +26,7 @@ from drivers.locks import AGENT_LOCK, acquire_lock, find_holder, is_locked, kill
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
 from drivers.safety import StopResult, StopTarget, estop, heater_watch, list_targets, stop_printer
+from printers.agent_with_emulator import Printer, wait_for_emulator
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"

@@ -5,7 +5,7 @@ import pytest
 from drivers.emulator.faults import Faults
 from drivers.errors import Fault
 from drivers.messages import PrintPhase
-from print_rig import Rig, assert_end_with_heaters_off, make_gcode
+from printers.print_rig import Rig, assert_end_with_heaters_off, make_gcode
 
 
 def test_board_of_another_model_is_refused_before_anything_heats():

@@ -14,7 +14,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
-from print_rig import PLUS, Rig, make_gcode, make_retracting_gcode
+from printers.print_rig import PLUS, Rig, make_gcode, make_retracting_gcode
 
 NEAR_MM = 0.5
 DELAYED_FAULTS = [field.name for field in fields(Faults) if field.name.endswith("_after")]

@@ -6,7 +6,7 @@ from drivers.errors import Fault
 from drivers.gcode import MotionState
 from drivers.messages import Filament, PrintPhase
 from drivers.session.park import PAUSE_LIMIT_S
-from print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
+from printers.print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
 
 
 @pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])

@@ -11,7 +11,7 @@ from drivers.errors import Fault
 from drivers.gcode.program import MemoryStore
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace
-from print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
+from printers.print_rig import GCODE, Rig, assert_end_with_heaters_off, make_gcode, make_retracting_gcode
 
 
 def test_print_passes_its_phases_and_ends_with_heaters_off_and_filament_parked():

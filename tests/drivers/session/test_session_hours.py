@@ -5,7 +5,7 @@ import pytest
 from drivers.emulator.faults import Faults
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
-from print_rig import Rig, assert_end_with_heaters_off, make_gcode
+from printers.print_rig import Rig, assert_end_with_heaters_off, make_gcode
 
 
 @pytest.mark.parametrize("no_reset", [False, True])

@@ -11,7 +11,7 @@ from drivers.errors import BadGcode, Fault
 from drivers.gcode import read_program
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES
-from print_rig import Rig, assert_end_with_heaters_off
+from printers.print_rig import Rig, assert_end_with_heaters_off
 
 ENDER3 = PROFILES["creality_ender3"]
 

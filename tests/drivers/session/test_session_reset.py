@@ -12,7 +12,7 @@ from drivers.link import LinkFault
 from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
-from print_rig import PLUS, Rig, assert_end_with_heaters_off, make_gcode
+from printers.print_rig import PLUS, Rig, assert_end_with_heaters_off, make_gcode
 
 
 def test_lost_port_fails_the_print_without_heaters_confirmed_off():

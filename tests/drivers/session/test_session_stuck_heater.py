@@ -12,7 +12,7 @@ from drivers.messages import Filament, PrintPhase
 from drivers.records import Suspicion
 from drivers.safety import Finding, HeaterWatch
 from drivers.session import Pace, Session, SessionContext
-from print_rig import PLUS, Rig, make_gcode
+from printers.print_rig import PLUS, Rig, make_gcode
 
 LIMIT_S = 30.0  # from a finding to the request
 NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED

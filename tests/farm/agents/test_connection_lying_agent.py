@@ -6,6 +6,8 @@ from datetime import datetime
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from drivers.errors import MessageError
 from drivers.messages import Filament, LinkState, PrintPhase, Snapshot
 from drivers.remote.client import read_line
@@ -15,8 +17,6 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.storage.store import Store
 from farm.views import describe_job, describe_night, describe_printer, list_history, list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 NOW_S = datetime(2026, 11, 1).timestamp()
 WILD_NUMBERS = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]

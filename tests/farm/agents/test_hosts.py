@@ -29,7 +29,7 @@ from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
-from host_pipe import HostPipe
+from hosts.host_pipe import HostPipe
 
 MODEL = "ultimaker2_plus"
 SCALE = 240.0

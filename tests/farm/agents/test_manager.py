@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from books.make_books import apply_events, make_printing_books
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch
@@ -23,7 +24,6 @@ from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from make_books import apply_events, make_printing_books
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 40.0

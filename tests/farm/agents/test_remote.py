@@ -32,7 +32,7 @@ from farm.agents.manager import AgentManager
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
-from silent_network import SilentRoute
+from hosts.silent_network import SilentRoute
 
 MODEL = "ultimaker2_plus"
 SCALE = 120.0

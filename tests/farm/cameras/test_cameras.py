@@ -6,7 +6,8 @@ import logging
 
 import pytest
 
-from fake_camera import make_jpeg
+from books.make_books import make_end_event, make_job, make_plan_event
+from books.recording_controller import PLUS, RecordedEffects
 from farm.cameras.cameras import Cameras
 from farm.cameras.fetch import CameraError
 from farm.cameras.image import read_image
@@ -19,8 +20,7 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state import events as ev
 from farm.state.retention import list_deletable_files, list_named_files
 from farm.state.storage.store import Store
-from make_books import make_end_event, make_job, make_plan_event
-from recording_controller import PLUS, RecordedEffects
+from hosts.fake_camera import make_jpeg
 
 URL = "http://look:pass-w0rd@camera-{printer}/still"
 IMAGE = read_image(make_jpeg())

@@ -6,9 +6,9 @@ import socket
 
 import pytest
 
-from fake_camera import make_jpeg, run_camera
 from farm.cameras import fetch
 from farm.cameras.fetch import CameraError, fetch_still
+from hosts.fake_camera import make_jpeg, run_camera
 
 SECRET = "pass-w0rd"
 

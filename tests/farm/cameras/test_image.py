@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_camera import make_jpeg, make_png
 from farm.cameras.image import LARGEST_IMAGE_BYTES, NoImage, check_beginning, read_image
+from hosts.fake_camera import make_jpeg, make_png
 
 
 def test_jpeg_and_png_are_images():

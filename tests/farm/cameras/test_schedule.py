@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.cameras.schedule import (
     END_S,
     LARGEST_INTERVAL_S,
@@ -16,7 +17,6 @@ from farm.cameras.schedule import (
 )
 from farm.model import AgentPrint, AgentSnapshot, Link, Moment, PrintState, Still
 from farm.state import events as ev
-from make_books import apply_events, make_end_event, make_printing_books
 
 CAMERAS = frozenset("ab")
 

@@ -13,7 +13,7 @@ import typer
 from farm.api import JobName, Names
 from farm.cli import completion
 from farm.model import JobState
-from real_farm import FARM
+from farms.real_farm import FARM
 
 NAMES = Names(
     printers=["um2-01", "um2-02", "um2x-01"],

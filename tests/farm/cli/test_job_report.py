@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from example_night import make_night_books, make_status
+from books.example_night import make_night_books, make_status
 from farm.cli.job_report import find_local, render_report
 
 

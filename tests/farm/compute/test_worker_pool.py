@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-import failing_work as work
+from clusters import failing_work as work
 from farm.compute import DECOMPOSING, Limit, PoolShare
 from farm.compute.worker_pool import Workers, compute_memory_per_worker
 from farm.compute.worker_process import Worker

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, PLUS, Farm
 from farm.control import scheduler
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.model import (
@@ -25,8 +27,6 @@ from farm.state import events as ev
 from farm.state.books import list_changed_entities
 from farm.state.storage.store import StoreError
 from farm.views import describe_job, describe_printer, list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))
 START_S = 1_700_000_000.0

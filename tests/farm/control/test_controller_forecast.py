@@ -7,6 +7,8 @@ from pathlib import Path
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
@@ -14,8 +16,6 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 HOUR = 3600.0
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.errors import Refused
 from farm.model import AgentPrint, AgentSnapshot, Bed, HoldCode, JobOptions, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.views import list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, PLUS, Farm
 from farm.control import controller, scheduler
 from farm.model import AgentPrint, JobOptions, Link, PrintState
 from farm.planning import Plan
 from farm.scheduling import assign_plates
 from farm.state import events as ev
 from farm.state.storage import StoreError
-from make_books import make_plan_event
-from recording_controller import MODEL, PLUS, Farm
 
 
 @pytest.fixture

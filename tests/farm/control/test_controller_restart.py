@@ -6,6 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, PLUS, Farm
 from farm.control.telemetry import REFUSALS
 from farm.errors import FarmError
 from farm.model import JobOptions, JobState, PrintState, Verdict
@@ -13,9 +15,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state.storage.store import Store, StoreError
 from farm.views import list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, PLUS, Farm
-from simulated_fleet import FarmSimulation
+from farms.simulated_fleet import FarmSimulation
 
 PLATES = 3
 

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -24,9 +26,7 @@ from farm.state.books import put
 from farm.state.reconciliation import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views import list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
-from simulated_fleet import FarmSimulation
+from farms.simulated_fleet import FarmSimulation
 
 PLATES = 4
 PLANNED_S = 1_790_000_000.0

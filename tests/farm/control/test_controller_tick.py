@@ -4,13 +4,13 @@ from datetime import UTC, datetime
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.control import scheduler
 from farm.model import AgentSnapshot, HoldCode, JobOptions, JobState, Link, Reel
 from farm.planning import Plan
 from farm.state import events as ev
 from farm.state.storage import StoreError
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 NIGHT = datetime(2026, 11, 20, 23, tzinfo=UTC).timestamp()
 MORNING = datetime(2026, 11, 21, 6, tzinfo=UTC).timestamp()

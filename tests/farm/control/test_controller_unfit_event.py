@@ -2,10 +2,10 @@
 
 import logging
 
+from books.recording_controller import Farm
 from farm.control import telemetry
 from farm.model import Bed, PrintState
 from farm.state import events as ev
-from recording_controller import Farm
 
 
 def test_unfit_snapshot_is_logged_and_the_rest_continues(tmp_path, monkeypatch, caplog):

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, PLUS, Farm
 from drivers.clock import Clock
 from farm.cli.display.job_page import render_job
 from farm.model import (
@@ -22,8 +24,6 @@ from farm.paths import StateFolder
 from farm.planning.parts.copies import multiply_plan
 from farm.planning.plan import DecomposeTask, Plan
 from farm.views import describe_job, list_history
-from make_books import make_plan_event
-from recording_controller import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))
 OPTIONS = JobOptions(copies=2, name="vase", note="for Ada")

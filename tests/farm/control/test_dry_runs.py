@@ -4,6 +4,9 @@ import asyncio
 
 import pytest
 
+from books.make_books import make_job as make_job
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.control.job_commands import DRY_RUN_TIMEOUT_S, PAGE_DRY_RUN_TIMEOUT_S, DryRuns
 from farm.errors import Refused
 from farm.model import JobOptions, JobState
@@ -11,9 +14,6 @@ from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views.tasks import list_requests
-from make_books import make_job as make_job
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 
 def submit(farm, name, **options):

@@ -7,6 +7,8 @@ from datetime import datetime
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.api import LoadRequest
 from farm.config import FieldError
 from farm.control import job_commands, printer_commands
@@ -18,8 +20,6 @@ from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import compute_sha256
 from farm.views import describe_job, describe_timeline, list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 GCODE = InspectedSubmission(
     "x.gcode", (), 1.0, OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))

@@ -8,11 +8,11 @@ from queue import SimpleQueue
 import pytest
 from pydantic import SecretStr
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.config import Fleet
 from farm.control.notifier import Notifier, delete_record
 from farm.errors import FleetFileError
 from farm.state import events as ev
-from make_books import apply_events, make_end_event, make_printing_books
 
 pytest.importorskip("apprise")
 pytestmark = pytest.mark.filterwarnings("ignore:'imghdr' is deprecated:DeprecationWarning")  # apprise's

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from drivers.clock import Clock
 from farm.control.telemetry import REFUSALS
 from farm.errors import NoSuchThing, Refused
@@ -25,8 +27,6 @@ from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
 from farm.views import describe_job, list_tasks
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
 

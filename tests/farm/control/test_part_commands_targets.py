@@ -5,6 +5,9 @@ import asyncio
 import httpx
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
+from browser.http_caller import DAEMON_USER, call_as
 from farm.cli.commands.operate import find_target_path
 from farm.control import DryRuns
 from farm.http import Services, make_app
@@ -12,9 +15,6 @@ from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
-from http_caller import DAEMON_USER, call_as
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 
 @pytest.fixture

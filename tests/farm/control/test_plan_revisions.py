@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, PLUS, Farm
 from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import HoldCode, JobOptions, JobState, Link, PlanProgress, PlanStep
@@ -12,8 +14,6 @@ from farm.planning.replanning import revisions
 from farm.state import PlateState, validate_books
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
-from make_books import make_plan_event
-from recording_controller import MODEL, PLUS, Farm
 
 HOUR = 3600.0
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.api import QueueMove, QueuePlace
 from farm.errors import FarmError, NoSuchThing, Refused
 from farm.model import HoldCode, JobOptions
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views.jobs import describe_queue
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
 

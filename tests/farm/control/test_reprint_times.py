@@ -2,13 +2,13 @@
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.views import describe_job, list_history
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
-from simulated_fleet import Clock
+from farms.simulated_fleet import Clock
 
 DAY_S = 86400.0
 

@@ -5,10 +5,10 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_printing_books
 from farm.control.telemetry import TEMPERATURES_KEPT_S, Telemetry, TemperatureRecord, read_snapshot
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.state import events as ev
-from make_books import apply_events, make_printing_books
 
 CELSIUS = st.none() | st.floats(-20.0, 300.0)
 SECONDS = st.floats(0.0, 1e5)

@@ -7,11 +7,11 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from fake_event_loop_clock import FakeTime
 from farm.control.timers import Timers
 from farm.paths import StateFolder
 from farm.state.storage.backups import NightlyBackup, list_backups, parse_backup_time_s
 from farm.state.storage.store import Store
+from hosts.fake_event_loop_clock import FakeTime
 
 BERLIN = ZoneInfo("Europe/Berlin")
 HOUR_S = 3600.0

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from drivers.messages import PROTOCOL
 from farm.config import Fleet
 from farm.doctor.checks import check_installation
@@ -27,7 +28,6 @@ from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.retention import DiskUse
 from farm.state.storage.migrations import SCHEMA_VERSION
-from make_books import apply_events, make_end_event, make_printing_books
 from slicing.errors import EngineMissing
 from slicing.settings import find_engine
 

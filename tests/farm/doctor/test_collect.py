@@ -11,7 +11,7 @@ from drivers.locks import AGENT_LOCK, acquire_lock
 from farm.cli.main import app
 from farm.doctor import Level, check_installation, collect_facts
 from farm.paths import Places, StateFolder
-from recorded_state import unpack_state
+from farms.recorded_state import unpack_state
 
 
 @pytest.fixture

@@ -9,6 +9,9 @@ import httpx
 import pytest
 import trimesh
 
+from books.recording_controller import RecordedEffects
+from browser.http_caller import DAEMON_USER, call_as
+from clusters.same_process import SameProcess
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control import DryRuns
@@ -19,10 +22,7 @@ from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
-from http_caller import DAEMON_USER, call_as
-from make_gcode import make_marlin
-from recording_controller import RecordedEffects
-from same_process import SameProcess
+from model_files.make_gcode import make_marlin
 
 MODEL = "ultimaker2_plus"
 

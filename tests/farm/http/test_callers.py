@@ -13,6 +13,9 @@ import httpx
 import pytest
 import uvicorn
 
+from books.recording_controller import RecordedEffects
+from browser.http_caller import call_as
+from clusters.same_process import AcceptAll
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control import DryRuns
@@ -24,9 +27,6 @@ from farm.model import AgentSnapshot, FilamentState, Link, Role
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
 from farm.state.storage.store import Store
-from http_caller import call_as
-from recording_controller import RecordedEffects
-from same_process import AcceptAll
 
 MODEL = "ultimaker2_plus"
 STRANGER = Person(uid=54321, gid=54321)

@@ -23,7 +23,7 @@ from farm.http.connections import (
     find_longest_waiting,
     find_overdue,
 )
-from real_farm import RealFarm, wait_for
+from farms.real_farm import RealFarm, wait_for
 
 DESCRIPTOR_LIMIT = 64
 IDLE_CLIENTS = 80

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from books.recording_controller import make_fleet
 from decompose.files.triangle_limit import HEAD_BYTES
 from farm.api import UploadView
 from farm.config import UploadsSection
@@ -20,7 +21,6 @@ from farm.http.uploads import Upload, Uploads, check_quota
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.planning import name_step_file
-from recording_controller import make_fleet
 
 QUOTA = UploadsSection(model_gb=2.0, at_once=2, free_gb=1.0, open_jobs=3)
 MB, GB = 10**6, 10**9

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from decompose_tasks import decompose_task, join_slices, slice_tasks
+from books.decompose_tasks import decompose_task, join_slices, slice_tasks
 from farm.model import Job, PartPrintOptions
 from farm.planning.booking import MAX_WARNINGS, MAY_FALL_WARNING, book_plan, list_job_files
 from farm.planning.parts.decompose_job import decompose_job

@@ -7,6 +7,8 @@ from dataclasses import replace
 import pytest
 import trimesh
 
+from books.recording_controller import Farm
+from clusters.same_process import SameProcess
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep, TimeFactors
@@ -18,8 +20,6 @@ from farm.planning.parts import drawings
 from farm.planning.plan import Plan, PlanRequest
 from farm.planning.plan_builder import PlanBuilder
 from farm.views import list_tasks
-from recording_controller import Farm
-from same_process import SameProcess
 
 MODEL = "ultimaker2_plus"
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import pytest
 import trimesh
 
-from dask_cluster import cluster
+from clusters.dask_cluster import cluster
 from farm.compute import DECOMPOSING, Workers
 from farm.config import Fleet
 from farm.model import Job, JobOptions

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from decompose_tasks import fleet
+from books.decompose_tasks import fleet
 from farm.planning.printer_settings import build_settings_request, resolve_printer_settings
 from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 

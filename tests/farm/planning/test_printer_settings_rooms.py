@@ -5,9 +5,9 @@ import pytest
 from drivers.printers import BEDS, PROFILES
 from farm.config import PrinterSection
 from farm.planning.printer_settings import find_printer_room, list_bed_boxes, list_model_sizes
+from printers.slicing_printers import UM2_PLUS
 from slicing.errors import EngineMissing
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
-from slicing_printers import UM2_PLUS
 
 
 @pytest.fixture(scope="module")

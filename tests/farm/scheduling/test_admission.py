@@ -1,5 +1,6 @@
 """Admission of the first job in the queue, and its printers."""
 
+from books.scheduling_examples import TALL, make_printer, make_situation
 from farm.model import Bed, Hold, HoldCode, Job, JobOptions, Link, ModelSize, OwnGcode
 from farm.scheduling import admission
 from farm.scheduling.admission import (
@@ -14,7 +15,6 @@ from farm.scheduling.admission import (
 )
 from farm.scheduling.matching import Requirements
 from farm.state.books import Books
-from scheduling_examples import TALL, make_printer, make_situation
 
 ANY_PRINTER = Requirements(None, None, None)
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from books.scheduling_examples import make_plate, make_printer, make_rules, make_situation
 from farm.scheduling.admission import (
     Availability,
     JobRequest,
@@ -13,7 +14,6 @@ from farm.scheduling.admission import (
     list_reservations,
 )
 from farm.scheduling.matching import Requirements
-from scheduling_examples import make_plate, make_printer, make_rules, make_situation
 
 ANY_PRINTER = JobRequest(Requirements(None, None, None))
 START_RULES = make_rules(max_heating=1)

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_situation
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling import assignment, plate_matching
 from farm.scheduling.matching import Requirements
-from scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_situation
 
 NOW_S = 1_000_000.0
 

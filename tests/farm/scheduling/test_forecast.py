@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_rules, make_situation
 from farm.model import Bed, Link, TimeFactors
 from farm.scheduling.forecast import CLEARING_S, compute_seconds_on, forecast_prints
 from farm.scheduling.matching import Requirements
-from scheduling_examples import LOW, TALL, box, make_plate, make_printer, make_rules, make_situation
 
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HOUR = 3600.0

@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from books.make_books import make_printing_books
+from books.scheduling_examples import make_printer, make_situation
 from farm.scheduling import forecast_cache
 from farm.scheduling.forecast_cache import ForecastCache
 from farm.scheduling.situation_builder import describe_plates
-from make_books import make_printing_books
-from scheduling_examples import make_printer, make_situation
 
 
 class Scene:

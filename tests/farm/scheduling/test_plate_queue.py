@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.scheduling_examples import make_plate
 from farm.scheduling import PlateQueue, Requirements
-from scheduling_examples import make_plate
 
 jobs = {1: (0, None), 2: (1, None), 3: (0, 0.5)}  # priority and rank by number
 plates = st.lists(

@@ -6,6 +6,15 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from books.make_books import (
+    PRINTERS,
+    apply_events,
+    make_end_event,
+    make_job,
+    make_plan_event,
+    make_printing_books,
+)
+from books.recording_controller import make_fleet
 from drivers.errors import Fault
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, Link, PrintState
@@ -18,8 +27,6 @@ from farm.scheduling.situation_builder import SituationBuilder, derive_job_requi
 from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
 from farm.views import ViewContext
-from make_books import PRINTERS, apply_events, make_end_event, make_job, make_plan_event, make_printing_books
-from recording_controller import make_fleet
 
 FLEET = make_fleet(["ultimaker2_plus"] * 3)
 SECTIONS = FLEET.printers

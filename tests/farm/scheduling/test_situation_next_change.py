@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from books.scheduling_examples import UTC, make_plate, make_printer, make_rules, make_situation
 from farm.model import Bed
 from farm.scheduling.assignment import assign_plates
-from scheduling_examples import UTC, make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 TICK_S = 1200.0

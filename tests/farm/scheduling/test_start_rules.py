@@ -9,13 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from books.scheduling_examples import (
+    LOW,
+    TALL,
+    UTC,
+    box,
+    make_plate,
+    make_printer,
+    make_rules,
+    make_situation,
+)
 from farm.model import Bed, HoldCode
 from farm.scheduling import assignment
 from farm.scheduling.holds import join_names
 from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import CLEARING_RESERVE_S, compute_needed_grams, find_filament_shortage
 from farm.text import format_moment
-from scheduling_examples import LOW, TALL, UTC, box, make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]

@@ -7,6 +7,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
+from books.make_books import (
+    PRINTERS,
+    apply_events,
+    make_end_event,
+    make_fleet_events,
+    make_job,
+    make_plan_event,
+    make_printing_books,
+)
 from farm.errors import ErrorCode, NoSuchThing
 from farm.model import (
     Bed,
@@ -20,15 +29,6 @@ from farm.state.books import Books, _list_changes
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState, list_charged_failures
 from farm.state.transitions import apply
-from make_books import (
-    PRINTERS,
-    apply_events,
-    make_end_event,
-    make_fleet_events,
-    make_job,
-    make_plan_event,
-    make_printing_books,
-)
 
 
 def test_job_is_printed_with_its_last_part():

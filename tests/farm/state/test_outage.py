@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
 from farm.state.outage import WINDOW_S, compute_outage_window_s, find_common_losses
 from farm.state.plate_state import ATTEMPTS, PlateState
-from make_books import apply_events, make_end_event, make_printing_books
 
 
 def make_assigned_events(*pairs):

@@ -2,12 +2,12 @@
 
 import pytest
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.errors import ErrorCode
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.plate_state import ATTEMPTS, PlateState
-from make_books import apply_events, make_end_event, make_printing_books
 
 CANCELLED_FIELDS = {"reason": "because", "state": PrintState.CANCELLED}
 

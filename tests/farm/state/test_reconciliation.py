@@ -2,6 +2,7 @@
 
 import pytest
 
+from books.make_books import apply_events, make_fleet_events, make_printing_books
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, Printer, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
@@ -14,7 +15,6 @@ from farm.state.reconciliation import (
     observe_idle_printer,
     reconcile_print,
 )
-from make_books import apply_events, make_fleet_events, make_printing_books
 
 
 def test_manual_use_makes_bed_and_filament_unknown():

@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_end_event, make_printing_books
+from books.scheduling_examples import make_printer
 from farm.config import Fleet
 from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.state import events as ev
 from farm.state.reels import apply_reels, compute_used_grams
 from farm.views.tasks import list_requests
-from make_books import apply_events, make_end_event, make_printing_books
-from scheduling_examples import make_printer
 
 WHITE_REEL = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 

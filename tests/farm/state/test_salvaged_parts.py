@@ -4,6 +4,7 @@ from datetime import UTC
 
 import pytest
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.config import Fleet
 from farm.model import Bed, FilamentState, JobState, PrintState, Reel, Verdict
 from farm.paths import StateFolder
@@ -11,7 +12,6 @@ from farm.state import events as ev
 from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.state.salvaged_parts import find_possibly_complete_print, list_reprinting_printers
 from farm.views import ViewContext, list_tasks
-from make_books import apply_events, make_end_event, make_printing_books
 
 AGENT_DEATH = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
 

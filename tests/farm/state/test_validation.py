@@ -2,13 +2,13 @@
 
 import pytest
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import Bed, JobState, Outage, PrintState, Reel, Verdict
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.storage.store import Store
 from farm.state.validation import validate_books
-from make_books import apply_events, make_end_event, make_printing_books
-from recorded_state import unpack_state
+from farms.recorded_state import unpack_state
 
 ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 

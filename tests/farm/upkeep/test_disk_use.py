@@ -7,6 +7,8 @@ from collections import namedtuple
 
 import pytest
 
+from books.old_jobs import NOW_S, make_old_books, write_files
+from books.recording_controller import Farm
 from drivers.clock import Clock
 from farm.model import JobState
 from farm.paths import StateFolder
@@ -14,8 +16,6 @@ from farm.state.retention import list_named_files
 from farm.upkeep.disk_use import measure_disk
 from farm.upkeep.upkeep import Upkeep
 from farm.views import list_tasks
-from old_jobs import NOW_S, make_old_books, write_files
-from recording_controller import Farm
 
 Usage = namedtuple("Usage", "total used free")
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
+from books.old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
+from books.recording_controller import PLUS, Farm, RecordedEffects, make_fleet
 from drivers.clock import Clock
 from farm.errors import Refused
 from farm.model import JobState
@@ -25,8 +27,6 @@ from farm.upkeep import upkeep
 from farm.upkeep.upkeep import Upkeep
 from farm.views import ViewContext, describe_job, list_history, list_tasks
 from farm.views.report import JobContents, render_page
-from old_jobs import DAY_S, NOW_S, add_good_prints, make_old_books, write_files
-from recording_controller import PLUS, Farm, RecordedEffects, make_fleet
 
 AGES = ((JobState.DONE, 200), (JobState.DONE, 100), (JobState.CANCELLED, 95), (JobState.DONE, 10),
         (JobState.PRINTED, 300), (JobState.PRINTING, 0))  # fmt: skip

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from books.make_books import PRINTERS, apply_events, make_end_event, make_job, make_printing_books
 from farm.cli.display.job_page import render_job
 from farm.config import Fleet
 from farm.model import AgentSnapshot, Gluing, JobState, Link
@@ -19,7 +20,6 @@ from farm.views.context import ViewContext
 from farm.views.dashboard import HistoryFilter, describe_history, write_csv
 from farm.views.jobs import measure_assembly
 from farm.views.report import list_figures
-from make_books import PRINTERS, apply_events, make_end_event, make_job, make_printing_books
 
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in PRINTERS]}

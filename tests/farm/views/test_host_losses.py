@@ -5,6 +5,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events
 from farm.config import Fleet
 from farm.model import Bed, HostLoss
 from farm.paths import StateFolder
@@ -14,7 +15,6 @@ from farm.state.outage import WINDOW_S
 from farm.state.storage.store import Store
 from farm.views import ViewContext, list_due_notices, list_tasks
 from farm.views.host_losses import describe_lost_hosts
-from make_books import apply_events
 
 MODEL = "ultimaker2_plus"
 LATER_S = 1e6

@@ -1,12 +1,12 @@
 """Notices to an absent person: each event once, printers lost together as one."""
 
+from books.make_books import apply_events, make_end_event, make_fleet_events, make_job, make_printing_books
 from farm.errors import ErrorCode
 from farm.model import PrintState
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.outage import WINDOW_S
 from farm.views import list_due_notices
-from make_books import apply_events, make_end_event, make_fleet_events, make_job, make_printing_books
 
 LATER_S = 1000.0
 

@@ -10,7 +10,8 @@ from xml.etree import ElementTree
 import trimesh
 from rich.console import Console
 
-from example_night import make_night_books, make_view_context
+from books.example_night import make_night_books, make_view_context
+from books.make_books import apply_events
 from farm import api
 from farm.cli.display import render_job
 from farm.model import Still, Verdict
@@ -20,8 +21,7 @@ from farm.views import describe_job, list_history
 from farm.views.charts import Bar, lay_out_gantt, list_bars
 from farm.views.report import JobContents, list_figures, render_page
 from farm.views.report.decomposition import parse_report
-from make_books import apply_events
-from make_stl import write_stl_bytes
+from model_files.make_stl import write_stl_bytes
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from books.recording_controller import Farm
 from farm.model import Link
 from farm.paths import StateFolder
 from farm.views import list_tasks
-from recording_controller import Farm
 
 
 def test_outdated_agent_is_a_task_to_replace_it(tmp_path: Path):

@@ -6,7 +6,7 @@ import pytest
 
 from farm.model import Role
 from farm.web.notes import Note, Notes
-from network_farm import HOST, NetworkFarm
+from farms.network_farm import HOST, NetworkFarm
 
 PAGE = f"http://{HOST}"
 

@@ -8,7 +8,7 @@ from fastapi.routing import iter_route_contexts
 from farm.api import NETWORK_PREFIX
 from farm.model import Role
 from farm.web.access import HOST_ONLY, LIVENESS, PUBLIC_ROUTES, ROLES
-from network_farm import HOST, OWN_PAGE, NetworkFarm
+from farms.network_farm import HOST, OWN_PAGE, NetworkFarm
 
 VALUES = {"printer": "a", "number": "1", "name": "a", "part": "p01", "request_id": "r" * 8}
 LOOK, PRINT, OPERATE = Role

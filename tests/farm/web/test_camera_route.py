@@ -2,12 +2,12 @@
 
 import pytest
 
-from fake_camera import make_png
 from farm.api import NETWORK_PREFIX
 from farm.cameras.image import read_image
 from farm.errors import ErrorCode, FarmError
 from farm.model import Role
-from network_farm import NetworkFarm
+from farms.network_farm import NetworkFarm
+from hosts.fake_camera import make_png
 
 CAMERA = f"{NETWORK_PREFIX}/printers/a/camera"
 

@@ -6,13 +6,13 @@ from contextlib import ExitStack
 
 import pytest
 
-from fake_event_loop_clock import FakeTime
+from books.recording_controller import MODEL
 from farm.errors import Refused
 from farm.http.event_streams import EventStreams, NoEvents
 from farm.model import JobOptions, Role
 from farm.state.event_rows import EventRow
-from recording_controller import MODEL
-from web_farm import HOST, WebFarm, get_network_path
+from farms.web_farm import HOST, WebFarm, get_network_path
+from hosts.fake_event_loop_clock import FakeTime
 
 EVENTS = get_network_path("/events")
 

@@ -4,11 +4,11 @@ import hashlib
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL
 from farm.model import JobOptions, Role
 from farm.planning.plan import Plan
-from make_books import make_plan_event
-from recording_controller import MODEL
-from web_farm import WebFarm, get_network_path
+from farms.web_farm import WebFarm, get_network_path
 
 FILES = get_network_path("/jobs/1/files")
 

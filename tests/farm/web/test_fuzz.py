@@ -7,12 +7,12 @@ import socket
 import pytest
 import uvicorn
 
-from bench.fuzz_requests import FuzzedRequest, make_request
-from bench.fuzz_web import send
+from bench.web.fuzz import send
+from bench.web.requests import FuzzedRequest, make_request
 from farm.http import BoundedServer, PeerProtocol
 from farm.model import Role
 from farm.web.access import ROLES
-from network_farm import NetworkFarm
+from farms.network_farm import NetworkFarm
 
 CONCURRENT_CLIENTS = 8
 PATIENCE_S = 20.0

@@ -5,7 +5,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from farm.model import PrintState
 from farm.web.metrics import _PRINTER_STATES
-from scraped_farm import ScrapedFarm
+from farms.scraped_farm import ScrapedFarm
 
 DONE, FAILED = PrintState.DONE, PrintState.FAILED
 

@@ -6,7 +6,7 @@ import pytest
 
 from farm.model import Role
 from farm.web.access import LIVENESS, METRICS, ROLES, SCHEMA, SCHEMA_PAGE, find_role
-from web_farm import WebFarm, get_network_path
+from farms.web_farm import WebFarm, get_network_path
 
 OWN_DESCRIPTION = {("GET", SCHEMA), ("GET", SCHEMA_PAGE)}
 

@@ -16,7 +16,7 @@ from schemathesis.specs.openapi.checks import (
 
 from farm.model import Role
 from farm.web.access import SCHEMA
-from network_farm import HOST, NetworkFarm
+from farms.network_farm import HOST, NetworkFarm
 
 CHECKS = [
     not_a_server_error,

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from bench.web_load import list_incomplete_requests
-from real_farm import RealFarm, find_free_port, wait_for
+from bench.web.load import list_incomplete_requests
+from farms.real_farm import RealFarm, find_free_port, wait_for
 
 pytestmark = pytest.mark.system
 INCOMPLETE_HEAD = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"

@@ -9,13 +9,13 @@ import httpx
 import pytest
 from fastapi import Response
 
+from browser.http_caller import DAEMON_USER, call_as
 from farm.http import Person
 from farm.model import Role
 from farm.state.storage import StoreError
 from farm.web.cookies import SessionCookie
 from farm.web.pages.static_files import make_static_url
-from http_caller import DAEMON_USER, call_as
-from network_farm import HOST, OWN_PAGE, NetworkFarm
+from farms.network_farm import HOST, OWN_PAGE, NetworkFarm
 
 TLS = {"tls": {"cert": "c.pem", "key": "k.pem"}}
 CLEARED_PATH = "/api/v1/printers/a/cleared"

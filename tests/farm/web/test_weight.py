@@ -4,14 +4,14 @@ import gzip
 
 import pytest
 
+from books.planned_job import plan_job
 from farm import api
 from farm.model import Role
 from farm.web.live import publish_page
 from farm.web.notes import Reader
 from farm.web.pages.home import render_home
 from farm.web.pages.static_files import load_static_files
-from network_farm import NetworkFarm
-from planned_job import plan_job
+from farms.network_farm import NetworkFarm
 
 FIRST_PAGE_BYTES, WITH_VIEWER_BYTES = 60_000, 250_000
 

@@ -11,8 +11,15 @@ from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
 from farm.planning.inspection.own_gcode import FirmwareTime
-from make_gcode import FILAMENT_MM2, PURGE, make_marlin, make_square, make_ultigcode
-from own_gcode import accept, assert_refused, check_rules, extract_body, list_moves, select_extrusions
+from model_files.make_gcode import FILAMENT_MM2, PURGE, make_marlin, make_square, make_ultigcode
+from model_files.own_gcode import (
+    accept,
+    assert_refused,
+    check_rules,
+    extract_body,
+    list_moves,
+    select_extrusions,
+)
 from slicing.errors import GcodeRefused
 
 

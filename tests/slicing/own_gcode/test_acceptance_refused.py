@@ -4,8 +4,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from make_gcode import FILAMENT_MM2, encode_lines, make_marlin, make_square, make_ultigcode, print_in_sequence
-from own_gcode import accept, assert_refused, check_rules, extract_body, list_moves
+from model_files.make_gcode import (
+    FILAMENT_MM2,
+    encode_lines,
+    make_marlin,
+    make_square,
+    make_ultigcode,
+    print_in_sequence,
+)
+from model_files.own_gcode import accept, assert_refused, check_rules, extract_body, list_moves
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import MAX_LINE_BYTES
 

@@ -6,12 +6,12 @@ import subprocess
 import pytest
 import trimesh
 
-from make_gcode import make_marlin, make_square, print_in_sequence
-from make_stl import write_stl_bytes
-from own_gcode import accept, assert_refused, check_rules
+from model_files.make_gcode import make_marlin, make_square, print_in_sequence
+from model_files.make_stl import write_stl_bytes
+from model_files.own_gcode import accept, assert_refused, check_rules
+from printers.slicing_printers import UM2_PLUS
 from slicing.engine import EngineLimits, run_engine
 from slicing.own_gcode.clearance import Clearance
-from slicing_printers import UM2_PLUS
 
 translate = trimesh.transformations.translation_matrix
 TOWER_18 = make_square(layers=90)

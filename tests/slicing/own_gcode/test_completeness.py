@@ -10,8 +10,15 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from make_gcode import END, FILAMENT_MM2, make_marlin, make_square, make_ultigcode
-from own_gcode import accept, assert_refused, check_rules, extract_body, list_moves, select_extrusions
+from model_files.make_gcode import END, FILAMENT_MM2, make_marlin, make_square, make_ultigcode
+from model_files.own_gcode import (
+    accept,
+    assert_refused,
+    check_rules,
+    extract_body,
+    list_moves,
+    select_extrusions,
+)
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.survey import survey_lines
 

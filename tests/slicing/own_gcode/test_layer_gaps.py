@@ -4,8 +4,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from make_gcode import FILAMENT_MM2, make_marlin, make_square, make_ultigcode
-from own_gcode import accept, assert_refused, check_rules
+from model_files.make_gcode import FILAMENT_MM2, make_marlin, make_square, make_ultigcode
+from model_files.own_gcode import accept, assert_refused, check_rules
 from slicing.own_gcode.completeness import LayerGaps
 
 SMALL_TOWER = make_square(side_mm=2.0, layers=20)  # 0.1 mm of filament in a layer

@@ -2,8 +2,8 @@
 
 import pytest
 
-from make_gcode import FILAMENT_MM2, make_marlin, make_square
-from own_gcode import accept, assert_refused
+from model_files.make_gcode import FILAMENT_MM2, make_marlin, make_square
+from model_files.own_gcode import accept, assert_refused
 
 THIN_FILAMENT_SQUARE = make_square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
 """As a slicer counts E for filament of 1.75 mm: few enough to look plausible for 2.85 mm."""

@@ -6,6 +6,7 @@ import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from printers.slicing_printers import UM2_PLUS
 from slicing.plate import slice_plate
 from slicing.settings import PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.layer_heights import (
@@ -15,7 +16,6 @@ from slicing.settings.layer_heights import (
     compute_printed_height_mm,
     fit_heights,
 )
-from slicing_printers import UM2_PLUS
 
 HIGHEST_MM = 320.0
 # Quality glue: half the nozzle, and Cura's first layer; the Ultimaker 2 has another first layer.

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from printers.slicing_printers import UM2_PLUS
 from slicing.errors import BadSetting
 from slicing.settings import SettingsRequest, resolve_settings
 from slicing.settings.definitions import SettingType
 from slicing.settings.limits import find_reserved_reason
-from slicing_printers import UM2_PLUS
 
 LIMITS = UM2_PLUS.limits
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from printers.slicing_printers import UM2_PLUS
 from slicing.errors import BadSetting, SlicingError
 from slicing.settings import OWN_MATERIALS_VARIABLE, SettingsRequest, find_resources, resolve_settings
-from slicing_printers import UM2_PLUS
 
 FILE = """<?xml version="1.0" encoding="UTF-8"?>
 <fdmmaterial version="1.3"

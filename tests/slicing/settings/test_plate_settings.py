@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from printers.slicing_printers import PRINTERS, UM2_PLUS
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing
 from slicing.settings import (
     FARM_QUALITIES,
@@ -14,7 +15,6 @@ from slicing.settings import (
     find_resources,
     resolve_settings,
 )
-from slicing_printers import PRINTERS, UM2_PLUS
 
 
 def compute_lines_mm(settings, width_mm):

@@ -4,13 +4,13 @@ from collections import Counter
 
 import pytest
 
+from printers.slicing_printers import PRINTERS, UM2_PLUS
 from slicing.errors import BadSetting
 from slicing.settings import FARM_QUALITIES, SettingsRequest, resolve_settings
 from slicing.settings.limits import find_violations
 from slicing.settings.material import find_shrinkage_factors
 from slicing.settings.resolver import Resolver
 from slicing.settings.stacks import find_stacks
-from slicing_printers import PRINTERS, UM2_PLUS
 
 MODELS = ("ultimaker2_plus", "ultimaker2_extended_plus", "ultimaker2", "ultimaker2_extended", "ultimaker2_go")
 OLD_MODELS = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles

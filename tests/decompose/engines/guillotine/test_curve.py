@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from box_tables import Shape, make_tables
+from books.box_tables import Shape, make_tables
 from decompose.auto import CountGoal
 from decompose.engines.guillotine import (
     CurvePoint,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from box_tables import Shape, list_boxes, make_tables
+from books.box_tables import Shape, list_boxes, make_tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.neighbourhood import (
     Window,

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
-from box_tables import Shape, make_tables
+from books.box_tables import Shape, make_tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_MM2, UNREACHABLE

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
 from drivers.printers import PROFILES
-from firmware_host import Host, add_number
+from printers.firmware_host import Host, add_number
 
 
 @pytest.fixture

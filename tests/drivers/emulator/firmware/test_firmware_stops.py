@@ -6,7 +6,7 @@ import pytest
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.listener import Phase
-from firmware_host import Host, add_number
+from printers.firmware_host import Host, add_number
 
 STOP_MESSAGE = (
     "Printer stopped due to errors. Fix the error and use M999 to restart. "

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
 from drivers.gcode import compute_checksum
-from firmware_host import Host, add_number
+from printers.firmware_host import Host, add_number
 
 
 @pytest.fixture

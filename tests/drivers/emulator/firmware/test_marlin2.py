@@ -4,7 +4,7 @@ import pytest
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.listener import Phase
-from firmware_host import Host, add_number
+from printers.firmware_host import Host, add_number
 
 MODEL = "creality_ender3"
 

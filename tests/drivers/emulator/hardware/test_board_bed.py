@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from firmware_host import Host
+from printers.firmware_host import Host
 
 
 @pytest.fixture

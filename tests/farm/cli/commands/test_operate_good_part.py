@@ -7,6 +7,9 @@ import httpx
 import pytest
 from typer.testing import CliRunner
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Farm
+from browser.http_caller import DAEMON_USER, call_as
 from farm.cli.client import daemon_client
 from farm.cli.main import app as cli
 from farm.control import DryRuns
@@ -15,9 +18,6 @@ from farm.http import Services, make_app
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
-from http_caller import DAEMON_USER, call_as
-from make_books import make_plan_event
-from recording_controller import MODEL, Farm
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import io
 from hypothesis import given
 from hypothesis import strategies as st
 
-from example_night import make_night_books, make_status
+from books.example_night import make_night_books, make_status
 from farm.cli.display.console import open_console
 from farm.cli.display.progress import ProgressLines
 from farm.model import PlanProgress, PlanStep

@@ -4,7 +4,8 @@ import io
 
 import pytest
 
-from example_night import PRINTERS, make_night_books, make_status, make_view_context, summarise
+from books.example_night import PRINTERS, make_night_books, make_status, make_view_context, summarise
+from books.make_books import apply_events, make_job, make_plan_event
 from farm import api
 from farm.cli.display.console import open_console
 from farm.cli.display.status_page import format_night, render_status, shorten_names
@@ -12,7 +13,6 @@ from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.views import list_history, select_shown_jobs
-from make_books import apply_events, make_job, make_plan_event
 
 
 def render(view, width=120):

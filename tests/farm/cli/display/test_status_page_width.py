@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from example_night import make_night_books, make_status, summarise
+from books.example_night import make_night_books, make_status, summarise
 from farm import api
 from farm.cli.display.status_page import render_status
 from farm.model import Bed, Hold, HoldCode, PrintState, Verdict

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-import portable_work as work
-from cluster_processes import Processes
-from dask_cluster import INSTALLATION, Recorder
+from clusters import portable_work as work
+from clusters.cluster_processes import Processes
+from clusters.dask_cluster import INSTALLATION, Recorder
 from farm.compute.cluster import cluster_state
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import Place

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-import portable_work as work
-from dask_cluster import INSTALLATION, Recorder, cluster
+from clusters import portable_work as work
+from clusters.dask_cluster import INSTALLATION, Recorder, cluster
 from farm.compute import Limit, Workers
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.cluster_state import ClusterWorker, Place

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from dask_cluster import INSTALLATION
+from clusters.dask_cluster import INSTALLATION
 from farm.compute.cluster import connection
 from farm.compute.cluster.connection import Connection, list_stuck, list_workers
 

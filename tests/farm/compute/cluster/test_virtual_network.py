@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-import virtual_network
-from virtual_network import Network, Wires, find_obstacle
+from hosts import virtual_network
+from hosts.virtual_network import Network, Wires, find_obstacle
 
 OBSTACLE = find_obstacle()
 A, B, ALL = b"\x02aaaaa", b"\x02bbbbb", b"\xff" * 6

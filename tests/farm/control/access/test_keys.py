@@ -6,9 +6,9 @@ from itertools import permutations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import make_key
 from farm.control.access.keys import digest_key, find_key, make_key_text
 from farm.model import KeyKind
-from make_books import make_key
 
 
 def test_new_key_is_found_by_its_text_alone_and_its_text_is_not_kept():

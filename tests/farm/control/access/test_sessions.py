@@ -4,13 +4,13 @@ import json
 
 import pytest
 
+from books.make_books import make_key
+from books.recording_controller import Farm
 from farm.control import SessionCommands, find_key
 from farm.control.access.sessions import IDLE_S, LINK_S, MAX_SESSION_S, MAX_SESSIONS, list_open_sessions
 from farm.errors import NoSuchThing
 from farm.model import KeyKind, Role
 from farm.state import events as ev
-from make_books import make_key
-from recording_controller import Farm
 
 HOUR_S = 3600.0
 

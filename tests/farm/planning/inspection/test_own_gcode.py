@@ -12,7 +12,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.planning.inspection.own_gcode import FirmwareTime, inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
-from make_gcode import make_marlin, make_square, make_ultigcode
+from model_files.make_gcode import make_marlin, make_square, make_ultigcode
 from slicing.errors import EngineMissing
 from slicing.settings import find_resources
 

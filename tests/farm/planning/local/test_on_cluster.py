@@ -3,15 +3,15 @@
 import pytest
 import trimesh
 
-from dask_cluster import INSTALLATION
+from clusters.dask_cluster import INSTALLATION
+from clusters.inline_link import InlineLink
+from clusters.same_process import SameProcess
 from farm.compute.cluster.cluster_pool import ClusterPool
 from farm.compute.cluster.task_executor import TaskExecutor
 from farm.errors import FarmError, Refused
 from farm.planning.local import on_cluster
 from farm.planning.local.on_cluster import Cluster, decompose_on_cluster, slice_on_cluster
 from farm.planning.local.slice_file import SliceOptions, slice_to_file
-from inline_link import InlineLink
-from same_process import SameProcess
 
 OPTIONS = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4)
 

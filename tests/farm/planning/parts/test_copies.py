@@ -9,7 +9,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose_tasks import decompose_task, join_slices, slice_tasks
+from books.decompose_tasks import decompose_task, join_slices, slice_tasks
+from books.make_books import make_plan_event
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, TimeFactors
@@ -19,7 +20,6 @@ from farm.planning.parts.copies import MAX_PLATES, choose_evenly_spaced, iterate
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import DecomposeTask, Plan
-from make_books import make_plan_event
 from slicing.checks import FeatureTimes
 
 MODEL = "ultimaker2_plus"

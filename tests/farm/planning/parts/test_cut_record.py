@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from books.decompose_tasks import decompose_task
 from decompose.options import Engine
 from decompose.results import Attempt, Cutting
-from decompose_tasks import decompose_task
 from farm.errors import FarmError
 from farm.planning.parts.cut_record import read_cut_record, write_cut_record
 from farm.planning.parts.decompose_job import decompose_job

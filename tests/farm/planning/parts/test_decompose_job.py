@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from books.decompose_tasks import decompose_task, fleet, slice_tasks
+from books.recording_controller import Commands, RecordedEffects
 from decompose.engines.guillotine import exact_search, plane_shift
 from decompose.engines.parallelobox import search as parallelobox_search
 from decompose.errors import NoFit
 from decompose.files.names import REPORT
 from decompose.pieces import cut_box
 from decompose.results import connect
-from decompose_tasks import decompose_task, fleet, slice_tasks
 from drivers.clock import Clock
 from farm.control.controller import Controller
 from farm.errors import ErrorCode, FarmError
@@ -24,7 +25,6 @@ from farm.planning.parts.draw_job import draw_job
 from farm.planning.plan import TooFewPrinters
 from farm.planning.printer_settings import build_settings_request, list_bed_boxes
 from farm.state.storage.store import Store
-from recording_controller import Commands, RecordedEffects
 
 
 def test_requested_engine_is_used(bar, files, tmp_path):

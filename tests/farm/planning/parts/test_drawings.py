@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose_tasks import decompose_task
+from books.decompose_tasks import decompose_task
+from clusters.same_process import SameProcess
 from farm.compute import PoolShare
 from farm.errors import FarmError
 from farm.planning.parts import drawings
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.draw_job import draw_job
 from farm.planning.parts.drawings import Drawings, split_steps
-from same_process import SameProcess
 
 FILES = ("assembly.png", "assembly.glb", "instructions.html")
 

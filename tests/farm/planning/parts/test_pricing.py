@@ -19,10 +19,10 @@ from farm.config import PrinterSection
 from farm.model import JobOptions, TimeFactors
 from farm.planning.parts.pricing import build_decompose_options, build_recipe, estimate_time_factors
 from farm.planning.plate_times import compute_plate_seconds, compute_prelude_seconds
+from printers.slicing_printers import UM2_PLUS
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
-from slicing_printers import UM2_PLUS
 
 BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 UPRIGHT_POSE = POSE_ROTATIONS[4:5]
@@ -130,7 +130,7 @@ def test_measured_table_agrees_with_the_factors(resolve_slice_settings):
     """Repeat the fit: the error at every setting is below 5 % for models that are not in the fit."""
     root = Path(__file__).parents[4]
     process = subprocess.run(
-        [sys.executable, "-m", "bench.print_time_model", "--dataset", "bench/print_time.csv", "--json"],
+        [sys.executable, "-m", "bench.prices.model", "--dataset", "bench/prices/print_time.csv", "--json"],
         cwd=root,
         capture_output=True,
         text=True,

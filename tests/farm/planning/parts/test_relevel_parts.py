@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from decompose_tasks import decompose_task, slice_late
+from books.decompose_tasks import decompose_task, slice_late
 from farm.model import TimeFactors
 from farm.planning.parts.decompose_job import decompose_job
 from farm.planning.parts.relevel_parts import relevel_parts

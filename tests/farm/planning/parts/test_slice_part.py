@@ -12,8 +12,8 @@ from farm.model import PartPrintOptions
 from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
 from farm.planning.printer_settings import find_printer_room, list_model_sizes
+from printers.slicing_printers import PRINTERS
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
-from slicing_printers import PRINTERS
 
 MODEL = "ultimaker2_plus"
 

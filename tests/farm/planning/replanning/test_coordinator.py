@@ -2,14 +2,14 @@
 
 import pytest
 
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, PLUS, Farm
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.planning.plan import Plan
 from farm.planning.replanning.replan import ReplannedPlate, make_next_plate_id
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
-from make_books import make_plan_event
-from recording_controller import MODEL, PLUS, Farm
 
 UM2 = "ultimaker2"
 HOUR = 3600.0

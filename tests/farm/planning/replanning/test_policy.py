@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.scheduling_examples import LOW, box, make_plate, make_printer, make_rules, make_situation
 from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
 from farm.model import Bed, HoldCode, TimeFactors
 from farm.planning.replanning import policy
 from farm.scheduling.matching import Capabilities, Requirements
-from scheduling_examples import LOW, box, make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR  # Monday, 20:00 UTC

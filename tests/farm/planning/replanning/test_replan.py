@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from books.make_books import make_plan_event
+from clusters.same_process import SameProcess
 from decompose.geometry import Solid
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
@@ -18,8 +20,6 @@ from farm.planning.replanning.cut_part import cut_part, read_pin_distances_mm
 from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
-from make_books import make_plan_event
-from same_process import SameProcess
 
 PLUS, UM2 = "ultimaker2_plus", "ultimaker2"
 ROTATION = trimesh.transformations.euler_matrix(0.3, np.pi / 2, -1.1)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from books.scheduling_examples import make_plate, make_printer, make_rules, make_situation
 from farm.model import Bed
 from farm.planning.replanning import revision_policy
 from farm.planning.replanning.policy import MARGIN, MIN_GAIN_S
@@ -19,7 +20,6 @@ from farm.planning.replanning.revision_policy import (
 )
 from farm.scheduling import assign_plates
 from farm.scheduling.matching import Requirements
-from scheduling_examples import make_plate, make_printer, make_rules, make_situation
 
 HOUR = 3600.0
 ANY_PRINTER = Requirements(None, None, None)

@@ -4,10 +4,10 @@ import random
 
 import pytest
 
+from books.make_books import make_plan_event
 from farm.model import FeatureSeconds, Plate, Print, Printer, PrintState, TimeFactors
 from farm.state.books import Books
 from farm.state.printer_speed import MIN_PRINTS, learn_speed, list_timings
-from make_books import make_plan_event
 
 HOUR_S = 3600.0
 PRELUDE_S = 200.0

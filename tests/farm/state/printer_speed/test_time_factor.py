@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import Bed, PrintState, TimeFactors
 from farm.state import events as ev
 from farm.state.printer_speed import (
@@ -15,7 +16,6 @@ from farm.state.printer_speed import (
     MIN_TIME_FACTOR,
     update_time_factor,
 )
-from make_books import apply_events, make_end_event, make_printing_books
 
 HOUR_S = 3600.0
 FACTORS = st.floats(MIN_TIME_FACTOR, MAX_TIME_FACTOR)

@@ -4,6 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_end_event, make_fleet_events, make_job, make_plan_event
+from books.old_jobs import DAY_S, NOW_S, make_old_books
 from farm.model import Bed, JobState, Outage, Verdict
 from farm.state import events as ev
 from farm.state.books import Books, put, replace_fields
@@ -20,8 +22,6 @@ from farm.state.retention import (
     select_jobs,
 )
 from farm.state.transitions import apply
-from make_books import apply_events, make_end_event, make_fleet_events, make_job, make_plan_event
-from old_jobs import DAY_S, NOW_S, make_old_books
 
 
 def make_sizes(books, size=100):

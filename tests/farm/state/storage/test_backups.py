@@ -8,6 +8,8 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
+from books.make_books import apply_events, make_fleet_events, make_job, make_plan_event
+from books.recording_controller import MODEL, Farm
 from drivers.clock import Clock
 from farm.errors import FarmError
 from farm.model import Bed, FilamentState, HoldCode, JobOptions, JobState, PrintState
@@ -28,8 +30,6 @@ from farm.state.storage.backups import (
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.views import list_tasks
-from make_books import apply_events, make_fleet_events, make_job, make_plan_event
-from recording_controller import MODEL, Farm
 
 NIGHT_S = 1_790_000_000.0
 DAY_S = 86400.0

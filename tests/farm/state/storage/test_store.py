@@ -6,13 +6,7 @@ import zlib
 
 import pytest
 
-from farm.model import Key, KeyKind
-from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.storage.migrations import FIRST_VERSIONS, SCHEMA_VERSION, TABLES
-from farm.state.storage.store import Store, StoreError, read_books
-from farm.state.transitions import apply
-from make_books import (
+from books.make_books import (
     apply_events,
     make_end_event,
     make_fleet_events,
@@ -21,6 +15,12 @@ from make_books import (
     make_plan_event,
     make_printing_books,
 )
+from farm.model import Key, KeyKind
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.storage.migrations import FIRST_VERSIONS, SCHEMA_VERSION, TABLES
+from farm.state.storage.store import Store, StoreError, read_books
+from farm.state.transitions import apply
 
 
 def convert_to_version(db, version):

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from books.make_books import make_end_event, make_fleet_events, make_job, make_plan_event
 from farm.errors import FarmError
 from farm.model import Bed
 from farm.paths import StateFolder
@@ -14,7 +15,6 @@ from farm.state.books import Books
 from farm.state.storage.backups import back_up, open_books
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
-from make_books import make_end_event, make_fleet_events, make_job, make_plan_event
 
 BACKED_UP_EVENTS = 5  # events
 EVENTS = (

@@ -5,7 +5,7 @@ from drivers.records import JOURNAL, Journal
 from farm.model import Bed, JobState, Part, PrintState, Verdict
 from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
-from recorded_state import unpack_state
+from farms.recorded_state import unpack_state
 
 
 def test_books_of_the_first_release_are_readable(tmp_path):

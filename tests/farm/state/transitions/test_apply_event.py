@@ -2,14 +2,7 @@
 
 import pytest
 
-from farm.errors import ErrorCode, NoSuchThing
-from farm.model import Bed, PrintState
-from farm.state import events as ev
-from farm.state.books import Books
-from farm.state.lifecycles import InvalidTransition
-from farm.state.storage.store import Store
-from farm.state.transitions import apply
-from make_books import (
+from books.make_books import (
     apply_events,
     make_end_event,
     make_fleet_events,
@@ -17,6 +10,13 @@ from make_books import (
     make_plan_event,
     make_printing_books,
 )
+from farm.errors import ErrorCode, NoSuchThing
+from farm.model import Bed, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.lifecycles import InvalidTransition
+from farm.state.storage.store import Store
+from farm.state.transitions import apply
 
 ASSIGNMENT = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
 HEATING = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False)

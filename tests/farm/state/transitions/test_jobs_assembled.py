@@ -2,12 +2,12 @@
 
 import pytest
 
+from books.make_books import make_job, make_printing_books
 from farm.model import Gluing, Job, JobOptions, JobState, compute_assembly_ratio
 from farm.state import events as ev
 from farm.state.books import put, replace_fields
 from farm.state.lifecycles import InvalidTransition
 from farm.state.transitions import apply
-from make_books import make_job, make_printing_books
 
 
 @pytest.mark.parametrize("state", [JobState.PRINTED, JobState.DONE])

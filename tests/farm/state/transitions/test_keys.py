@@ -2,12 +2,12 @@
 
 import pytest
 
+from books.make_books import apply_events, make_fleet_events, make_key
 from farm.errors import NoSuchThing
 from farm.model import KeyKind, Role
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.transitions import apply
-from make_books import apply_events, make_fleet_events, make_key
 
 
 def add_key(**fields):

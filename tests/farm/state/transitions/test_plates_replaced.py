@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from example_night import make_view_context
+from books.example_night import make_view_context
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.planning.booking import list_job_files
 from farm.state import events as ev
@@ -12,7 +13,6 @@ from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.views import describe_job
 from farm.views.accounting import summarise_job
-from make_books import apply_events, make_end_event, make_printing_books
 
 
 def make_replaced_event(books, plate, names=("a", "b")):

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from books.make_books import apply_events, make_printing_books
 from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.reconciliation import detect_alarm
 from farm.views import ViewContext, describe_printer, list_due_notices, list_tasks
-from make_books import apply_events, make_printing_books
 
 FINDING = "the nozzle went up to 257 C, above 210"
 CUT_TEXT = f"{FINDING}; power_off_cmd cut its mains"

@@ -1,5 +1,6 @@
 """Steps of the host's clock: durations and the order of prints are kept."""
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import HoldCode, PrintState, Verdict
 from farm.scheduling.holds import find_plate_holds
 from farm.state import events as ev
@@ -8,7 +9,6 @@ from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
 from farm.views import list_due_notices
-from make_books import apply_events, make_end_event, make_printing_books
 
 
 def test_verdict_applies_to_the_last_print_despite_a_clock_step(tmp_path):

@@ -4,12 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_fleet_events, make_job, make_plan_event
 from farm.model import JobOptions
 from farm.scheduling.situation_builder import describe_plates
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
-from make_books import apply_events, make_fleet_events, make_job, make_plan_event
 
 
 def make_queued_books(*priorities):

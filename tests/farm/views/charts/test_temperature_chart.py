@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.scheduling_examples import UTC
 from farm.model import Temperatures
 from farm.views.charts import lay_out_temperatures
-from scheduling_examples import UTC
 
 
 def lay_out(readings, now_s=36_000.0):

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import make_plan_event
+from books.scheduling_examples import UTC
 from farm.model import Print, PrintState, Verdict
 from farm.views.dashboard.figures import group_figures, name_month, sum_figures
-from make_books import make_plan_event
-from scheduling_examples import UTC
 
 PLATES = {plate.id: plate for plate in make_plan_event(1, 2).plates}  # 100 s and 3 g each
 DONE, FAILED, CANCELLED = PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED

@@ -7,7 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dashboard_farm import (
+from books.make_books import apply_events
+from books.scheduling_examples import UTC, make_hours
+from farm.errors import NoSuchThing
+from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
+from farm.scheduling import Hours
+from farm.state import events as ev
+from farm.views.dashboard import Change, describe_fleet_timeline
+from farm.views.dashboard.fleet_plan import list_spans
+from farm.week_windows import parse_window
+from farms.dashboard_farm import (
     START_S,
     add_planned_job,
     add_print,
@@ -16,15 +25,6 @@ from dashboard_farm import (
     make_empty_books,
     make_situation,
 )
-from farm.errors import NoSuchThing
-from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
-from farm.scheduling import Hours
-from farm.state import events as ev
-from farm.views.dashboard import Change, describe_fleet_timeline
-from farm.views.dashboard.fleet_plan import list_spans
-from farm.week_windows import parse_window
-from make_books import apply_events
-from scheduling_examples import UTC, make_hours
 
 NOW_S = START_S + 1000.0
 

@@ -2,7 +2,10 @@
 
 import pytest
 
-from dashboard_farm import (
+from farm.errors import NoSuchThing
+from farm.model import PrintState, Verdict
+from farm.views.dashboard import HistoryFilter, describe_history, select_prints
+from farms.dashboard_farm import (
     DAY_S,
     START_S,
     add_planned_job,
@@ -11,9 +14,6 @@ from dashboard_farm import (
     make_context,
     make_empty_books,
 )
-from farm.errors import NoSuchThing
-from farm.model import PrintState, Verdict
-from farm.views.dashboard import HistoryFilter, describe_history, select_prints
 
 NOW_S = START_S + 10 * DAY_S
 

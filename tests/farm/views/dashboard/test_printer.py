@@ -2,10 +2,17 @@
 
 import pytest
 
-from dashboard_farm import START_S, add_planned_job, add_print, judge_print, make_context, make_empty_books
 from farm.errors import NoSuchThing
 from farm.model import Moment, PrintState, Still, Temperatures
 from farm.views.dashboard import describe_printer_page
+from farms.dashboard_farm import (
+    START_S,
+    add_planned_job,
+    add_print,
+    judge_print,
+    make_context,
+    make_empty_books,
+)
 
 NOW_S = START_S + 1000.0
 

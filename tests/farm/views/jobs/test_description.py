@@ -7,14 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from farm.cli.display.job_page import render_job
-from farm.config import Fleet
-from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState, Verdict
-from farm.paths import StateFolder
-from farm.state import events as ev
-from farm.state.books import Books
-from farm.views import ViewContext, describe_job, describe_printer
-from make_books import (
+from books.make_books import (
     apply_events,
     make_end_event,
     make_fleet_events,
@@ -22,6 +15,13 @@ from make_books import (
     make_plan_event,
     make_printing_books,
 )
+from farm.cli.display.job_page import render_job
+from farm.config import Fleet
+from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState, Verdict
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.views import ViewContext, describe_job, describe_printer
 
 FLEET = Fleet.model_validate(
     {

@@ -6,6 +6,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_job, make_printing_books
 from farm import api
 from farm.config import Fleet
 from farm.model import Hold, HoldCode, PrintState, Verdict
@@ -16,7 +17,6 @@ from farm.views import JobCache, ViewContext, describe_jobs, group_waits, summar
 from farm.views import job_cache as module
 from farm.views.job_cache import RevisionCache
 from farm.wording import group_holds
-from make_books import apply_events, make_job, make_printing_books
 
 FLEET = Fleet.model_validate(
     {

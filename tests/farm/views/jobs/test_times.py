@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.config import Fleet
 from farm.model import Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.views import ViewContext
 from farm.views.jobs.times import list_runs, measure_times
-from make_books import apply_events, make_end_event, make_printing_books
 
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}

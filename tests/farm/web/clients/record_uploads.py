@@ -17,7 +17,7 @@ TEST_FOLDER = Path(__file__).parent
 TESTS = TEST_FOLDER.parents[2]
 sys.path.insert(0, str(TESTS / "support"))
 
-from make_gcode import make_marlin, make_square  # noqa: E402
+from model_files.make_gcode import make_marlin, make_square  # noqa: E402
 
 FOLDER = TEST_FOLDER / "recorded"
 KEY = f"farm_{'a' * 8}_{'A' * 43}"

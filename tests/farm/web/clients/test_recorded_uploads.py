@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from clusters.same_process import SameProcess
 from farm.config import WebSection
 from farm.http import NetworkState
 from farm.model import Role
 from farm.web.server import NetworkServer
-from same_process import SameProcess
-from slicer_farm import SlicerFarm
+from farms.slicer_farm import SlicerFarm
 
 FOLDER = Path(__file__).parent / "recorded"
 RECORDED_KEY = b"farm_" + b"a" * 8 + b"_" + b"A" * 43

@@ -9,13 +9,13 @@ from urllib.parse import urlencode
 
 import pytest
 
+from books.planned_job import plan_job
 from farm.control import PAGE_DRY_RUN_TIMEOUT_S
 from farm.errors import NoSuchThing
 from farm.http import StreamLimit
 from farm.model import Role
 from farm.web.live import LivePages
-from network_farm import HOST, NetworkFarm
-from planned_job import plan_job
+from farms.network_farm import HOST, NetworkFarm
 
 HEARTBEAT = b"event: beat\ndata:\n\n"
 

@@ -11,7 +11,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from jinja2 import PackageLoader
 
-from dashboard_farm import add_planned_job
 from drivers.errors import Fault
 from drivers.messages import WireLine
 from farm.api import NETWORK_PREFIX
@@ -43,7 +42,8 @@ from farm.web.pages.rendering import render_login, render_message
 from farm.web.pages.submit.options import DEFAULTS
 from farm.web.pages.submit.submit_page import list_choices, render_submit_page
 from farm.web.slicers import SLICER_ROLES
-from network_farm import NetworkFarm
+from farms.dashboard_farm import add_planned_job
+from farms.network_farm import NetworkFarm
 
 LINKS, PRINTS = list(Link), [state for state in PrintState if not state.ended]
 FAULTS = [*Fault, *OwnFault]

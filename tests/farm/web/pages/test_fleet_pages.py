@@ -7,16 +7,16 @@ from datetime import datetime
 
 import pytest
 
-from dashboard_farm import add_planned_job, add_print, judge_print
+from books.make_books import apply_events, make_end_event
+from books.planned_job import plan_job
 from drivers.messages import WireLine
 from farm.control import DryRuns
 from farm.http import EventStreams
 from farm.model import AgentSnapshot, FilamentState, Link, Moment, PrintState, Role, Still
 from farm.state import events as ev
 from farm.web import make_web_app
-from make_books import apply_events, make_end_event
-from network_farm import HOST, NetworkFarm
-from planned_job import plan_job
+from farms.dashboard_farm import add_planned_job, add_print, judge_print
+from farms.network_farm import HOST, NetworkFarm
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ import re
 
 import pytest
 
-from example_night import make_night_books, make_status
+from books.example_night import make_night_books, make_status
 from farm import api
 from farm.model import Bed, Hold, HoldCode, JobState, Role
 from farm.web.notes import Note, Reader
 from farm.web.pages.home import list_home_tasks, list_tiles, render_home
-from network_farm import NetworkFarm
+from farms.network_farm import NetworkFarm
 
 ANN = Reader("ann", Role.OPERATE)
 

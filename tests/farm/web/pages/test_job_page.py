@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from example_night import make_night_books, make_status, make_view_context
+from books.example_night import make_night_books, make_status, make_view_context
+from books.make_books import apply_events
 from farm import api
 from farm.model import Hold, HoldCode, JobOptions, JobState, OwnGcode, PlanProgress, PlanStep, Role, TextTime
 from farm.state import events as ev
@@ -23,7 +24,6 @@ from farm.web.pages.jobs.job_page import (
 )
 from farm.web.pages.jobs.parts import list_part_rows
 from farm.web.pages.sentences import Sentence
-from make_books import apply_events
 
 TIMES = (TextTime(text="Fri 22:00", at="2026-11-20T22:00:00+01:00"),)
 FARM = SimpleNamespace(name="farm", timezone="UTC")

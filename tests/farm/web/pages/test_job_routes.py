@@ -6,10 +6,10 @@ import zipfile
 
 import pytest
 
+from books.planned_job import plan_job, submit_model
 from farm.model import JobState, Role
 from farm.state.books import put
-from network_farm import NetworkFarm
-from planned_job import plan_job, submit_model
+from farms.network_farm import NetworkFarm
 
 DRY_RUN = {"dry_run": True, "hold": True}
 

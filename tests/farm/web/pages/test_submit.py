@@ -6,14 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 
+from books.recording_controller import make_fleet
+from clusters.same_process import AcceptAll
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Role
 from farm.web.notes import Reader
 from farm.web.pages.submit.options import DEFAULTS, read_job_options
 from farm.web.pages.submit.submit_page import SUBMIT_PATH, list_choices, render_submit_page
-from network_farm import NetworkFarm
-from recording_controller import make_fleet
-from same_process import AcceptAll
+from farms.network_farm import NetworkFarm
 
 FARM = SimpleNamespace(name="farm", timezone="UTC")
 REQUEST = "0123456789abcdef" * 2

@@ -9,8 +9,8 @@ from farm.control.access.app_key_requests import (
     AppKeyRequests,
 )
 from farm.errors import NoSuchThing, Refused
-from slicer_farm import SlicerFarm
-from web_farm import HOST
+from farms.slicer_farm import SlicerFarm
+from farms.web_farm import HOST
 
 REQUEST_PATH = "/plugin/appkeys/request"
 

@@ -3,8 +3,8 @@
 import pytest
 
 from farm.model import JobState, Role
-from slicer_farm import UPLOAD, SlicerFarm
-from web_farm import HOST
+from farms.slicer_farm import UPLOAD, SlicerFarm
+from farms.web_farm import HOST
 
 START = {"command": "start"}
 

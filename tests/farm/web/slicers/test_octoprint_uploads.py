@@ -3,8 +3,8 @@
 import pytest
 
 from farm.model import Role
-from slicer_farm import UPLOAD, RefuseAll, SlicerFarm
-from web_farm import HOST
+from farms.slicer_farm import UPLOAD, RefuseAll, SlicerFarm
+from farms.web_farm import HOST
 
 
 @pytest.fixture

@@ -2,12 +2,12 @@
 
 import pytest
 
+from books.make_books import make_job
 from farm import api
 from farm.config import PrinterSection
 from farm.errors import NoSuchThing
 from farm.model import PrintState
 from farm.web.slicers import octoprint_views as views
-from make_books import make_job
 
 
 def make_progress(state=PrintState.PRINTING, share=0.25, remaining_s=300.0):

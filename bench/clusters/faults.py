@@ -1,0 +1,347 @@
+"""A cluster on separate hosts, whose processes and network fail while a small job is planned.
+
+The scheduler (`dask scheduler`) and four workers (`farm worker`) run with TLS in network namespaces. In each
+round a job is planned while other tasks run, and at a random moment a fault is caused, then repaired.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import shutil
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from bench.clusters.hosts import ENDING_S, FARM, NICE, SAMPLE_S, SCHEDULER, WORKERS, Hosts, list_children
+from farm.compute import Deferred, Limit, Pool, TaskFiles, Workers
+from farm.compute.cluster import ClusterPool, Place, cluster_pool, connect_cluster
+from farm.compute.cluster.remote_task import RemoteTask
+from farm.config import Fleet
+from farm.http.cluster_view import describe_cluster
+from farm.model import Job, JobOptions
+from farm.paths import StateFolder
+from farm.planning.inspection.inspect_submission import inspect_model
+from farm.planning.job_planner import JobPlanner
+from farm.planning.plan import Plan, PlanRequest
+
+KILLS = ("kill worker", "kill scheduler")
+STOPS = ("stop worker", "stop scheduler")
+NETWORK = ("cut worker", "cut scheduler", "cut farm", "delay all", "lose from all")
+FAULTS = (*KILLS, *STOPS, *NETWORK)
+FAULT_S = 40.0  # duration of a stopped process, or of a disturbed network
+DELAY_S, LOSS = 0.3, 0.05  # delay and share of lost packets at each host, in both directions
+TASKS, TASK_S = 8, 4.0
+AFTER_S = (0.3, 7.0)  # range of the start of a fault in a round: tasks run for 8 s on four workers
+MODEL, MODELS, PRINTERS, BUDGET_S = "ultimaker2_plus", 3, 3, 1.0
+LIMIT = Limit("sleeping", 600.0)
+UNCOMPARED_FIELDS = ("decomposition", "cached")  # duration of planning, cached slices
+FLEET = Fleet.model_validate(
+    {"printers": [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(PRINTERS)]}
+)
+
+
+def _list_files(source: Path, folder: Path, *_: object) -> TaskFiles:
+    return TaskFiles(reads=(source,), folders=(folder,))
+
+
+def work_for(source: Path, folder: Path, seconds: float) -> int:
+    """Copy a file after some seconds. Returns the file's size."""
+    folder.mkdir(parents=True, exist_ok=True)
+    time.sleep(seconds)
+    (folder / "copy").write_bytes(source.read_bytes())
+    return source.stat().st_size
+
+
+slow = Deferred("bench.clusters.faults:work_for", _list_files)
+
+
+@dataclass
+class Watch:
+    """Samples of the sentence about the cluster in `farm status`, taken while tasks were open.
+
+    Attributes
+    ----------
+    samples, place_samples, wait_samples
+        Number of samples, of those that name the place of the tasks, and of those that name a wait.
+    longest_silence_s
+        Longest time in which the sentence named neither the place of the tasks nor the cause of a wait.
+    used_local_pool
+        True if it said that this computer runs the tasks.
+    """
+
+    samples: int = 0
+    place_samples: int = 0
+    wait_samples: int = 0
+    longest_silence_s: float = 0.0
+    used_local_pool: bool = False
+    texts: list[str] = field(default_factory=list)
+
+    async def follow(self, pool: ClusterPool) -> None:
+        """Poll the sentence of `farm status` until cancelled."""
+        last_named_s = time.monotonic()
+        while True:
+            state = pool.state
+            view = describe_cluster(state)
+            names_place = any(phrase in view.text for phrase in ("running: ", "on this host"))
+            waits = "wait" in view.text or "on the way" in view.text
+            now_s = time.monotonic()
+            if names_place or waits or not (state.tasks or state.waiting or state.here):
+                last_named_s = now_s
+            self.samples += 1
+            self.place_samples, self.wait_samples = (
+                self.place_samples + names_place,
+                self.wait_samples + waits,
+            )
+            self.longest_silence_s = max(self.longest_silence_s, now_s - last_named_s)
+            self.used_local_pool = self.used_local_pool or state.place is Place.HERE
+            if not self.texts or self.texts[-1].split(",")[0] != view.text.split(",")[0]:
+                self.texts.append(view.text)
+            await asyncio.sleep(SAMPLE_S)
+
+
+class TakenFiles:
+    """Count of results whose files were put in place, by task."""
+
+    def __init__(self) -> None:
+        self.by_task: Counter[tuple[str, ...]] = Counter()
+        self._write = cluster_pool.write_files
+
+    def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
+        """Write files as `remote_task.write_files` does, and count those that are results."""
+        if not set(files) <= set(task.live):
+            self.by_task[(task.limit.what, *task.folders, *task.writes)] += 1
+        self._write(task, files)
+
+    def count_repeated(self) -> int:
+        """Return the number of results that were taken more than once."""
+        return sum(count > 1 for count in self.by_task.values())
+
+
+class Rounds:
+    """Rounds with a fault each, on one cluster.
+
+    Parameters
+    ----------
+    pool
+        Pool on the cluster.
+    local_pool
+        Pool of this computer, on which the job is planned once more, for comparison.
+    """
+
+    def __init__(self, hosts: Hosts, pool: ClusterPool, local_pool: Workers, rng: random.Random) -> None:
+        self._hosts, self._pool, self._local_pool, self._rng = hosts, pool, local_pool, rng
+        self._idle: Counter[str] = Counter()  # processes of each host before the first fault
+        self._folder, self._plans = hosts.folder, dict[int, Any]()
+        self._source = hosts.folder / "model.bin"
+        self._source.write_bytes(rng.randbytes(200_000))
+
+    async def run(self, number: int, fault: str) -> dict[str, Any]:
+        """Run a round. Returns its figures."""
+        pool, rng = self._pool, self._rng
+        while not (pool.state.place is Place.CLUSTER and len(pool.state.workers) == len(WORKERS)):
+            await asyncio.sleep(SAMPLE_S)
+        self._idle = self._idle or self._count_processes()
+        outs = [self._folder / f"round-{number}" / f"out-{task}" for task in range(TASKS)]
+        state = StateFolder(self._folder / f"round-{number}" / "cluster")
+        job = self._make_job(number, state)
+        taken_files, watch = TakenFiles(), Watch()
+        cluster_pool.write_files = taken_files.write
+        watch_task = asyncio.ensure_future(watch.follow(pool))
+        after_s = rng.uniform(*AFTER_S)
+        begin_s = time.monotonic()
+        plan_task = asyncio.ensure_future(_plan(state, job, pool))
+        tasks = [asyncio.ensure_future(self._run_task(path)) for path in outs]
+        fault_task = asyncio.ensure_future(self._fail(fault, after_s, rng.uniform(0.0, 5.0)))
+        try:
+            task_results = await asyncio.gather(*tasks)
+            plan = await plan_task
+            duration_s = time.monotonic() - begin_s
+            watch_task.cancel()
+            victim = await fault_task
+            task_count, processes = await self._wait_for_no_tasks()
+        finally:
+            watch_task.cancel()
+            cluster_pool.write_files = taken_files._write
+        local = await self._plan_locally(number)
+        shutil.rmtree(self._folder / f"round-{number}")
+        watch_figures = asdict(watch)
+        return {
+            "fault": fault,
+            "victim": victim,
+            "after_s": after_s,
+            "duration_s": duration_s,
+            "during_job": after_s < duration_s,
+            "job_ended": isinstance(plan, Plan),
+            "differences": list_differences(plan, local),
+            "correct_tasks": sum(task_results),
+            "results_taken_twice": taken_files.count_repeated(),
+            "remaining_tasks": task_count,
+            "processes": processes,
+            "extra_processes": (processes - self._idle).total(),
+            **watch_figures,
+        }
+
+    async def _plan_locally(self, number: int) -> Any:
+        """Plan the job of a round on this computer, or return its plan of an earlier round."""
+        kind = number % MODELS
+        if kind not in self._plans:
+            state = StateFolder(self._folder / f"round-{number}" / "local")
+            for pid in self._local_pool.pids:
+                os.setpriority(os.PRIO_PROCESS, pid, NICE + 19)
+            self._plans[kind] = await _plan(state, self._make_job(number, state), self._local_pool)
+        return self._plans[kind]
+
+    def _make_job(self, number: int, state: StateFolder) -> Job:
+        """Make the job of a round, with one of a few models."""
+        state.make()
+        path = state.root / "bar.stl"
+        trimesh.creation.box((250.0 + 5.0 * (number % MODELS), 16.0, 12.0)).export(path)
+        options = JobOptions(printers=PRINTERS)
+        model = inspect_model(path, "bar.stl", options, state.files)
+        return Job(
+            id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0
+        )
+
+    async def _run_task(self, path: Path) -> bool:
+        """Run a task beside the job. Returns True if its result is correct."""
+        size = await self._pool.run(slow, self._source, path, TASK_S, limit=LIMIT, group="tasks")
+        content = self._source.read_bytes()
+        return size == len(content) and (path / "copy").read_bytes() == content
+
+    async def _fail(self, fault: str, after_s: float, restart_s: float) -> str:
+        """Cause a fault after some seconds, and repair it. Returns the names of its hosts."""
+        await asyncio.sleep(after_s)
+        kind, _, target = fault.partition(" ")
+        victims = {"worker": [self._rng.choice(WORKERS)], "scheduler": [SCHEDULER], "farm": [FARM]}
+        names = victims.get(target, [FARM, SCHEDULER, *WORKERS])
+        if fault in KILLS:
+            self._hosts.send(names[0], signal.SIGKILL)
+            await asyncio.sleep(restart_s)
+            self._hosts.start(names[0])
+        elif fault in STOPS:
+            self._hosts.send(names[0], signal.SIGSTOP)
+            await asyncio.sleep(FAULT_S)
+            self._hosts.send(names[0], signal.SIGCONT)
+        else:
+            self._hosts.network.disturb(
+                *names,
+                cut=kind == "cut",
+                delay_s=DELAY_S if kind == "delay" else 0.0,
+                loss=LOSS if kind == "lose" else 0.0,
+            )
+            await asyncio.sleep(FAULT_S)
+            self._hosts.network.disturb(*names)
+        return ", ".join(names)
+
+    async def _wait_for_no_tasks(self) -> tuple[int, Counter[str]]:
+        """Wait until no host has a task, or a process of one.
+
+        Returns
+        -------
+        tuple[int, Counter[str]]
+            Number of tasks that are left at the end, and of processes of each host.
+        """
+        end_s = time.monotonic() + ENDING_S
+        while True:
+            task_count = await asyncio.to_thread(self._hosts.count_tasks)
+            processes = await asyncio.to_thread(self._count_processes)
+            if not (task_count or processes - self._idle) or time.monotonic() >= end_s:
+                return task_count, processes
+            await asyncio.sleep(SAMPLE_S)
+
+    def _count_processes(self) -> Counter[str]:
+        """Count the processes of each host; on that of the farm, its pool with its engines."""
+        engines = sum(len(list_children(pid)) for pid in self._local_pool.pids)
+        return Counter({FARM: len(self._local_pool.pids) + engines, **self._hosts.count_processes()})
+
+
+async def _plan(state: StateFolder, job: Job, pool: Pool) -> Any:
+    """Plan a job. Returns the plan, or the error."""
+    future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+    planner = JobPlanner(state, pool, BUDGET_S, lambda _, result: future.set_result(result), lambda *_: None)
+    planner.start(PlanRequest(job, FLEET.printers))
+    return await future
+
+
+def list_differences(plan: Any, local: Any) -> list[str]:
+    """List the fields in which two plans differ; files of parts and plates are named by their content."""
+    if not isinstance(plan, Plan) or not isinstance(local, Plan):
+        return [f"{plan} and {local}"]
+    pairs: list[tuple[str, Any, Any]] = []
+    for item in fields(Plan):
+        values, local_values = getattr(plan, item.name), getattr(local, item.name)
+        if item.name not in ("parts", "plates"):
+            pairs.append((item.name, values, local_values))
+        elif len(values) != len(local_values):
+            pairs.append((item.name, len(values), len(local_values)))
+        else:
+            pairs += [
+                (f"{record.id} {name}", value, dict(local_record)[name])
+                for record, local_record in zip(values, local_values, strict=True)
+                for name, value in record
+            ]
+    return [
+        f"{name}: {value!r:.200} and {local_value!r:.200}"
+        for name, value, local_value in pairs
+        if value != local_value and name.rpartition(" ")[2] not in UNCOMPARED_FIELDS
+    ]
+
+
+async def run_faults(
+    rounds: int, seed: int, folder: Path, report: Callable[[dict[str, Any]], None]
+) -> dict[str, Any]:
+    """Run rounds with a fault each: every kind once, then kinds at random.
+
+    Parameters
+    ----------
+    report
+        Called with the figures of each round.
+    """
+    rng = random.Random(seed)
+    kinds = [fault for _ in range(0, rounds, len(FAULTS)) for fault in rng.sample(FAULTS, len(FAULTS))]
+    hosts = Hosts(folder, seed)
+    figures: list[dict[str, Any]] = []
+    local_pool = Workers(folder / "own", 1)
+    task_count = -1
+    try:
+        hosts.start(SCHEDULER)
+        for name in WORKERS:
+            hosts.start(name)
+        pool = connect_cluster(local_pool, hosts.address, hosts.certificates)
+        pool.start()
+        run = Rounds(hosts, pool, local_pool, rng)
+        for number, fault in enumerate(kinds[:rounds]):
+            figures.append(await run.run(number + 1, fault))
+            report(figures[-1])
+        pool.close()
+        await pool.wait_closed()
+        task_count = await asyncio.to_thread(hosts.end)
+    finally:
+        local_pool.close()
+        await asyncio.to_thread(hosts.close)
+    return {"rounds": figures, **_sum_up(figures), "processes_left": task_count}
+
+
+def _sum_up(figures: list[dict[str, Any]]) -> dict[str, Any]:
+    durations_s = sorted(row["duration_s"] for row in figures)
+    return {
+        "during_job": sum(row["during_job"] for row in figures),
+        "jobs_ended": sum(row["job_ended"] for row in figures),
+        "same_plans": sum(not row["differences"] for row in figures),
+        "correct_tasks": sum(row["correct_tasks"] for row in figures),
+        "tasks": TASKS * len(figures),
+        "results_taken_twice": sum(row["results_taken_twice"] for row in figures),
+        "remaining_tasks": sum(row["remaining_tasks"] for row in figures),
+        "extra_processes": sum(row["extra_processes"] for row in figures),
+        "used_local_pool": sum(row["used_local_pool"] for row in figures),
+        "longest_silence_s": max(row["longest_silence_s"] for row in figures),
+        "duration_s": [durations_s[0], durations_s[len(durations_s) // 2], durations_s[-1]],
+    }

@@ -1,0 +1,100 @@
+"""Processes of a cluster, each on its own host (network namespace), connected by TLS."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from clusters.cluster_processes import make_certificates
+from hosts.virtual_network import Network
+
+WORKERS = ("w1", "w2", "w3", "w4")
+SCHEDULER, FARM = "scheduler", "farm"
+ENDING_S = 30.0  # maximum time for the tasks of a round to end
+SAMPLE_S = 0.2
+PORT = 8786
+NICE = -9  # niceness of workers; their tasks add 19, and would hardly run on a busy computer
+
+
+class Hosts:
+    """Processes of a cluster, each on its own host."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder = folder
+        self.network = Network([SCHEDULER, *WORKERS], seed)
+        self.certificates = make_certificates(folder / "certificates")
+        self.address = f"tls://{self.network.address(SCHEDULER)}:{PORT}"
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str) -> None:
+        """Start the scheduler, or a worker."""
+        tools, pem = Path(sys.executable).parent, self.certificates
+        if name == SCHEDULER:
+            command = [str(tools / "dask"), "scheduler", "--protocol", "tls", "--port", str(PORT)]
+            command += ["--host", self.network.address(SCHEDULER), "--no-dashboard", "--no-show"]
+            command += ["--tls-ca-file", str(pem / "ca.pem"), "--tls-cert", str(pem / "cert.pem")]
+            command += ["--tls-key", str(pem / "key.pem")]
+        else:
+            command = [str(tools / "farm"), "worker", self.address, "--certificates", str(pem)]
+            command += ["--name", name, "--folder", str(self.folder / name), "--slots", "1"]
+        path = os.pathsep.join(filter(None, sys.path))
+        with (self.folder / f"{name}.log").open("a") as log:
+            self._running[name] = subprocess.Popen(
+                self.network.command(name, ["nice", "-n", str(NICE), *command]),
+                stdout=log,
+                stderr=log,
+                env=os.environ | {"PYTHONPATH": path},
+            )
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a process."""
+        self._running[name].send_signal(number)
+        if number is signal.SIGKILL:
+            self._running[name].wait()
+
+    def count_tasks(self) -> int:
+        """Count the tasks that workers have, by their folders, and the engines that run."""
+        folders = sum(1 for name in WORKERS for _ in (self.folder / name / "tasks").glob("*"))
+        return folders + sum(_is_engine(pid) for name in WORKERS for pid in self.network.pids(name))
+
+    def count_processes(self) -> dict[str, int]:
+        """Count the processes of each host."""
+        return {name: len(self.network.pids(name)) for name in (SCHEDULER, *WORKERS)}
+
+    def end(self) -> int:
+        """End all processes, as systemd ends services. Returns the number of those that are left."""
+        for process in self._running.values():
+            process.terminate()
+        end_s = time.monotonic() + ENDING_S
+        while (count := sum(self.count_processes().values())) and time.monotonic() < end_s:
+            for process in self._running.values():
+                process.poll()
+            time.sleep(SAMPLE_S)
+        return count
+
+    def close(self) -> None:
+        """End the network and all remaining processes."""
+        self.network.close()
+        for process in self._running.values():
+            process.wait()
+
+
+def _is_engine(pid: int) -> bool:
+    try:
+        return "CuraEngine" in Path(f"/proc/{pid}/comm").read_text()
+    except OSError:
+        return False
+
+
+def list_children(pid: int) -> list[int]:
+    """List the processes that a process has started; none of one that has ended."""
+    children: list[int] = []
+    for path in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            children += map(int, path.read_text().split())
+    return children

@@ -1,0 +1,268 @@
+"""Real jobs planned by one and by two workers of this computer, and the times of their tasks.
+
+Parts are cut from a random model (`bench.unseen`) and sliced by CuraEngine. The CPU time of each task
+does not depend on other load, and the ratio of the durations hardly does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import resource
+import shutil
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.unseen import draw_model
+from decompose.files.names import REPORT
+from decompose.geometry import round_triangles, write_stl
+from farm.compute import CHECKING, Deferred, Limit, Pool, PoolShare, Workers
+from farm.config import Fleet
+from farm.model import Job, JobOptions
+from farm.paths import StateFolder
+from farm.planning.inspection.inspect_submission import inspect_model
+from farm.planning.job_planner import JobPlanner
+from farm.planning.parts.drawings import split_steps
+from farm.planning.parts.search_rounds import SearchRounds
+from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, PlanRequest
+from farm.planning.tasks import decompose_job, draw_job, draw_overview, draw_some_steps, warm_up_planning
+
+MODEL = "ultimaker2_plus"
+KIND, SEED = "organic", 1
+SIDE_MM = 200.0  # parts are small, so that slices take seconds
+BUDGET_S = 5.0
+PARALLEL_TASKS = {
+    "slice_part",
+    "draw_overview",
+    "draw_some_steps",
+    "draw_job",
+    "try_grid",
+}  # tasks that run at the same time
+
+
+@dataclass(frozen=True, slots=True)
+class TimedTask:
+    """Task of a job: begin and end after the start of the job, and CPU seconds, the engine's included."""
+
+    kind: str
+    begin_s: float
+    end_s: float
+    cpu_s: float
+
+
+def run_timed(work: Callable[..., Any], *args: object) -> tuple[Any, float]:
+    """Call a function. Returns its result and CPU seconds, including those of its processes."""
+    begin_s = _read_cpu_s()
+    return work(*args), _read_cpu_s() - begin_s
+
+
+timed = Deferred("bench.clusters.jobs:run_timed")
+
+
+def _read_cpu_s() -> float:
+    usages = (resource.getrusage(scope) for scope in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+class TimingPool:
+    """Pool that records the times of its tasks; see `farm.compute.pool.Pool`."""
+
+    def __init__(self, pool: Pool) -> None:
+        self._pool, self._begin_s = pool, time.monotonic()
+        self.tasks: list[TimedTask] = []
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory of each worker."""
+        return self._pool.memory_bytes
+
+    @property
+    def starting(self) -> str | None:
+        """Step of the start of the workers."""
+        return self._pool.starting
+
+    @property
+    def has_idle(self) -> bool:
+        """Check whether a task would start at once."""
+        return self._pool.has_idle
+
+    async def run(
+        self, work: Callable[..., Any], *args: object, limit: Limit = CHECKING, group: Hashable = None
+    ) -> Any:
+        """Run a function, and record its times."""
+        begin_s = time.monotonic()
+        result, cpu_s = await self._pool.run(timed, work, *args, limit=limit, group=group)
+        end_s = time.monotonic()
+        name = getattr(work, "target", "").rpartition(":")[2]
+        self.tasks.append(TimedTask(name, begin_s - self._begin_s, end_s - self._begin_s, cpu_s))
+        return result
+
+    def close(self) -> None:
+        """Close the pool."""
+        self._pool.close()
+
+
+def measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
+    """Plan a job of a number of parts by a number of workers. Returns its figures and its tasks."""
+    return asyncio.run(_measure_job(parts, workers, folder))
+
+
+async def _measure_job(parts: int, workers: int, folder: Path) -> dict[str, Any]:
+    state = StateFolder(folder / f"{parts}-{workers}")
+    local_pool = Workers(folder / "workers", workers, warm_up=warm_up_planning)
+    while local_pool.starting is not None:
+        await asyncio.sleep(0.1)
+    try:
+        job, fleet = _make_job(parts, state)
+        pool = TimingPool(local_pool)
+        future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        planner = JobPlanner(state, pool, BUDGET_S, lambda _, plan: future.set_result(plan), lambda *_: None)
+        begin_s = time.monotonic()
+        planner.start(PlanRequest(job, fleet.printers))
+        plan = await future
+        duration_s = time.monotonic() - begin_s
+    finally:
+        local_pool.close()
+    shutil.rmtree(state.root)
+    if not isinstance(plan, Plan):
+        raise SystemExit(f"{parts} parts: {plan}")
+    return {
+        "parts": len(plan.plates),
+        "workers": workers,
+        "duration_s": duration_s,
+        "cpu_s": sum(task.cpu_s for task in pool.tasks),
+        "expected_s": plan.expected_s,
+        "plates": sorted(plate.sha256 for plate in plan.plates),
+        "tasks": [asdict(task) for task in pool.tasks],
+    }
+
+
+def measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
+    """Search for the parts of a job by a number of workers, without slices. Returns its figures.
+
+    Returns
+    -------
+    dict
+        `duration_s`; `cpu_s` of all tasks; `chain_s`, the sum of the longest task of each stage; `ratio`,
+        `chain_s` as a share of `cpu_s`; `attempts`, the number of tasks of each stage; `makespan_s`;
+        `effort_s`; `tasks`.
+    """
+    return asyncio.run(_measure_search(parts, workers, budget_s, folder))
+
+
+async def _measure_search(parts: int, workers: int, budget_s: float, folder: Path) -> dict[str, Any]:
+    state = StateFolder(folder / f"{parts}-{workers}-search")
+    local_pool = Workers(folder / "workers", workers, warm_up=warm_up_planning)
+    while local_pool.starting is not None:
+        await asyncio.sleep(0.1)
+    try:
+        job, fleet = _make_job(parts, state)
+        work = state.work / "job"
+        work.mkdir(parents=True)
+        model = state.files / job.model_file
+        task = DecomposeTask(
+            1, model, job.options, fleet.printers, 1, work, budget_s=budget_s, side_by_side=True
+        )
+        pool = TimingPool(local_pool)
+        begin_s = time.monotonic()
+        decomposed_job = await SearchRounds(PoolShare(pool, 1), task).run()
+        duration_s = time.monotonic() - begin_s
+    finally:
+        local_pool.close()
+    report = json.loads((work / REPORT).read_text())
+    shutil.rmtree(state.root)
+    tasks = [asdict(timed_task) for timed_task in pool.tasks]
+    stages = list_stages(tasks)
+    chain_s = sum(max(times_s) for stage in stages for times_s in stage.values())
+    cpu_s = sum(timed_task.cpu_s for timed_task in pool.tasks)
+    return {
+        "parts": len(decomposed_job.parts),
+        "workers": workers,
+        "duration_s": duration_s,
+        "cpu_s": cpu_s,
+        "chain_s": chain_s,
+        "ratio": chain_s / cpu_s,
+        "attempts": [len(times_s) for stage in stages for times_s in stage.values()],
+        "makespan_s": report["makespan_s"],
+        "effort_s": sum(attempt["effort_s"] for attempt in report["attempts"]),
+        "tasks": tasks,
+    }
+
+
+def measure_drawing(parts: int, folder: Path) -> dict[str, Any]:
+    """Cut a job, and draw its parts by one worker and by several. Returns CPU seconds.
+
+    Returns
+    -------
+    dict
+        `single_drawer_s`, if one worker draws; `tasks`, as in a stage of `list_stages`; `chain_s`, the sum of
+        the longest picture and the page; and `ratio`, `chain_s` as a share of `single_drawer_s`.
+    """
+    state = StateFolder(folder / f"{parts}-drawn")
+    job, fleet = _make_job(parts, state)
+    work = state.work / "job"
+    work.mkdir(parents=True)
+    model = state.files / job.model_file
+    task = DecomposeTask(1, model, job.options, fleet.printers, 1, work, budget_s=BUDGET_S)
+    decomposition = decompose_job(task)
+    assert isinstance(decomposition, DecomposedJob)  # a search pauses only with `side_by_side`
+    record, overview = decomposition.drawing_record, work / "overview.png"
+    ranges = split_steps(decomposition.steps)
+    files = [work / f"steps-{begin}.pickle" for begin, _ in ranges]
+    run_timed(draw_overview, record, overview)  # loads the modules
+    _, single_drawer_s = run_timed(draw_job, task, record)
+    tasks = {
+        "draw_overview": [run_timed(draw_overview, record, overview)[1]],
+        "draw_some_steps": [
+            run_timed(draw_some_steps, record, begin, end, file)[1]
+            for (begin, end), file in zip(ranges, files, strict=True)
+        ],
+        "draw_job": [run_timed(draw_job, task, record, overview, tuple(files))[1]],
+    }
+    shutil.rmtree(state.root)
+    chain_s = max(*tasks["draw_overview"], *tasks["draw_some_steps"]) + sum(tasks["draw_job"])
+    return {
+        "parts": len(decomposition.parts),
+        "single_drawer_s": single_drawer_s,
+        "tasks": tasks,
+        "chain_s": chain_s,
+        "ratio": chain_s / single_drawer_s,
+    }
+
+
+def list_stages(tasks: list[dict[str, Any]]) -> list[dict[str, list[float]]]:
+    """Group the tasks of a job by the stages that follow each other.
+
+    Returns
+    -------
+    list
+        CPU seconds of the tasks of each stage, by their kind. Parts are drawn in the stage in which
+        they are sliced.
+    """
+    stages: list[dict[str, list[float]]] = []
+    for task in sorted(tasks, key=lambda task: float(task["begin_s"])):
+        kind = task["kind"]
+        if kind not in PARALLEL_TASKS or not stages or set(stages[-1]) - PARALLEL_TASKS:
+            stages.append({})
+        stages[-1].setdefault(kind, []).append(task["cpu_s"])
+    return stages
+
+
+def _make_job(parts: int, state: StateFolder) -> tuple[Job, Fleet]:
+    """Make a job for a number of printers; return it with the printers."""
+    state.make()
+    model = draw_model(KIND, SEED, SIDE_MM)
+    corners = round_triangles(*model.solid.arrays())
+    assert corners is not None
+    path = state.root / f"{KIND}.stl"
+    write_stl(path, corners)
+    options = JobOptions(printers=parts)
+    inspection = inspect_model(path, path.name, options, state.files)
+    job = Job(
+        id=1, request_id="r" * 8, name=KIND, model_file=inspection.file, options=options, submitted_s=0.0
+    )
+    sections = [{"name": f"p{n}", "model": MODEL, "port": f"sim://{MODEL}"} for n in range(parts)]
+    return job, Fleet.model_validate({"printers": sections})

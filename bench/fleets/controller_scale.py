@@ -1,0 +1,177 @@
+"""CPU time of the controller with a large fleet, in this process, without sockets and other processes.
+
+``python -m bench.fleets.controller_scale [--printers N] [--plates N] [--json]``. All printers connect one
+after another; each then gets a plate, and prints. `connect_cpu_s` is the time of all their first reports,
+`start_cpu_s` that of the ticks that start their prints, `status_ms` that of one description of the farm for
+`farm status`, `status_json_ms` the same with `--json`, `cleared_ms` that of a person's command after which
+the next plate starts: the largest event that is frequent. The other figures are medians of one call. No job
+gets another plan, although it is looked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from bench.fleets.measured_daemon import fill_books
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.control import Controller
+from farm.errors import FarmError
+from farm.http import Services
+from farm.http.routes.status import describe_farm, summarise_farm
+from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, Print, PrintState
+from farm.paths import StateFolder
+from farm.planning import list_bed_boxes
+from farm.scheduling import StartPlanning
+from farm.state import events as ev
+from farm.state.storage import Store
+
+MODEL = "ultimaker2_plus"
+REPEATS = 5
+MAX_TICKS = 200
+TURNS = 40
+
+
+class Effects:
+    """Effects of a farm without agents.
+
+    Attributes
+    ----------
+    plans
+        Numbers of the jobs that are to be planned.
+    """
+
+    def __init__(self) -> None:
+        self.plans: list[int] = []
+
+    def perform(self, effect: object, books: object) -> None:
+        """Store the job of a plan, and do nothing else."""
+        if isinstance(effect, StartPlanning):
+            self.plans.append(effect.job)
+
+    def refuse_plans(self, controller: Controller) -> None:
+        """Answer each plan with an error: the job keeps the one that it has."""
+        while self.plans:
+            controller.on_plan(self.plans.pop(), FarmError("no better plan"))
+
+
+def make_report(printer: str, attempt: Print | None = None, progress_s: float = 0.0) -> AgentSnapshot:
+    """Make the report of a printer that is ready, or prints."""
+    report = None
+    if attempt is not None:
+        report = AgentPrint(
+            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
+            print_time_s=9000.0, extruded=True, started_s=attempt.assigned_s, ended_s=None,
+        )  # fmt: skip
+    return AgentSnapshot(
+        printer=printer, link=Link.READY, agent_pid=9, filament=FilamentState.PARKED, bed_clear=True,
+        print=report,
+    )  # fmt: skip
+
+
+def measure_calls(calls: Iterable[Callable[[], object]]) -> list[float]:
+    """Return the CPU seconds of each call."""
+    durations_s = []
+    for call in calls:
+        start_s = time.thread_time()
+        call()
+        durations_s.append(time.thread_time() - start_s)
+    return durations_s
+
+
+def measure(printers: int, plates: int) -> dict[str, float]:
+    """Run the measurement in a temporary folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        state = StateFolder(Path(folder))
+        state.make()
+        names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
+        fill_books(state.books, names, plates)
+        rows = [{"name": name, "model": MODEL, "port": f"sim://{MODEL}"} for name in names]
+        store = Store(state.books)
+        try:
+            controller = Controller(Fleet.model_validate({"printers": rows}), store, Clock(), list_bed_boxes)
+            effects = Effects()
+            controller.start(effects)
+            return _measure_controller(controller, effects, state, names)
+        finally:
+            store.close()
+
+
+def _measure_controller(
+    controller: Controller, effects: Effects, state: StateFolder, names: list[str]
+) -> dict[str, float]:
+    connect_s = measure_calls(lambda name=name: controller.on_snapshot(make_report(name)) for name in names)  # type: ignore[misc]
+    tick_s: list[float] = []
+    while len(list(controller.books.open_prints())) < len(names) and len(tick_s) < MAX_TICKS:
+        tick_s += measure_calls([controller.tick])
+        effects.refuse_plans(controller)
+    prints = list(controller.books.open_prints())
+
+    def report_all(progress_s: float) -> list[float]:
+        return measure_calls(
+            lambda attempt=attempt: controller.on_snapshot(make_report(attempt.printer, attempt, progress_s))  # type: ignore[misc]
+            for attempt in prints
+        )
+
+    event_s, report_s = report_all(0.0), report_all(1.0)
+    cleared_s = [_measure_cleared(controller, effects, attempt) for attempt in prints[:TURNS]]
+    controller.tick()
+    services: Any = Services(controller, state, state.root / "fleet.yaml", None, None)  # type: ignore[arg-type]
+    schedule_s = measure_calls([controller.handle] * REPEATS)
+    quiet_s = measure_calls([controller.tick] * REPEATS)
+    summary_s = measure_calls([lambda: summarise_farm(services).model_dump_json()] * REPEATS)
+    status_s = measure_calls([lambda: describe_farm(services).model_dump_json()] * REPEATS)
+    return {
+        "connect_cpu_s": sum(connect_s),
+        "start_cpu_s": sum(tick_s),
+        "starting_tick_max_ms": 1000 * max(tick_s, default=0.0),  # small fleets start with the reports
+        "event_ms": 1000 * statistics.median(event_s),
+        "report_ms": 1000 * statistics.median(report_s),
+        "cleared_ms": 1000 * statistics.median(cleared_s),
+        "schedule_ms": 1000 * statistics.median(schedule_s),
+        "tick_ms": 1000 * statistics.median(quiet_s),
+        "status_ms": 1000 * statistics.median(summary_s),
+        "first_status_ms": 1000 * summary_s[0],
+        "status_json_ms": 1000 * statistics.median(status_s),
+    }
+
+
+def _measure_cleared(controller: Controller, effects: Effects, attempt: Print) -> float:
+    """End a print, and clear its bed; return the CPU seconds in which the next plate starts."""
+    clear = make_report(attempt.printer)
+    report = make_report(attempt.printer, attempt)
+    assert report.print is not None
+    done = report.print.model_copy(update={"state": PrintState.DONE, "ended_s": controller.clock.now()})
+    controller.on_snapshot(report.model_copy(update={"bed_clear": False, "print": done}))
+    controller.on_snapshot(clear.model_copy(update={"bed_clear": False}))
+    controller.tick()
+    controller.on_snapshot(clear)
+    event = ev.BedCleared(at_s=controller.clock.now(), printer=attempt.printer, by="ann")
+    (seconds,) = measure_calls([lambda: controller.handle(event)])
+    effects.refuse_plans(controller)
+    return seconds
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=1000)
+    parser.add_argument("--plates", type=int, default=10_000)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    figures = measure(options.printers, options.plates)
+    if options.json:
+        print(json.dumps({"schema": 1, "printers": options.printers, "plates": options.plates, **figures}))
+        return
+    for name, value in figures.items():
+        print(f"{name:22} {value:10.3f}")
+
+
+if __name__ == "__main__":
+    main()

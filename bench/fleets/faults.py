@@ -1,0 +1,154 @@
+"""Faults of hosts while a large fleet prints: a host lost, half of them lost, a poor network."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from bench.fleets.daemon_process import Daemon, EventFollower, NoticeReceiver
+from bench.fleets.host_services import HostGroups
+from bench.fleets.protocol_agents import ProtocolAgents
+from farm import api
+
+ONE, HALF, REST = "one", "half", "rest"
+LOSS, DELAY_S = 0.05, 0.3
+_PATIENCE_S = 180.0
+_POLL_S = 2.0
+_NOTICE_S = 20.0  # time in which a second notice would come
+
+
+def group_hosts(hosts: list[str]) -> dict[str, list[str]]:
+    """Divide hosts into one that is lost, those that are lost with it to make half of them, and the rest."""
+    half = max(1, len(hosts) // 2)
+    groups = {ONE: hosts[:1], HALF: hosts[1:half], REST: hosts[half:]}
+    return {name: group for name, group in groups.items() if group}
+
+
+@dataclass(frozen=True, slots=True)
+class PrintingFleet:
+    """Fleet that prints, and everything that a fault is measured with."""
+
+    daemon: Daemon
+    agents: ProtocolAgents
+    groups: HostGroups
+    names: dict[str, list[str]]
+    follower: EventFollower
+    notices: NoticeReceiver
+
+    def wait(self, condition: Callable[[], bool], name: str) -> float:
+        """Serve the agents until a condition holds; return the seconds. Raises RuntimeError."""
+        begun_s = time.monotonic()
+        if not self.agents.serve(_PATIENCE_S, limit_polls(condition)):
+            raise RuntimeError(f"waited {_PATIENCE_S:.0f} s for {name}")
+        return time.monotonic() - begun_s
+
+    def count_unknown(self) -> int:
+        """Count the printers in an unknown state."""
+        return sum(printer.state == "unknown" for printer in self.daemon.client.status().printers)
+
+    def count_lost(self) -> int:
+        """Count the hosts without a connection."""
+        return sum(host.connected is None for host in self.daemon.client.hosts().hosts)
+
+
+def limit_polls(condition: Callable[[], bool]) -> Callable[[], bool]:
+    """Return a condition that polls only every `_POLL_S`, so that polls hardly load the daemon."""
+    asked_s = 0.0
+
+    def ask() -> bool:
+        nonlocal asked_s
+        if time.monotonic() - asked_s < _POLL_S:
+            return False
+        holds = condition()
+        asked_s = time.monotonic()
+        return holds
+
+    return ask
+
+
+def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
+    """Lose groups of hosts, and reconnect them once the notices have been sent.
+
+    Returns
+    -------
+    dict
+        Seconds until the loss is a task and until all hosts are connected again; hosts lost, and the events,
+        tasks and lines of notices, with their texts; prints that ended meanwhile; the daemon's share of a
+        core.
+    """
+    hosts = sum(len(fleet.names[name]) for name in groups)
+    printing, noticed, begun_s = len(fleet.agents.printing), len(fleet.notices.lines), time.monotonic()
+    cpu_s = fleet.daemon.cpu_s()
+    fleet.groups.lose(*groups)
+    told_s = fleet.wait(lambda: fleet.follower.count("HostLost", begun_s) >= hosts, "the loss to be noticed")
+    fleet.agents.serve(_NOTICE_S)
+    status = fleet.daemon.client.status()
+    tasks = [todo for todo in status.todo if todo.code == "host"]
+    unknown = sum(printer.state == "unknown" for printer in status.printers)
+    share = (fleet.daemon.cpu_s() - cpu_s) / (time.monotonic() - begun_s)
+    lines = fleet.notices.lines[noticed:]
+    fleet.groups.mend(*groups)
+    mended_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
+    return {
+        "hosts": hosts,
+        "printers": unknown,
+        "told_s": told_s,
+        "events": fleet.follower.count("HostLost", begun_s),
+        "tasks": len(tasks),
+        "notices": len(lines),
+        "notice_texts": lines,
+        "prints_ended": printing - len(fleet.agents.printing),
+        "cpu_share": share,
+        "mended_s": mended_s,
+    }
+
+
+def measure_poor_network(fleet: PrintingFleet, seconds: float, turns: int) -> dict[str, float]:
+    """Lose and delay packets between the daemon and all hosts, and connect anew on such a network.
+
+    Returns
+    -------
+    dict
+        Hosts lost, the daemon's share of a core, the delay of an event, and the seconds in which all hosts
+        connect.
+    """
+    fleet.groups.slow_down(LOSS, DELAY_S)
+    began_s, cpu_s = time.monotonic(), fleet.daemon.cpu_s()
+    fleet.agents.serve(seconds)
+    share = (fleet.daemon.cpu_s() - cpu_s) / (time.monotonic() - began_s)
+    delays_s = measure_event_delays(fleet, turns)
+    lost = fleet.follower.count("HostLost", began_s)
+    fleet.groups.break_connections()
+    connect_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
+    fleet.groups.slow_down(0.0, 0.0)
+    return {
+        "loss": LOSS,
+        "delay_s": DELAY_S,
+        "hosts_lost": lost,
+        "cpu_share": share,
+        "event_delay_median_s": sorted(delays_s)[len(delays_s) // 2],
+        "event_delay_max_s": max(delays_s),
+        "connect_s": connect_s,
+    }
+
+
+def measure_event_delays(fleet: PrintingFleet, turns: int) -> list[float]:
+    """End prints one after another, and start the next; return the seconds until each end is on `/events`."""
+    delays_s = []
+    for name in fleet.agents.printing[:turns]:
+        since_s = time.monotonic()
+        fleet.agents.end(name)
+
+        def is_known(name: str = name, since_s: float = since_s) -> bool:
+            return fleet.follower.find("PrintEnded", name, since_s) is not None
+
+        if not fleet.agents.serve(_PATIENCE_S, is_known):
+            raise RuntimeError(f"waited {_PATIENCE_S:.0f} s for the end of the print on {name}")
+        seen = fleet.follower.find("PrintEnded", name, since_s)
+        assert seen is not None
+        delays_s.append(seen.at_s - since_s)
+        fleet.agents.serve(_PATIENCE_S, lambda name=name: fleet.agents.is_forgotten(name))  # type: ignore[misc]
+        fleet.daemon.client.cleared(name, api.ClearedRequest())
+    return delays_s

@@ -1,0 +1,180 @@
+"""Time of `farm status` with many printers and jobs in the books.
+
+python -m bench.fleets.status --json
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from drivers.clock import Clock
+from farm.compute import Workers
+from farm.config import Fleet
+from farm.control import Controller, DryRuns
+from farm.http import Person, Services, make_app
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    Entity,
+    FilamentState,
+    Job,
+    JobOptions,
+    JobState,
+    Link,
+    Part,
+    PartGeometry,
+    Plate,
+    Print,
+    Printer,
+    PrintState,
+    Verdict,
+)
+from farm.paths import StateFolder
+from farm.planning import list_bed_boxes
+from farm.state import Books
+from farm.state.storage import Store
+
+PARTS = 9
+PRINTING_JOBS = 10  # number of jobs that print, and of jobs that wait for a verdict
+WAITING_JOBS = 20  # jobs without a started plate
+HOUR_S = 3600.0
+BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
+
+
+def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
+    """Make a job with parts, plates and prints: an old one, one without verdicts, or an open one."""
+    is_waiting = number > jobs - WAITING_JOBS
+    is_printing = not is_waiting and number > jobs - WAITING_JOBS - PRINTING_JOBS
+    has_verdicts = number <= jobs - WAITING_JOBS - 2 * PRINTING_JOBS
+    is_open = is_printing or is_waiting
+    state = JobState.PRINTING if is_open else JobState.DONE if has_verdicts else JobState.PRINTED
+    start_s = now_s - HOUR_S - (0.0 if is_open else (jobs - number) * HOUR_S)
+    plates = [f"{number}/{i:02d}" for i in range(1, PARTS + 1)]
+    entities: list[Entity] = []
+    for i, plate in enumerate(plates):
+        printer = printers[(number * PARTS + i) % len(printers)]
+        attempt = Print(
+            id=plate, plate=plate, job=number, printer=printer, assigned_s=start_s, started_s=start_s,
+            state=PrintState.PRINTING if is_printing else PrintState.DONE, extruded=True,
+            ended_s=None if is_printing else start_s + HOUR_S, verdict=Verdict.GOOD if has_verdicts else None,
+        )  # fmt: skip
+        part = Part(
+            id=f"{number}/p{i + 1:02d}", job=number, plate=plate, file="p.stl",
+            geometry=PartGeometry(to_model=(1.0,) * 16, min_mm=BOX[0], max_mm=BOX[1], volume_mm3=1e5),
+        )  # fmt: skip
+        entry = Plate(
+            id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, sliced_s=HOUR_S,
+            expected_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
+            max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer,
+            prints=() if is_waiting else (attempt.id,),
+        )  # fmt: skip
+        entities += [part, entry] if is_waiting else [part, entry, attempt]
+    job = Job(
+        id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=JobOptions(),
+        state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plates),
+        parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), expected_s=HOUR_S,
+        serial_s=9 * HOUR_S, ended_s=None if is_open else start_s + HOUR_S,
+    )  # fmt: skip
+    return [job, *entities]
+
+
+def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
+    """Make the snapshot of an agent."""
+    attempt = books.open_print_on(printer)
+    print_snapshot = None
+    if attempt is not None:
+        print_snapshot = AgentPrint(
+            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=600.0,
+            print_time_s=HOUR_S, extruded=True, started_s=attempt.started_s, ended_s=None,
+            layer=80, layers=500,
+        )  # fmt: skip
+    return AgentSnapshot(
+        printer=printer, link=Link.BUSY if print_snapshot else Link.READY, agent_pid=1,
+        nozzle_c=210.0, bed_c=60.0, filament=FilamentState.AT_NOZZLE, print=print_snapshot,
+    )  # fmt: skip
+
+
+async def measure(printers: int, jobs: int, rounds: int, folder: Path) -> dict[str, float | int]:
+    """Measure the seconds of an answer, and its size."""
+    names = [f"um2-{i:03d}" for i in range(1, printers + 1)]
+    port = "sim://ultimaker2_plus"
+    fleet = Fleet.model_validate(
+        {"printers": [{"name": n, "model": "ultimaker2_plus", "port": port} for n in names]}
+    )
+    clock = Clock()
+    controller = Controller(fleet, Store(folder / "farm.db"), clock, list_bed_boxes)
+    controller.stopping = True  # nothing is scheduled: only the answer is measured
+    now_s = clock.now()
+    entities = [entity for number in range(1, jobs + 1) for entity in make_job(number, jobs, names, now_s)]
+    beds = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
+    controller.books = Books.from_entities([*entities, *beds])
+    for name in names:
+        controller.telemetry.snapshots[name] = make_snapshot(name, controller.books)
+
+    async def shut_down(now: bool) -> None:
+        pass
+
+    workers = Workers(folder / "workers", 1, None)
+    app = make_app(
+        Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, shut_down),
+        DryRuns(controller),
+    )
+    took_s, cpu_s = [], []
+    person = Person(os.getuid(), os.getgid())
+
+    async def identify_person(scope: Any, receive: Any, send: Any) -> None:
+        await app({**scope, "state": {"caller": person}}, receive, send)
+
+    async with httpx.AsyncClient(
+        transport=httpx.ASGITransport(identify_person), base_url="http://farm"
+    ) as client:
+        for _ in range(rounds + 1):
+            start, cpu = time.perf_counter(), time.process_time()
+            answer = await client.get("/status")
+            took_s.append(time.perf_counter() - start)
+            cpu_s.append(time.process_time() - cpu)
+            assert answer.status_code == 200, answer.text
+    workers.close()
+    took_s = sorted(took_s[1:])  # the first one compiles the schema
+    return {
+        "printers": printers,
+        "jobs": jobs,
+        "prints": len(controller.books.prints),
+        "answer_bytes": len(answer.content),
+        "median_s": statistics.median(took_s),
+        "worst_s": took_s[-1],
+        "cpu_median_s": statistics.median(cpu_s[1:]),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=100)
+    parser.add_argument("--jobs", type=int, default=1000)
+    parser.add_argument("--times", type=int, default=50)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        result = asyncio.run(measure(args.printers, args.jobs, args.times, Path(folder)))
+    if args.json:
+        print(json.dumps(result, indent=2))
+        return
+    print(
+        f"{result['printers']} printers, {result['jobs']} jobs: `farm status` answered in "
+        f"{1000 * result['median_s']:.0f} ms (at worst {1000 * result['worst_s']:.0f} ms)"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,210 @@
+"""Errors of expected times on printers with other firmware than assumed: one factor, and factors by feature.
+
+Usage: python -m bench.prices.feature_factors --cache DIR [--seeds 1,2,3,4] [--side 90] [--splits 20] [--json]
+
+Parts are quarters of the models of `bench.unseen`, sliced by CuraEngine. The actual time of a slice's layers
+is that of its moves in the emulator's planner, with other limits than those that CuraEngine assumes. Of all
+parts, 30 teach the factors as prints teach them to the farm, and the others are predicted; the errors are
+means over some random divisions. Parts are kept in the cache: the first run slices them, which takes minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.prices.features import cut_piece
+from bench.prices.parts import PRINTER, make_recipe
+from bench.unseen import KINDS
+from decompose.geometry import write_stl
+from decompose.print_time import CostModel
+from drivers.emulator.firmware.planner import Limits, Planner
+from drivers.printers import BEDS, PROFILES
+from farm.model import FeatureSeconds, TimeFactors
+from farm.planning.printer_settings import build_slicing_printer
+from farm.state.printer_speed import (
+    MIN_PRINTS,
+    Timing,
+    fit_feature_factors,
+    shows_speed,
+    update_time_factor,
+)
+from slicing.checks import Toolpath, read_toolpath
+from slicing.errors import SlicingError
+from slicing.plate import PlateRequest, PlateResult, slice_plate
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
+
+BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
+
+
+def make_limits(**changes: float) -> Limits:
+    """Make the limits of the assumed firmware with some of them changed."""
+    limits = Limits.from_profile(PROFILES[PRINTER])
+    for name, value in changes.items():
+        setattr(limits, name, value)
+    return limits
+
+
+def limit_feeder(feed_mm_s: float, jerk_e_mm_s: float) -> Limits:
+    limits = make_limits(jerk_e_mm_s=jerk_e_mm_s)
+    limits.feedrate_mm_s[3] = feed_mm_s
+    return limits
+
+
+FIRMWARES: Mapping[str, Callable[[], Limits]] = {
+    "as assumed": make_limits,
+    "third of the acceleration": lambda: make_limits(print_mm_s2=1000.0),
+    "half of the jerk": lambda: make_limits(jerk_xy_mm_s=10.0),
+    "both": lambda: make_limits(print_mm_s2=1000.0, jerk_xy_mm_s=10.0),
+    "slow feeder": lambda: limit_feeder(12.0, 1.0),
+    "quicker": lambda: make_limits(print_mm_s2=5000.0, jerk_xy_mm_s=30.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PartTimes:
+    """Sliced seconds of a part's layers, by feature, and the actual seconds with each firmware."""
+
+    part: str
+    sliced_s: float
+    features: dict[str, float]
+    actual_s: dict[str, float]
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        shares = FeatureSeconds(**self.features).shares
+        assert shares is not None
+        return shares
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Means over parts and divisions of |actual / expected - 1|, and the means of the worst parts."""
+
+    firmware: str
+    none: float
+    one_factor: float
+    by_feature: float
+    worst_one_factor: float
+    worst_by_feature: float
+
+
+def list_parts(seeds: Sequence[int], side_mm: float, cache: Path) -> Iterator[PartTimes]:
+    """Yield the times of all parts; new ones are cut, sliced and simulated."""
+    cost = CostModel.from_recipe(make_recipe("glue"))
+    for seed in seeds:
+        for kind in KINDS:
+            for corner in ("low", "high"):
+                name = f"{kind}-{seed}-{corner}-{side_mm:g}"
+                path = cache / f"{name}.json"
+                if not path.exists():
+                    stl = cache / f"{name}.stl"
+                    write_stl(stl, cut_piece(kind, seed, corner, cost, side_mm).corners)
+                    try:
+                        times = measure_part(name, stl, cache)
+                    except SlicingError as error:
+                        print(f"{name}: {error}")
+                        continue
+                    path.write_text(json.dumps(asdict(times)), encoding="utf-8")
+                yield PartTimes(**json.loads(path.read_text(encoding="utf-8")))
+
+
+def measure_part(name: str, stl: Path, cache: Path) -> PartTimes:
+    """Slice a part, and time its layers with each firmware."""
+    result = slice_part(stl, cache)
+    path = read_toolpath(result.gcode.read_bytes())
+    actual_s = {firmware: time_layers_s(path, limits()) for firmware, limits in FIRMWARES.items()}
+    result.gcode.unlink()
+    return PartTimes(name, result.sliced_s, asdict(result.features), actual_s)
+
+
+def slice_part(stl: Path, cache: Path) -> PlateResult:
+    request = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
+    settings = resolve_settings(request, find_resources())
+    return slice_plate(PlateRequest(stl, settings, cache / f"{stl.stem}.gcode", find_engine(), BED))
+
+
+def time_layers_s(path: Toolpath, limits: Limits) -> float:
+    """Time the layers of a file with a planner that is always kept full, in seconds."""
+    times = [comment.move for comment in path.comments if comment.text.startswith("TIME_ELAPSED:")]
+    first = next(comment.move for comment in path.comments if comment.text.startswith("LAYER:"))
+    last = times[-1]
+    start = tuple(path.start[first].tolist())
+    planner, now_s = Planner(limits, start, lambda e_mm, z_mm: None), 0.0
+    place = np.array(start)
+    moves = (path.end - path.start)[first:last]
+    for move, feed_mm_s in zip(moves, path.feed_mm_min[first:last] / 60.0, strict=True):
+        place = place + move
+        now_s = max(now_s, planner.compute_free_s())
+        planner.advance(now_s)
+        planner.add(tuple(place.tolist()), max(feed_mm_s, 1.0), now_s)
+    planner.advance(np.inf)
+    return planner.busy_s
+
+
+def learn_factors(parts: Sequence[PartTimes], actual_s: Sequence[float]) -> TimeFactors:
+    """Learn the factors from parts in their order, as a printer's prints do."""
+    factor, timings = 1.0, []
+    for part, reached_s in zip(parts, actual_s, strict=True):
+        factor = update_time_factor(factor, part.sliced_s, reached_s)
+        if shows_speed(part.sliced_s, reached_s):
+            timings.append(Timing(part.shares, reached_s / part.sliced_s))
+    return TimeFactors(factor, fit_feature_factors(timings))
+
+
+def compare(parts: Sequence[PartTimes], firmware: str, splits: int, pauses: int = 0) -> Errors:
+    """Predict held-out parts from 30 others, over some divisions; with unnoticed pauses of 20 % in a few."""
+    rows = []
+    for split in range(splits):
+        rng = random.Random(split)
+        order = list(parts)
+        rng.shuffle(order)
+        taught, held_out = order[:MIN_PRINTS], order[MIN_PRINTS:]
+        actual_s = [part.actual_s[firmware] * (1.2 if i < pauses else 1.0) for i, part in enumerate(taught)]
+        mixed = list(zip(taught, actual_s, strict=True))
+        rng.shuffle(mixed)
+        factors = learn_factors([part for part, _ in mixed], [reached_s for _, reached_s in mixed])
+        ratios = np.array([part.actual_s[firmware] / part.sliced_s for part in held_out])
+        by_feature = np.array([factors.compute_factor(part.shares) for part in held_out])
+        errors = [np.abs(ratios / expected - 1.0) for expected in (1.0, factors.overall, by_feature)]
+        rows.append((*(error.mean() for error in errors), errors[1].max(), errors[2].max()))
+    name = firmware + (f", {pauses} pauses" if pauses else "")
+    return Errors(name, *np.mean(rows, axis=0).tolist())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cache", type=Path, required=True)
+    parser.add_argument("--seeds", default="1,2,3,4")
+    parser.add_argument("--side", type=float, default=90.0)
+    parser.add_argument("--splits", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    args.cache.mkdir(parents=True, exist_ok=True)
+    seeds = [int(seed) for seed in args.seeds.split(",")]
+    parts = [
+        part for part in list_parts(seeds, args.side, args.cache) if shows_speed(part.sliced_s, part.sliced_s)
+    ]
+    rows = [compare(parts, firmware, args.splits) for firmware in FIRMWARES]
+    rows.append(compare(parts, "both", args.splits, pauses=3))
+    if args.json:
+        print(json.dumps({"parts": len(parts), "errors": [asdict(row) for row in rows]}, indent=1))
+        return
+    print(f"{len(parts)} parts, {MIN_PRINTS} teach, {args.splits} divisions; in parentheses the worst part")
+    for row in rows:
+        print(
+            f"{row.firmware:26} no factor {row.none:6.2%}, one factor {row.one_factor:6.2%}"
+            f" ({row.worst_one_factor:6.2%}), by feature {row.by_feature:6.2%} ({row.worst_by_feature:6.2%})"
+        )
+
+
+if __name__ == "__main__":
+    main()

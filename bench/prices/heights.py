@@ -1,0 +1,68 @@
+"""Share of heights that are exact, by the layers that are changed.
+
+Usage: python -m bench.prices.heights [--from-mm 5] [--to-mm 205] [--json]
+
+All heights in steps of 0.01 mm, for each quality with exact heights, each printer and nozzle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from drivers.printers import BEDS
+from farm.planning.printer_settings import build_slicing_printer
+from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
+from slicing.settings.layer_heights import (
+    FIRST_LAYER_CHANGES,
+    MAX_HEIGHT_ERROR_MM,
+    LayerHeights,
+    compute_printed_height_mm,
+    fit_heights,
+)
+from slicing.settings.limits import LAYER_SHARE
+
+PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
+CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
+
+
+def compute_shares(nominal: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
+    """Compute the share of heights for each of `CASES`."""
+    counts = [0] * len(CASES)
+    for hundredth in hundredths:
+        height_mm = hundredth / 100.0
+        heights = fit_heights(height_mm, nominal, max_first_mm=LAYER_SHARE * nozzle_mm)
+        change = abs(heights.first_mm / nominal.first_mm - 1.0)
+        exact = abs(compute_printed_height_mm(height_mm, heights) - height_mm) <= MAX_HEIGHT_ERROR_MM
+        case = next((i for i, spread in enumerate(FIRST_LAYER_CHANGES) if change <= spread + 1e-9), -1)
+        counts[case if exact else -1] += 1
+    return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--from-mm", type=float, default=5.0)
+    parser.add_argument("--to-mm", type=float, default=205.0)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    hundredths = range(round(100 * args.from_mm), round(100 * args.to_mm) + 1)
+    rows = []
+    for quality in (name for name, quality in FARM_QUALITIES.items() if quality.exact_height):
+        for printer, nozzles in PRINTERS.items():
+            for nozzle_mm in nozzles:
+                request = SettingsRequest(build_slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
+                settings = resolve_settings(request, find_resources())
+                nominal = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
+                shares = compute_shares(nominal, nozzle_mm, hundredths)
+                rows.append({"quality": quality, "printer": printer, "nozzle_mm": nozzle_mm, **shares})
+                if not args.json:
+                    text = ", ".join(f"{name} {share:.2%}" for name, share in shares.items())
+                    print(f"{quality} {printer} {nozzle_mm}: {text}", flush=True)
+    if args.json:
+        print(json.dumps({"schema": 1, "heights": len(hundredths), "rows": rows}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

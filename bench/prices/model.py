@@ -1,0 +1,208 @@
+"""Error of the print-time model on models that it was not fitted to, and the fit of its factors.
+
+Usage: python -m bench.prices.model [--dataset FILE.csv] [--models DIR] [--unseen SEED] [--parts N]
+       [--workers N] [--cache DIR] [--json]
+
+Without an existing dataset, models are made (with those of DIR), decomposed and sliced, in about 20 minutes
+with two workers. The table is written to --dataset, so that the fit can be repeated without slicing.
+
+Each kind of line has its own factor, fitted to the seconds of that kind; the factors of the remaining time
+(travel, acceleration, retraction) are fitted to the rest. So a setting that changes one kind needs no new
+fit. Errors are relative, with cross-validation by model: factors are fitted without any part of the model
+that they are tested on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from bench.prices.parts import (
+    FULL_SETTINGS,
+    SETTINGS,
+    Row,
+    list_models,
+    list_unseen,
+    make_recipe,
+    make_table,
+    read_rows,
+    write_rows,
+)
+from decompose.print_time import ADDITIVE, FACTORS, FEATURES, SUPPORT, CostModel, time_terms
+
+Floats = npt.NDArray[np.float64]
+
+KINDS = {
+    "walls_s": ("walls",),
+    "fill_s": ("infill", "connections"),
+    "skin_s": ("skin", "skin rim"),
+    "support_s": ("support", "support sides"),
+    "brim_s": ("brim",),
+}
+REST = ("slope ends", "infill ends", "travel", *SUPPORT)
+ROUNDS, MIN_ERROR = 30, 1e-3  # number of rounds of the fit; smaller errors count as this large
+TABLES = "columns"  # the term of the tables, in place of those of supports
+
+
+class Table:
+    """Rows as arrays: seconds of each term before its factor, and the sliced times."""
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        self.models = np.array([row.model for row in rows])
+        self.settings = np.array([row.settings for row in rows])
+        self.printed = np.array([row.printed for row in rows])
+        self.sliced_s = np.array([row.sliced_s for row in rows])
+        self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
+        recipes = {name: make_recipe(name) for name in SETTINGS}
+        features = [_list_features(row, recipes[row.settings].brim_mm) for row in rows]
+        terms_by_setting = {name: time_terms(recipe) for name, recipe in recipes.items()}
+        seconds = [
+            {term: vector * f for term, vector in terms_by_setting[row.settings].items()}
+            for row, f in zip(rows, features, strict=True)
+        ]
+        self.terms = {term: np.array([s[term].sum() for s in seconds]) for term in FACTORS}
+        self.bodies = {term: np.array([s[term][:2].sum() for s in seconds]) for term in FACTORS}
+        costs = {name: CostModel.from_recipe(recipe) for name, recipe in recipes.items()}
+        self.min_s = np.array([costs[row.settings].min_s_mm * row.height_mm for row in rows])
+
+    def fit(self, rows: npt.NDArray[np.bool_]) -> dict[str, float]:
+        """Fit the factors to some rows, by the mean absolute relative error."""
+        factors = dict.fromkeys(FACTORS, 0.0)
+        weight = 1.0 / self.sliced_s[rows]
+        rest_s = self.sliced_s - sum(self.kinds.values(), np.zeros(len(self.sliced_s)))
+        for names, seconds in [*((KINDS[kind], self.kinds[kind]) for kind in KINDS), (REST, rest_s)]:
+            matrix = np.array([self.terms[name][rows] * weight for name in names]).T
+            for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
+                factors[name] += float(factor)
+        support = np.sum([factors[name] * self.terms[name] for name in SUPPORT], axis=0)
+        columns = (self.terms[TABLES][rows] * weight)[:, None]
+        factors[TABLES] = float(_fit(columns, support[rows] * weight)[0])
+        return factors
+
+    def errors(self, factors: dict[str, float], tables: bool) -> Floats:
+        """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
+        excluded_terms = SUPPORT if tables else (TABLES,)
+        total, body = np.zeros((2, len(self.sliced_s)))
+        for name, factor in factors.items():
+            if name not in excluded_terms:
+                total += factor * self.terms[name]
+                body += factor * self.bodies[name]
+        return (total + np.maximum(0.0, self.min_s - body)) / self.sliced_s - 1.0
+
+    def cross_validate(self, training_rows: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
+        """Compute the errors (rows,), each with factors fitted without its model."""
+        errors = np.zeros(len(self.sliced_s))
+        for model in np.unique(self.models):
+            in_model = self.models == model
+            errors[in_model] = self.errors(self.fit(training_rows & ~in_model), tables)[in_model]
+        return errors
+
+
+def _fit(matrix: Floats, target: Floats) -> Floats:
+    """Fit factors of at least 0 with the least sum of absolute errors, which is robust against outliers."""
+    weight = np.ones(len(target))
+    for _ in range(ROUNDS):
+        factors, _ = nnls(matrix * weight[:, None], target * weight)
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(matrix @ factors - target), MIN_ERROR))
+    return np.asarray(factors)
+
+
+def _list_features(row: Row, brim_mm: float) -> Floats:
+    """Return the features in the order of `print_time.recipe.FEATURES`."""
+    ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
+    additive = [getattr(row, name) for name in ADDITIVE]
+    rim = math.sqrt(row.skin_mm2)
+    supports = [row.support_mm3, row.support_side_mm2, row.towers_mm, row.islands_mm]
+    # Distances of islands, holes, contours and thin walls were not measured.
+    known_features = [*additive, row.height_mm, rim, ring, *supports]
+    return np.array(known_features + [0.0] * (len(FEATURES) - len(known_features)))
+
+
+def summarise(errors: Floats) -> dict[str, float]:
+    size = np.abs(errors)
+    return {
+        "rows": len(errors),
+        "mean_absolute_error": float(size.mean()),
+        "mean_error": float(errors.mean()),
+        "nine_in_ten_within": float(np.quantile(size, 0.9)),
+        "worst_error": float(size.max()),
+    }
+
+
+def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
+    """Compute all figures: of parts as a plan prices them, and of the tables of the search."""
+    table = Table(rows)
+    all_rows = np.ones(len(rows), dtype=np.bool_)
+    in_full_settings = np.isin(table.settings, FULL_SETTINGS)
+    has_supports = table.kinds["support_s"] > 0.02 * table.sliced_s
+    groups = {"printed": table.printed, "turned": ~table.printed, "with supports": has_supports}
+    groups |= {name: table.printed & (table.settings == name) for name in SETTINGS}
+    by_model = {str(model): table.printed & (table.models == model) for model in np.unique(table.models)}
+
+    def compute_figures(
+        errors: Floats, masks: dict[str, npt.NDArray[np.bool_]]
+    ) -> dict[str, dict[str, float]]:
+        return {name: summarise(errors[mask]) for name, mask in masks.items() if mask.any()}
+
+    return {
+        "schema": 1,
+        "models": len(by_model),
+        "parts": len({(row.model, row.part) for row in rows}),
+        "factors": table.fit(all_rows),
+        "factors_in_code": dict(FACTORS),
+        "held_out": compute_figures(table.cross_validate(all_rows), groups),
+        "held_out_tables": compute_figures(table.cross_validate(all_rows, tables=True), groups),
+        "fitted_on_two_settings": compute_figures(table.cross_validate(in_full_settings), groups),
+        "as_in_code": compute_figures(table.errors(dict(FACTORS), tables=False), groups),
+        "by_model": compute_figures(table.cross_validate(all_rows), by_model),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--dataset", type=Path, help="read if it exists, else written")
+    parser.add_argument("--models", type=Path, help="a folder of more models")
+    parser.add_argument(
+        "--unseen", type=int, metavar="SEED", help="models of bench.unseen instead of this project's"
+    )
+    parser.add_argument("--parts", type=int, default=2, help="parts of each model and number of printers")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--cache", type=Path, help="a folder that keeps slices")
+    parser.add_argument("--json", action="store_true", help="one object on stdout")
+    args = parser.parse_args()
+    if args.dataset and args.dataset.exists():
+        rows = read_rows(args.dataset)
+    else:
+        models = list_models(args.models) if args.unseen is None else list_unseen(args.unseen)
+        rows = make_table(models, args.parts, args.workers, args.cache)
+        if args.dataset:
+            write_rows(args.dataset, rows)
+    figures = compute_report(rows)
+    if args.json:
+        print(json.dumps(figures, indent=1))
+        return 0
+    for title in ("held_out", "held_out_tables", "fitted_on_two_settings", "as_in_code", "by_model"):
+        print(title.replace("_", " "))
+        for name, s in figures[title].items():
+            print(
+                f"  {name:20} {s['rows']:4} rows  error {s['mean_absolute_error']:5.1%}"
+                f"  mean {s['mean_error']:+5.1%}  nine in ten {s['nine_in_ten_within']:5.1%}"
+                f"  worst {s['worst_error']:5.1%}"
+            )
+    print("factors: fitted, in the code")
+    for name, factor in figures["factors"].items():
+        print(f"  {name:14} {factor:6.3f} {FACTORS[name]:6.3f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

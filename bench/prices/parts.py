@@ -1,0 +1,275 @@
+"""Dataset of the print-time model: parts of decompositions, sliced at several settings.
+
+Only figures are stored: models, parts and slices can be made again from the scripts.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.models.shapes import SHAPES
+from bench.unseen import KINDS, draw_model
+from decompose.decompose import decompose_model
+from decompose.errors import DecomposeError
+from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
+from decompose.options import Options
+from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, sum_pose_features
+from decompose.printers import PrinterRoom
+from drivers.printers import BEDS, PROFILES, compute_part_room
+from farm.planning.parts.pricing import build_recipe
+from farm.planning.printer_settings import build_slicing_printer
+from slicing.errors import SlicingError
+from slicing.plate import PlateRequest, slice_plate
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
+
+PRINTER = "ultimaker2_plus"
+ENDLESS_BED = (
+    (-500.0, -500.0, 500.0, 500.0, 500.0),
+)  # large enough for every part: only its time is measured
+COUNTS = (4, 9)  # printers, for parts of two sizes
+OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
+
+EVEN: Mapping[str, Any] = {"gradual_infill_steps": 0}
+
+# This project's two qualities, and settings that differ in all terms of the physical model; `even` is
+# `glue` without its gradual infill.
+SETTINGS: dict[str, tuple[str, float, Mapping[str, Any]]] = {
+    "even": ("glue", 0.4, EVEN),
+    "paper": ("paper", 0.4, {}),
+    "glue": ("glue", 0.4, {}),
+    "fine": ("glue", 0.4, {**EVEN, "layer_height": 0.15, "infill_sparse_density": 20}),
+    "wide": ("glue", 0.6, EVEN),
+    "other": (
+        "glue",
+        0.4,
+        {
+            **EVEN,
+            "layer_height": 0.25,
+            "line_width": 0.4,
+            "speed_wall_0": 25,
+            "speed_wall_x": 35,
+            "speed_infill": 80,
+            "speed_topbottom": 20,
+            "infill_pattern": "grid",
+            "infill_sparse_density": 15,
+            "support_angle": 60,
+        },
+    ),
+}
+OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
+FULL_SETTINGS = ("even", "paper")  # the other settings are used for every second part
+FEATURES_S = {
+    "WALL-OUTER": "walls_s",
+    "WALL-INNER": "walls_s",
+    "FILL": "fill_s",
+    "SKIN": "skin_s",
+    "SUPPORT": "support_s",
+    "SUPPORT-INTERFACE": "support_s",
+    "SKIRT": "brim_s",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Features of one part at one setting, with CuraEngine's times.
+
+    `sliced_s` is the whole time; `*_s` of a kind is the length of its lines over their speed.
+    """
+
+    model: str
+    part: str
+    printed: bool  # in the pose that the decomposition chose; False: in another axis pose
+    settings: str
+    volume_mm3: float
+    lateral_mm2: float
+    skin_mm2: float
+    slope_mm2: float
+    column_mm3: float
+    width_mm: float
+    depth_mm: float
+    height_mm: float
+    support_mm3: float
+    support_side_mm2: float
+    towers_mm: float
+    islands_mm: float
+    sliced_s: float
+    walls_s: float
+    fill_s: float
+    skin_s: float
+    support_s: float
+    brim_s: float
+
+
+def resolve_named_settings(name: str) -> EngineSettings:
+    """Resolve one of SETTINGS, or a quality."""
+    quality, nozzle_mm, overrides = SETTINGS.get(name, (name, 0.4, {}))
+    request = SettingsRequest(
+        build_slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
+    )
+    return resolve_settings(request, find_resources())
+
+
+def make_recipe(name: str) -> Recipe:
+    """Make the recipe of the cost for one of SETTINGS."""
+    return build_recipe(resolve_named_settings(name), prelude_s=0.0)
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """Write rows as CSV, with six digits."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(f.name for f in fields(Row))
+        for row in rows:
+            values = asdict(row).values()
+            table.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in values)
+
+
+def read_rows(path: Path) -> list[Row]:
+    """Read rows from a CSV file."""
+
+    def parse(name: str, text: str) -> Any:
+        if name == "printed":
+            return text == "True"
+        return text if name in ("model", "part", "settings") else float(text)
+
+    with path.open(newline="", encoding="utf-8") as file:
+        return [
+            Row(**{name: parse(name, text) for name, text in row.items()}) for row in csv.DictReader(file)
+        ]
+
+
+def list_models(
+    folder: Path | None, shapes: Mapping[str, Callable[[], Solid]] = SHAPES
+) -> Iterator[tuple[str, Model]]:
+    """Yield the bench shapes, and the models of a folder that can be read and repaired."""
+    for name, make in shapes.items():
+        yield name, Model(make(), (), 1.0)
+    for path in sorted(folder.iterdir()) if folder else ():
+        if path.suffix.lower() in (".stl", ".obj"):
+            try:
+                yield path.stem, load_model(path, longest_side_mm=OTHER_MODEL_MM)
+            except DecomposeError as error:
+                print(f"{path.name}: {error}", file=sys.stderr)
+
+
+@dataclass(frozen=True, slots=True)
+class PosedPart:
+    """Part in its pose on the bed."""
+
+    model: str
+    part: str
+    printed: bool
+    corners: np.ndarray  # (m, 3, 3) float32
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        corners = self.corners.reshape(-1, 3).astype(np.float64)
+        return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
+def list_unseen(seed: int) -> Iterator[tuple[str, Model]]:
+    """Yield a model of each kind of `bench.unseen`, drawn by a seed."""
+    for kind in KINDS:
+        yield f"{kind}-{seed}", draw_model(kind, seed, OTHER_MODEL_MM)
+
+
+def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[PosedPart]:
+    """Yield some parts of each model and number of printers, a share of them also in another axis pose."""
+    cost = CostModel.from_recipe(make_recipe("glue"))
+    room = tuple(box.size_mm for box in compute_part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
+    for name, model in models:
+        for count in COUNTS:
+            printers = [PrinterRoom(str(i), room) for i in range(count)]
+            try:
+                parts = list(decompose_model(model, printers, Options(prove=False), cost).parts)
+            except DecomposeError as error:
+                print(f"{name} for {count}: {error}", file=sys.stderr)
+                continue
+            rng = np.random.default_rng(
+                count
+            )  # seeded for each model, so that another model does not change the rest
+            rng.shuffle(parts)  # type: ignore[arg-type]
+            for part in parts[:max_parts]:
+                label = f"{count}-{part.id}"
+                yield PosedPart(name, label, True, part.build_stl_triangles())
+                if rng.random() < 0.35:
+                    vertices, faces = part.build_printing_mesh()
+                    turned_mm = vertices @ POSE_ROTATIONS[rng.choice(OTHER_POSES)].T
+                    lo, hi = turned_mm.min(axis=0), turned_mm.max(axis=0)
+                    corners = round_triangles(turned_mm - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
+                    if corners is not None:
+                        yield PosedPart(name, f"{label}-turned", False, corners)
+
+
+def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) -> Row | None:
+    """Slice one part at one setting; None if the slice is refused."""
+    settings = resolve_named_settings(setting)
+    name = f"{posed.model}-{posed.part}-{setting}"
+    stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
+    write_stl(stl, posed.corners)
+    request = PlateRequest(
+        stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED, cache=cache
+    )
+    try:
+        sliced_s = slice_plate(request).sliced_s
+    except SlicingError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return None
+    kinds = measure_kinds_s(out.read_text(encoding="utf-8"))
+    stl.unlink()
+    out.unlink()
+    cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
+    (features,), (extents,) = sum_pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
+    no_marks = np.zeros(len(posed.corners), dtype=np.bool_)
+    support = measure_columns(posed.corners.astype(np.float64), no_marks, cost.overhang_cos)
+    figures = [*map(float, features), *map(float, extents)]
+    figures += [
+        support.support_mm3,
+        support.support_side_mm2,
+        support.towers_mm,
+        support.islands_mm,
+        sliced_s,
+    ]
+    return Row(posed.model, posed.part, posed.printed, setting, *figures, **kinds)
+
+
+def measure_kinds_s(gcode: str) -> dict[str, float]:
+    """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
+    seconds = dict.fromkeys(FEATURES_S.values(), 0.0)
+    kind, position, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
+    for line in gcode.splitlines():
+        if line.startswith(";TYPE:"):
+            kind = FEATURES_S.get(line[6:], "")
+        elif line.startswith(("G0 ", "G1 ", "G92 ")):
+            next_position = position | {
+                text[0]: float(text[1:]) for text in re.findall(r"[XYZEF]-?[\d.]+", line)
+            }
+            length = math.dist([position[a] for a in "XYZ"], [next_position[a] for a in "XYZ"])
+            feed = next_position["F"] / 60.0 or feed
+            if kind and next_position["E"] > position["E"] and not line.startswith("G92"):
+                seconds[kind] += length / feed
+            position = next_position
+    return seconds
+
+
+def make_table(
+    models: Iterable[tuple[str, Model]], max_parts: int, workers: int, cache: Path | None
+) -> list[Row]:
+    """Make the whole table."""
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
+        futures = []
+        for number, posed in enumerate(list_parts(models, max_parts)):
+            setting_names = SETTINGS if number % 2 == 0 else FULL_SETTINGS
+            futures += [pool.submit(measure, posed, name, Path(scratch), cache) for name in setting_names]
+        return [row for future in futures if (row := future.result()) is not None]

@@ -1,0 +1,111 @@
+"""Time of a plate besides its layers, from cubes printed by a real agent on an emulated printer.
+
+The figures `START_S` and `END_S` of farm/planning/plate_times.py come from here.
+
+Usage: python -m bench.prices.plate_time [--scale 60] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+from drivers import messages as m
+from drivers.clock import Clock
+from drivers.emulator.launch import Command, control
+from drivers.printers import BEDS, PROFILES
+from drivers.remote import AgentClient, spawn_agent
+from farm.planning.plate_times import compute_plate_seconds
+from farm.planning.printer_settings import build_slicing_printer
+from slicing.plate import PlateRequest, PlateResult, slice_plate
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
+
+MODEL = "ultimaker2_plus"
+SIDES_MM = (10.0, 20.0, 40.0)
+
+
+def slice_cube(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResult:
+    """Slice a cube in the middle of the bed."""
+    stl = folder / f"cube-{side_mm:g}.stl"
+    cube = trimesh.creation.box((side_mm, side_mm, side_mm))
+    cube.apply_translation((0.0, 0.0, side_mm / 2))
+    cube.export(stl)
+    bed = ((-103.0, -96.0, 103.0, 94.0, 205.0),)
+    return slice_plate(PlateRequest(stl, settings, stl.with_suffix(".gcode"), find_engine(), bed))
+
+
+async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
+    """Print on a new emulator, cold and with parked filament; return the end of the print."""
+    process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
+    client = AgentClient(folder)
+    await client.connect()
+    start_sent = False
+    try:
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.READY and not start_sent:
+                start_sent = True
+                start = m.StartPrint(
+                    id=0,
+                    print_id="bench",
+                    gcode=str(plate.gcode),
+                    sha256=plate.sha256,
+                    print_time_s=plate.sliced_s,
+                    filament=m.Filament.PARKED,
+                )
+                reply = await client.request(start)
+                if reply.error:
+                    raise SystemExit(reply.error)
+            if snapshot.print is not None and snapshot.print.phase.ended:
+                return snapshot.print
+        raise SystemExit("the agent was disconnected")
+    finally:
+        await client.request(m.Shutdown(id=0, now=True))
+        await client.close()
+        process.wait(30)
+        control(folder / "emulator", Command.POWER_OFF)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scale", type=float, default=60.0)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    settings = resolve_settings(SettingsRequest(build_slicing_printer(BEDS[MODEL])), find_resources())
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as name:
+        for side_mm in SIDES_MM:
+            plate = slice_cube(side_mm, settings, Path(name))
+            folder = Path(name) / f"agent-{side_mm:g}"
+            end = asyncio.run(print_once(plate, folder, Clock(options.scale, time.time())))
+            if end.phase is not m.PrintPhase.DONE or end.ended_s is None or end.started_s is None:
+                raise SystemExit(f"the print ended {end.phase}: {end.reason}")
+            reached_s = end.ended_s - end.started_s
+            expected_s = compute_plate_seconds(
+                PROFILES[MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c
+            )
+            rows.append(
+                {
+                    "cube_mm": side_mm,
+                    "layers_s": plate.sliced_s,
+                    "reached_s": reached_s,
+                    "expected_s": expected_s,
+                    "beside_layers_s": reached_s - plate.sliced_s,
+                    "starved_s": end.starved_s,
+                }
+            )
+    if options.json:
+        print(json.dumps({"schema": 1, "plates": rows}, indent=1))
+        return
+    for row in rows:
+        print("  ".join(f"{key} {value:.1f}" for key, value in row.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Time in which `farm estop` ends all heat, with daemon and agents stopped by SIGSTOP.
+
+``python -m bench.printing.estop [--printers N] [--json]``. A farm of real processes on emulators, all of them
+hot; the time is from the start of the command until all targets are 0 by the status of the emulators.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from drivers import messages as m
+from drivers.emulator.launch import control, is_running, read_status
+from drivers.remote import AgentClient, find_agent_pid, kill_agent
+
+MODEL = "ultimaker2_plus"
+FARM = Path(sys.executable).with_name("farm")
+HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\n"
+PATIENCE_S = 120.0
+
+
+async def heat(folder: Path, gcode: Path) -> None:
+    """Start a print of an agent, and wait until it prints."""
+    client = AgentClient(folder)
+    await client.connect(60.0)
+    is_requested = False
+    async with asyncio.timeout(PATIENCE_S):
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.READY and not is_requested:
+                is_requested = True
+                start = m.StartPrint(
+                    id=0,
+                    print_id="bench",
+                    gcode=str(gcode),
+                    sha256=hashlib.sha256(gcode.read_bytes()).hexdigest(),
+                    print_time_s=60.0,
+                    filament=m.Filament.PARKED,
+                )
+                await client.request(start)
+            if snapshot.print is not None and snapshot.print.phase is m.PrintPhase.PRINTING:
+                break
+    await client.close()
+
+
+def is_hot(folder: Path) -> bool:
+    """Check whether the emulator of an agent's folder has a target."""
+    status = read_status(folder / "emulator")
+    return bool(status.nozzle_target_c or status.bed_target_c)
+
+
+async def prepare(folders: list[Path], gcode: Path) -> None:
+    await asyncio.gather(*(heat(folder, gcode) for folder in folders))
+
+
+def measure(printers: int) -> dict[str, float]:
+    """Start a farm, heat it, stop its processes, and measure the emergency stop."""
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        state, fleet, gcode = root / "state", root / "fleet.yaml", root / "a.gcode"
+        rows = "".join(
+            f"  - {{name: p{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers)
+        )
+        fleet.write_text(f"fleet: {{time_scale: 60}}\nprinters:\n{rows}")
+        moves = (f"G1 F6000 X{50 + i % 2 * 100} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(100_000))
+        gcode.write_text(HEAD + "".join(moves))
+        path_options = ["--state", str(state), "--fleet", str(fleet)]
+        subprocess.run([FARM, "up", *path_options], check=True, stdout=subprocess.DEVNULL)
+        folders = [state / "agents" / f"p{i}" for i in range(printers)]
+        daemon = int((state / "lock").read_text())
+        try:
+            asyncio.run(prepare(folders, gcode))
+            for pid in (daemon, *(find_agent_pid(folder) for folder in folders)):
+                assert pid is not None
+                os.kill(pid, signal.SIGSTOP)
+            assert all(map(is_hot, folders))
+            began_s = time.monotonic()
+            command = subprocess.Popen([FARM, "estop", "--json", *path_options], stdout=subprocess.PIPE)
+            while any(map(is_hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
+                time.sleep(0.002)
+            off_s = time.monotonic() - began_s
+            report = json.loads(command.communicate()[0])
+            seen_off_s = time.monotonic() - began_s
+        finally:
+            os.kill(daemon, signal.SIGKILL)
+            for folder in folders:
+                kill_agent(folder)
+                if is_running(folder / "emulator"):
+                    control(folder / "emulator", "power_off")
+    return {
+        "printers": printers,
+        "targets_0_after_s": round(off_s, 3),
+        "all_seen_off_after_s": round(seen_off_s, 3),
+        "seen_off": sum(row["seen_off"] for row in report["printers"]),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    result = measure(options.printers)
+    print(
+        json.dumps({"schema": 1, **result})
+        if options.json
+        else "\n".join(f"{k}: {v}" for k, v in result.items())
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""Very long print over a wire with errors: every line arrives once and unaltered, or a fault is reported.
+
+``python -m bench.printing.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's
+firmware in one process, on their own clock. Each byte is damaged with the given probability, on the way out
+and back: half of the damaged bytes have a bit flipped, a quarter are lost, a quarter are doubled. An XOR of 8
+bits lets some damage through; the emulator counts the lines that it accepted in another form than they were
+sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import time
+from dataclasses import dataclass
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware.firmware import EmulatedFirmware
+from drivers.firmware import ULTIMAKER2
+from drivers.link import Link, LinkFault, Phase
+from drivers.printers import PROFILES
+
+MODEL = "ultimaker2_plus"
+HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F9000 X90 Y90 Z0.3"]
+BARRIERS = [b"M400"] * 3
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of the print.
+
+    Attributes
+    ----------
+    fault
+        Reason why the link gave up; None if it printed to the end.
+    exact
+        True if the firmware made each move once, and head and filament end at the file's positions.
+    altered
+        Lines that were executed in another form than they were sent, as their checksums matched.
+    """
+
+    lines: int
+    fault: str | None
+    exact: bool
+    moves: int
+    altered: int
+    damaged_bytes: int
+    repeated: int
+    cpu_s: float
+
+
+def make_move(i: int) -> bytes:
+    """Make the `i`-th line: a move of half a millimetre, different from its neighbours."""
+    return b"G1 X%.2f Y%.1f E%.4f" % (
+        100 + i % 2 * 0.5 + i % 7 * 0.01,
+        100 + i % 50 * 0.5,
+        i * 0.02,
+    )
+
+
+def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
+    """Print a number of lines; `damage` is the probability that a byte is damaged."""
+    faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
+    now_s = 0.0
+    firmware = EmulatedFirmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
+    link = Link(ULTIMAKER2)
+    link.on_opened(now_s)
+    fault: str | None = None
+    began_s = time.process_time()
+    is_connected = False
+    while fault is None:
+        sent_bytes = link.take()
+        if not sent_bytes:
+            due_s = min(firmware.deadline_s(), link.deadline_s)
+            now_s = max(now_s + 1e-4, due_s)
+        else:
+            now_s += 0.002
+        answer = firmware.feed(sent_bytes, now_s)
+        events = [*((answer and link.receive(answer, now_s)) or ()), *link.tick(now_s)]
+        fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
+        if not is_connected and link.phase is Phase.LIVE:
+            is_connected = True
+            link.send(now_s, *HEAD)
+            link.stream(now_s, lambda a, b: list_lines(a, b, lines), 0, lines + len(BARRIERS))
+        elif is_connected and link.is_drained:
+            break
+    machine = firmware.machine
+    moves = machine.planner.moves - 1  # without the move of the head
+    last_move = make_move(lines - 1)
+    is_at_end = (
+        b"E%.4f" % machine.position[3] == last_move.split()[-1]
+        and b"X%.2f" % machine.position[0] == last_move.split()[1]
+    )
+    has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
+    return Outcome(
+        lines=lines,
+        fault=fault,
+        exact=fault is None and moves == lines and is_at_end and has_fed,
+        moves=moves,
+        altered=firmware.noise.altered_lines if firmware.noise is not None else 0,
+        damaged_bytes=firmware.noise.damaged_bytes if firmware.noise is not None else 0,
+        repeated=link.repeat_count,
+        cpu_s=round(time.process_time() - began_s, 1),
+    )
+
+
+def list_lines(start: int, stop: int, lines: int) -> list[bytes]:
+    """Yield the lines of the file, and the barriers after it."""
+    return [make_move(index) for index in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
+        0, stop - max(start, lines)
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--lines", type=int, default=1_000_000)
+    parser.add_argument("--damage", type=float, default=0.00005, help="probability of a byte")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    outcome = soak(options.lines, options.damage, options.seed)
+    result = {name: getattr(outcome, name) for name in Outcome.__slots__}
+    print(
+        json.dumps({"schema": 1, "damage": options.damage, **result})
+        if options.json
+        else "\n".join(f"{k}: {v}" for k, v in result.items())
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,347 @@
+"""Time for which one damaged byte, line or answer stops a hot head.
+
+``python -m bench.printing.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the
+emulator's firmware in one process, on their own clock, print moves of 10 ms; every 30 lines one fault of a
+kind is put on the wire. For each kind it prints the median and the longest time for which the head stood
+still, and whether every line was executed exactly once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import random
+import re
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from statistics import median
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware.firmware import EmulatedFirmware
+from drivers.firmware import ULTIMAKER2
+from drivers.gcode import remove_frame
+from drivers.link import Link, LinkFault, Phase
+from drivers.printers import PROFILES
+
+MODEL = "ultimaker2_plus"
+EVERY_LINES = 30
+TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # transfer times; the USB chip sends its buffer every 4 ms
+HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
+TAIL = [b"M400"] * 3
+SPECIAL = {10: b"M106 S%d", 20: b"M400"}  # among the moves, by their place in each 30 lines
+
+Damage = Callable[[bytes, random.Random], bytes]
+
+
+def cut(data: bytes, index: int, count: int = 1) -> bytes:
+    return data[:index] + data[index + count :]
+
+
+def lose(data: bytes, rng: random.Random) -> bytes:
+    return cut(data, rng.randrange(len(data)))
+
+
+def double(data: bytes, rng: random.Random) -> bytes:
+    index = rng.randrange(len(data))
+    return data[:index] + data[index : index + 1] + data[index:]
+
+
+def flip(data: bytes, rng: random.Random) -> bytes:
+    index = rng.randrange(len(data))
+    return data[:index] + bytes((data[index] ^ 1 << rng.randrange(8),)) + data[index + 1 :]
+
+
+def spoil(data: bytes, rng: random.Random) -> bytes:
+    """Flip a bit so that the line is complete but refused."""
+    index = rng.randrange(data.index(b"X") + 1, data.index(b"*"))
+    return data[:index] + bytes((data[index] ^ 1,)) + data[index + 1 :]
+
+
+def replace_match(pattern: bytes, replacement: bytes = b"") -> Damage:
+    return lambda data, rng: re.sub(pattern, lambda _: replacement, data, count=1)
+
+
+def flip_digit(data: bytes, rng: random.Random) -> bytes:
+    digits = [match.start() for match in re.finditer(rb"\d", data[data.index(b"Resend") :])]
+    index = data.index(b"Resend") + rng.choice(digits)
+    return data[:index] + bytes((data[index] ^ 1 << rng.randrange(3),)) + data[index + 1 :]
+
+
+def refuse(age: int) -> Damage:
+    """Add a refusal after an ok, which no real board sends."""
+
+    def damage(data: bytes, rng: random.Random) -> bytes:
+        last = refuse.last - age  # type: ignore[attr-defined]
+        return data + b"Error:checksum mismatch, Last Line: %d\nResend: %d\nok\n" % (last, last + 1)
+
+    return damage
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Kind of fault: the damage to a line, and to the next answer.
+
+    Attributes
+    ----------
+    to_board, to_host
+        Damage to the line, and to the answer; None for none.
+    lines
+        Pattern of the damaged lines.
+    """
+
+    to_board: Damage | None = None
+    to_host: Damage | None = None
+    lines: bytes = rb" G1 "
+
+
+def drop(data: bytes, rng: random.Random) -> bytes:
+    return b""
+
+
+def cut_end(data: bytes, rng: random.Random) -> bytes:
+    return data[: rng.randrange(1, len(data) - 1)]
+
+
+def repeat(data: bytes, rng: random.Random) -> bytes:
+    return data + data
+
+
+_LINE_DAMAGES: dict[str, Damage] = {
+    "newline lost": replace_match(rb"\n"),
+    "byte lost": lose,
+    "byte doubled": double,
+    "bit flipped": flip,
+    "half lost": cut_end,
+    "line lost": drop,
+    "line doubled": repeat,
+}
+_ANSWER_DAMAGES: dict[str, Damage] = {
+    "newline lost": replace_match(rb"\n"),
+    "byte lost": lose,
+    "byte doubled": double,
+    "bit flipped": flip,
+    "answer lost": drop,
+    "answer doubled": repeat,
+    "glued to another": replace_match(rb"\n", b"echo:SD init fail\n"),
+    "noise before it": lambda data, rng: rng.randbytes(5) + data,
+}
+_REFUSAL_DAMAGES: dict[str, Damage] = {
+    "arrives": lambda data, rng: data,
+    "Error lost": replace_match(rb"Error:.*\n"),
+    "Resend lost": replace_match(rb"Resend:.*\n"),
+    "Resend garbled": flip_digit,
+    "Error and Resend lost": replace_match(rb"(?s)Error:.*Resend: \d+\n"),
+    "its ok lost": replace_match(rb"ok\n"),
+    "all of it lost": drop,
+    "newline of Error lost": lambda data, rng: cut(data, data.index(b"\n")),
+    "newline of Resend lost": replace_match(rb"\nok\n", b"ok\n"),
+    "newline of its ok lost": lambda data, rng: data[:-1],
+}
+_OTHER_COMMANDS = {"M106": rb" M106 ", "M400": rb" M400\*", "M105": rb" M105\*"}
+
+KINDS: dict[str, Kind] = {
+    **{f"move: {name}": Kind(to_board=damage) for name, damage in _LINE_DAMAGES.items()},
+    **{f"ok: {name}": Kind(to_host=damage) for name, damage in _ANSWER_DAMAGES.items()},
+    **{f"refusal: {name}": Kind(spoil, damage) for name, damage in _REFUSAL_DAMAGES.items()},
+    "refusal without cause: of the last line": Kind(to_host=refuse(0)),
+    "refusal without cause: of the third line before it": Kind(to_host=refuse(3)),
+    "refusal without cause: of the 40th line before it": Kind(to_host=refuse(40)),
+    **{
+        f"{code}: {name}": Kind(to_board=damage, lines=lines)
+        for code, lines in _OTHER_COMMANDS.items()
+        for name, damage in _LINE_DAMAGES.items()
+    },
+    **{
+        f"{code}'s answer: {name}": Kind(to_host=damage, lines=lines)
+        for code, lines in _OTHER_COMMANDS.items()
+        for name, damage in _ANSWER_DAMAGES.items()
+    },
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of one kind of fault.
+
+    Attributes
+    ----------
+    exact
+        True if each line was executed once, and head and filament end at the program's positions.
+    stalls_s
+        For each fault, the seconds for which the head stood still.
+    """
+
+    fault: str | None
+    exact: bool
+    stalls_s: tuple[float, ...]
+    repeated: int
+
+    @property
+    def median_s(self) -> float:
+        return median(self.stalls_s) if self.stalls_s else math.inf
+
+    @property
+    def worst_s(self) -> float:
+        return max(self.stalls_s, default=math.inf)
+
+
+def make_move(i: int) -> bytes:
+    """Make the `i`-th line: half a millimetre in 10 ms, different from its neighbours."""
+    special = SPECIAL.get(i % EVERY_LINES)
+    if special is not None:
+        return special % (i % 255) if b"%" in special else special
+    return b"G1 X%.2f Y%.1f E%.4f" % (
+        100 + i % 2 * 0.5,
+        100 + i // EVERY_LINES % 50 * 0.5,
+        i * 0.02,
+    )
+
+
+class Recorder(EmulatedFirmware):
+    """Firmware that records its numbered lines, without requests for reports."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self.received: list[bytes] = []
+        super().__init__(PROFILES[MODEL], Faults(), rng, 0.0)
+
+    @property
+    def last(self) -> int:
+        return self._last_number
+
+    def _read_plain_move(self) -> bool:
+        return False
+
+    def _accept(self, line: bytes) -> None:
+        previous_number = self._last_number
+        super()._accept(line)
+        if self._last_number != previous_number and (body := remove_frame(line)) != b"M105":
+            self.received.append(body)
+
+
+class WireDirection:
+    """One direction of the wire, which delays bytes."""
+
+    def __init__(self, delay_s: float) -> None:
+        self._delay_s = delay_s
+        self._in_flight: deque[tuple[float, bytes]] = deque()
+
+    @property
+    def due_s(self) -> float:
+        return self._in_flight[0][0] if self._in_flight else math.inf
+
+    def put(self, data: bytes, now_s: float) -> None:
+        if data:
+            self._in_flight.append((now_s + self._delay_s, data))
+
+    def take(self, now_s: float) -> bytes:
+        data = b""
+        while self._in_flight and self._in_flight[0][0] <= now_s:
+            data += self._in_flight.popleft()[1]
+        return data
+
+
+class Tamperer:
+    """Wire that damages one line of every 30, or its answer."""
+
+    def __init__(self, kind: Kind, rng: random.Random) -> None:
+        self._kind, self._rng = kind, rng
+        self._number = re.compile(rb"N(\d+)" + kind.lines)
+        self._next_number = EVERY_LINES  # first line number of the next fault
+        self._answer_is_next = False  # the answer is damaged next
+        self.hit = 0
+
+    def _draw(self, number: int) -> None:
+        self._next_number = number - number % EVERY_LINES + EVERY_LINES + self._rng.randrange(3)
+
+    def damage_line(self, data: bytes) -> bytes:
+        match = self._number.match(data)
+        if match is None or int(match[1]) < self._next_number:
+            return data
+        self._draw(int(match[1]))
+        self._answer_is_next = self._kind.to_host is not None
+        self.hit += not self._answer_is_next
+        return self._kind.to_board(data, self._rng) if self._kind.to_board else data
+
+    def damage_answer(self, data: bytes) -> bytes:
+        if not self._answer_is_next or (self._kind.to_board and b"Resend" not in data):
+            return data
+        assert self._kind.to_host is not None
+        self._answer_is_next = False
+        self.hit += 1
+        return self._kind.to_host(data, self._rng)
+
+
+def run(kind: Kind, faults: int, seed: int) -> Outcome:
+    """Print with a number of faults of one kind."""
+    rng = random.Random(seed)
+    lines = (faults + 2) * EVERY_LINES
+    program = [*(make_move(index) for index in range(lines)), *TAIL]
+    firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
+    link.poll_every_s = 0.2
+    link.on_opened(0.0)
+    to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
+    now_s, is_connected, fault, hit_count = 0.0, False, None, 0
+    marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
+    while fault is None and not (is_connected and link.is_drained):
+        now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
+        answer = firmware.feed(to_board.take(now_s), now_s)
+        refuse.last = firmware.last  # type: ignore[attr-defined]
+        to_host.put(tamperer.damage_answer(answer) if answer else answer, now_s)
+        data = to_host.take(now_s)
+        events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
+        fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
+        if not is_connected and link.phase is Phase.LIVE:
+            is_connected = True
+            link.send(now_s, *HEAD)
+            link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
+        to_board.put(tamperer.damage_line(link.take()), now_s)
+        if tamperer.hit > hit_count and len(marks_s) <= faults:
+            hit_count = tamperer.hit
+            marks_s.append((now_s, firmware.printing_s))
+    stalls_s = tuple(
+        max(0.0, next_mark[0] - mark[0] - (next_mark[1] - mark[1])) for mark, next_mark in pairwise(marks_s)
+    )
+    machine = firmware.machine
+    is_at_end = abs(machine.position[3] - (lines - 1) * 0.02) < 1e-6
+    has_fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
+    expected_lines, received_lines = [*HEAD, *program], firmware.received
+    is_exact = received_lines == expected_lines[: len(received_lines)] and len(received_lines) > len(
+        expected_lines
+    ) - len(TAIL)
+    return Outcome(fault, fault is None and is_exact and is_at_end and has_fed, stalls_s, link.repeat_count)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--kind", action="append", help="only kinds whose names contain this")
+    parser.add_argument("--faults", type=int, default=200, help="number of faults of each kind")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    results: dict[str, dict[str, object]] = {}
+    for name, kind in KINDS.items():
+        if options.kind and not any(pattern in name for pattern in options.kind):
+            continue
+        outcome = run(kind, options.faults, options.seed)
+        results[name] = {
+            "fault": outcome.fault,
+            "exact": outcome.exact,
+            "faults": len(outcome.stalls_s),
+            "median_s": round(outcome.median_s, 3),
+            "worst_s": round(outcome.worst_s, 3),
+        }
+        if not options.json:
+            outcome_text = "exact" if outcome.exact else outcome.fault or "NOT EXACT"
+            figures = f"median {outcome.median_s:6.2f} s, worst {outcome.worst_s:6.2f} s"
+            print(f"{name:40} {len(outcome.stalls_s):4} faults: {figures}, {outcome_text}", flush=True)
+    if options.json:
+        print(json.dumps({"schema": 1, "kinds": results}))
+
+
+if __name__ == "__main__":
+    main()

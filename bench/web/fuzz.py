@@ -1,0 +1,197 @@
+"""Random requests to a real daemon: none fails, memory does not grow, no caller exceeds its role.
+
+``python -m bench.web.fuzz [--requests N] [--seed N] [--at-once N] [--json]``. A daemon with two simulated
+printers and a server for the network. Three quarters of the requests come from callers who may change
+nothing: without a key, with a wrong or a revoked one, or with the role `look`. The others have the roles
+`print` and `operate`. Every connection is new. The exit status is 1 if a goal is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import random
+import sqlite3
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+from bench.web.farm import WebFarm
+from bench.web.requests import FuzzedRequest, list_statuses, make_request
+from farm.http.stream_limit import STREAM_TYPE
+
+ANSWER_S = 600.0  # a model waits for the start of the workers, and for the planning of earlier models
+DAMAGED_S = 0.05
+"""Time for the answer to a request that a server need not answer."""
+WARM_UP = 5000
+"""Requests after which the daemon has loaded all code, and memory is measured."""
+GOALS = {
+    "failed": 0, "unanswered": 0, "events_without_right": 0, "jobs_without_right": 0,
+    "prints_without_right": 0,
+    "uploads_left": 0, "new_descriptors": 4, "grown_mb_per_100000": 20.0,
+}  # fmt: skip
+_CAMERA_SILENT = 503
+_MAX_SHOWN = 20
+
+
+class FuzzedFarm(WebFarm):
+    """Daemon with keys for callers of every kind."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, ("a", "b"))
+        roles = {"look": "look", "print": "print", "operate": "operate", "revoked": "operate"}
+        self.keys = {name: self.add_key(name, role) for name, role in roles.items()}
+        self.run("key", "revoke", self.keys["revoked"].split("_")[1])
+        self.keys |= {"nobody": "", "wrong": "farm_wrong_key"}
+
+    def measure(self) -> dict[str, float]:
+        """Measure memory, descriptors, files of uploads, and rows of the database."""
+        process = Path(f"/proc/{self.pid}")
+        resident_kb = next(
+            int(line.split()[1]) for line in (process / "status").read_text().splitlines() if "VmRSS" in line
+        )
+        with closing(sqlite3.connect(f"file:{self.state / 'farm.db'}?mode=ro", uri=True)) as books:
+            rows = {
+                table: books.execute(f"SELECT count(*) FROM {table}").fetchone()[0]
+                for table in ("event", "job", "print")
+            }
+        return {
+            "resident_mb": resident_kb / 1024,
+            "descriptors": len(list((process / "fd").iterdir())),
+            "uploads": len(list((self.state / "work").glob("upload-*"))),
+            **rows,
+        }
+
+
+async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) -> list[int]:
+    """Send a request on its own connection. Returns the statuses of the answers."""
+    answer, timeout_s = b"", answer_s if request.intact else DAMAGED_S
+    with suppress(ConnectionError, TimeoutError):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        try:
+            writer.write(request.data)
+            while chunk := await asyncio.wait_for(reader.read(65536), timeout_s):
+                answer += chunk
+                if STREAM_TYPE.encode() in answer:
+                    break  # a stream does not end
+        finally:
+            writer.close()
+    return list(list_statuses(answer))
+
+
+class Fuzzing:
+    """Sender of several requests at a time, which counts the answers."""
+
+    def __init__(self, port: int, rng: random.Random, connections: int) -> None:
+        self._port, self._rng, self._connections = port, rng, connections
+        self.statuses: Counter[int] = Counter()
+        self.failures: list[tuple[list[int], bytes]] = []
+        self.sent = self.intact = self.unanswered = self.accepted = 0
+
+    async def run(self, number: int, keys: Mapping[str, str]) -> None:
+        """Send a number of requests by callers with these keys."""
+        remaining = number
+
+        async def work() -> None:
+            nonlocal remaining
+            while remaining > 0:
+                remaining -= 1
+                request = make_request(self._rng, keys)
+                self._count(request, await send(self._port, request))
+
+        await asyncio.gather(*(work() for _ in range(self._connections)))
+
+    def _count(self, request: FuzzedRequest, statuses: list[int]) -> None:
+        self.sent += 1
+        self.intact += request.intact
+        self.statuses.update(statuses)
+        if request.method != "GET":
+            self.accepted += sum(200 <= status < 300 for status in statuses)
+        if request.intact and not statuses:
+            self.unanswered += 1
+            self.failures.append((statuses, request.data))
+        if any(status >= 500 and status != _CAMERA_SILENT for status in statuses):
+            self.failures.append((statuses, request.data))
+
+
+def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
+    """Send the requests, and compare the daemon before and after."""
+    with tempfile.TemporaryDirectory() as name:
+        farm = FuzzedFarm(Path(name))
+        try:
+            fuzzing, start_s = Fuzzing(farm.port, random.Random(seed), connections), time.monotonic()
+            powerless_keys = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
+            powerful_keys = {name: farm.keys[name] for name in ("print", "operate")}
+            measures_before = farm.measure()
+            warm_up = min(WARM_UP, number // 4)
+            asyncio.run(fuzzing.run(warm_up, powerless_keys))
+            measures_warm = farm.measure()
+            asyncio.run(fuzzing.run(number * 3 // 4 - warm_up, powerless_keys))
+            middle = farm.measure()
+            accepted_powerless = fuzzing.accepted
+            asyncio.run(fuzzing.run(number - number * 3 // 4, powerful_keys))
+            measures_after = farm.measure()
+            deadline_s = time.monotonic() + ANSWER_S
+            while measures_after["uploads"] and time.monotonic() < deadline_s:
+                time.sleep(1.0)  # a complete upload is inspected even if its sender has disconnected
+                measures_after = farm.measure()
+            status = json.loads(farm.run("status", "--json"))
+        finally:
+            farm.run("down", "--now")
+    count = max(1, number * 3 // 4 - warm_up)
+    failed_count = sum(bool(statuses) for statuses, _ in fuzzing.failures)
+    return {
+        "requests": fuzzing.sent,
+        "intact": fuzzing.intact,
+        "seconds": time.monotonic() - start_s,
+        "statuses": dict(sorted(fuzzing.statuses.items())),
+        "failed": failed_count,
+        "unanswered": fuzzing.unanswered,
+        "failures": [(statuses, repr(data[:2000])) for statuses, data in fuzzing.failures[:_MAX_SHOWN]],
+        "events_without_right": middle["event"] - measures_before["event"],
+        "jobs_without_right": middle["job"],
+        "prints_without_right": middle["print"],
+        "accepted_changes": fuzzing.accepted - accepted_powerless,
+        "new_events": measures_after["event"] - middle["event"],
+        "new_jobs": measures_after["job"],
+        "new_prints": measures_after["print"],
+        "uploads_left": measures_after["uploads"],
+        "new_descriptors": middle["descriptors"] - measures_warm["descriptors"],
+        "grown_mb_per_100000": (middle["resident_mb"] - measures_warm["resident_mb"]) * 100_000 / count,
+        "resident_mb": [
+            sample["resident_mb"] for sample in (measures_before, measures_warm, middle, measures_after)
+        ],
+        "printers": {printer["name"]: printer["state"] for printer in status["printers"]},
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--requests", type=int, default=100_000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--at-once", type=int, default=8)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    result = measure(args.requests, args.seed, args.at_once)
+    if args.json:
+        print(json.dumps({**result, "goals": GOALS}, indent=2))
+    else:
+        print(
+            f"{result['requests']} requests in {result['seconds']:.0f} s: {result['failed']} failed, "
+            f"{result['unanswered']} unanswered; {result['events_without_right']} events and "
+            f"{result['prints_without_right']} prints without a right to them; "
+            f"{result['grown_mb_per_100000']:.1f} MB more for 100,000 requests"
+        )
+        for statuses, data in result["failures"]:
+            print(statuses, data[:500])
+    sys.exit(any(result[name] > limit for name, limit in GOALS.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""CPU of Home for many viewers of a large fleet, and the bytes that each of them receives.
+
+``python -m bench.web.live [--printers N] [--viewers N] [--seconds S] [--json]``. A process serves the
+pages of printers that all print: each second, each has another temperature and progress. No agents run, so
+that the CPU is that of the telemetry, the pages and their streams alone. The viewers are streams over
+loopback, half of them of another role. The exit status is 1 if a goal is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import multiprocessing
+import os
+import selectors
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from bench.fleets.measured_daemon import PLATES_OF_A_JOB, fill_books
+from drivers.clock import Clock
+from farm.api import KeyRequest
+from farm.compute import Workers
+from farm.config import Fleet, WebSection
+from farm.control import Controller, DryRuns, KeyCommands
+from farm.http import NetworkState, Services
+from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState, Role
+from farm.paths import StateFolder
+from farm.planning import list_bed_boxes
+from farm.planning.tasks import warm_up_planning
+from farm.state.storage import open_books
+from farm.web import NetworkServer, make_web_app
+
+GOALS = {"core_share": 0.3}
+_MODEL = "ultimaker2_plus"
+_WARM_UP_S = 3.0
+
+
+class NoEffects:
+    """Effects of a farm without agents."""
+
+    def perform(self, effect: object, books: object) -> None:
+        """Do nothing."""
+
+
+def make_snapshot(name: str, print_id: str | None, progress_s: float) -> AgentSnapshot:
+    """Make the report of a printer: idle, or printing."""
+    if print_id is None:
+        return AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    heat_c = 200.0 + progress_s % 3
+    report = AgentPrint(
+        print_id=print_id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=progress_s,
+        print_time_s=40_000.0, extruded=True, started_s=time.time() - progress_s, ended_s=None,
+    )  # fmt: skip
+    return AgentSnapshot(
+        printer=name, link=Link.BUSY, nozzle_c=heat_c, bed_c=60.0, nozzle_target_c=200.0,
+        bed_target_c=60.0, filament=FilamentState.AT_NOZZLE, print=report,
+    )  # fmt: skip
+
+
+async def serve(folder: Path, printers: int, pipe: Connection) -> None:
+    """Serve until a message ends the server; send the port and two keys, then the CPU seconds on request."""
+    state = StateFolder(folder)
+    state.make()
+    names = [f"um2-{number:03d}" for number in range(1, printers + 1)]
+    fill_books(state.books, names, 2 * PLATES_OF_A_JOB + 2 * printers)
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    web = {"listen": f"127.0.0.1:{port}"}
+    rows = [{"name": name, "model": _MODEL, "port": f"sim://{_MODEL}"} for name in names]
+    clock = Clock()
+    store, restored_s = open_books(state, clock.now())
+    controller = Controller(
+        Fleet.model_validate({"web": web, "printers": rows}), store, clock, list_bed_boxes
+    )
+    controller.start(NoEffects(), restored_s)
+    for name in names:
+        controller.on_snapshot(make_snapshot(name, None, 0.0))
+    services = Services(
+        controller,
+        state,
+        folder / "fleet.yaml",
+        Workers(state.work / "workers", 1, None, warm_up_planning),
+        refuse,
+    )
+    server = NetworkServer(
+        WebSection.model_validate(web), make_web_app(services, DryRuns(controller), ()), 200, NetworkState()
+    )
+    server.start(lambda: True)
+    keys = KeyCommands(controller)
+    texts = [
+        keys.add(KeyRequest(name=str(role), role=role), "bench").text for role in (Role.LOOK, Role.OPERATE)
+    ]
+    pipe.send((port, texts, len(list(controller.books.open_prints()))))
+    progress_s = 0.0
+    while True:
+        if pipe.poll():
+            if pipe.recv() is None:
+                break
+            pipe.send(time.process_time())
+        progress_s += 1.0
+        for attempt in list(controller.books.open_prints()):
+            controller.on_snapshot(make_snapshot(attempt.printer, attempt.id, progress_s))
+        await asyncio.sleep(1.0)
+    services.page_streams.close()
+    await server.close()
+    store.close()
+
+
+async def refuse(now: bool) -> None:
+    """Refuse to shut down."""
+
+
+def run_server(folder: Path, printers: int, pipe: Connection) -> None:
+    """Run the server's process."""
+    asyncio.run(serve(folder, printers, pipe))
+
+
+class Server(NamedTuple):
+    """Server in its own process: folder, port, the texts of two keys, and the number of prints."""
+
+    folder: Path
+    pipe: Connection
+    port: int
+    keys: list[str]
+    prints: int
+
+    def read_cpu_s(self) -> float:
+        """Return the CPU seconds of the process."""
+        self.pipe.send("cpu")
+        return float(self.pipe.recv())
+
+
+@contextmanager
+def start_server(printers: int) -> Iterator[Server]:
+    """Serve the farm from its own process, and end it afterwards."""
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe()
+    with tempfile.TemporaryDirectory() as name:
+        process = context.Process(target=run_server, args=(Path(name), printers, sender))
+        process.start()
+        try:
+            yield Server(Path(name), receiver, *receiver.recv())
+        finally:
+            receiver.send(None)
+            process.join()
+
+
+def view(port: int, keys: list[str], viewers: int, seconds: float) -> int:
+    """Receive streams for a time; return the bytes."""
+    received_bytes, selector = 0, selectors.DefaultSelector()
+    for number in range(viewers):
+        client = socket.create_connection(("127.0.0.1", port))
+        head = f"GET /live HTTP/1.1\r\nHost: localhost\r\nX-Api-Key: {keys[number % len(keys)]}\r\n\r\n"
+        client.sendall(head.encode())
+        selector.register(client, selectors.EVENT_READ)
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        for key, _ in selector.select(0.2):
+            received_bytes += len(key.fileobj.recv(2**18))  # type: ignore[union-attr]
+    for key in list(selector.get_map().values()):
+        key.fileobj.close()  # type: ignore[union-attr]
+    return received_bytes
+
+
+def measure(printers: int, viewers: int, seconds: float) -> dict[str, Any]:
+    """Measure the CPU of the server, without viewers and with them."""
+    with start_server(printers) as server:
+        time.sleep(_WARM_UP_S)
+        idle_s, begin_s = server.read_cpu_s(), time.monotonic()
+        time.sleep(seconds / 2)
+        idle_share = (server.read_cpu_s() - idle_s) / (time.monotonic() - begin_s)
+        before_s, begin_s = server.read_cpu_s(), time.monotonic()
+        received_bytes = view(server.port, server.keys, viewers, seconds)
+        share = (server.read_cpu_s() - before_s) / (time.monotonic() - begin_s)
+    return {
+        "printers": printers, "prints": server.prints, "viewers": viewers, "core_share": share,
+        "core_share_without_viewers": idle_share, "bytes_per_viewer_s": received_bytes / viewers / seconds,
+        "load": os.getloadavg()[0],
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=100)
+    parser.add_argument("--viewers", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    result = measure(args.printers, args.viewers, args.seconds)
+    if args.json:
+        print(json.dumps({**result, "goals": GOALS}, indent=2))
+    else:
+        print(
+            f"{result['viewers']} viewers of {result['prints']} printing printers: "
+            f"{100 * result['core_share']:.0f} % of a core, "
+            f"{100 * result['core_share_without_viewers']:.0f} % without viewers; "
+            f"{result['bytes_per_viewer_s'] / 1000:.0f} kB/s to each"
+        )
+    sys.exit(any(result[name] > limit for name, limit in GOALS.items()))
+
+
+if __name__ == "__main__":
+    main()

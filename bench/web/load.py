@@ -1,0 +1,223 @@
+"""Delays of other clients while thousands of connections from the network hang.
+
+``python -m bench.web.load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
+that prints. Clients on the network hang in every way: they are silent, send half a head, half a body of
+JSON, half an upload, or never read the answers to many requests; a disconnected client connects again.
+Meanwhile another process asks for `GET /status` on the Unix socket every 50 ms, and on the network every
+second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 if a goal is
+missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import resource
+import selectors
+import signal
+import socket
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import httpx
+import trimesh
+
+from bench.web.farm import WebFarm
+from bench.web.upload_speed import PATIENCE_S, POLL_S
+from farm.api import NETWORK_PREFIX
+
+GOALS = {
+    "status_p99_ms": 100.0, "status_worst_ms": 1000.0, "network_failures_share": 0.1, "new_agents": 0,
+    "printer_lost": 0, "end_s": 30.0, "uploads_left": 0,
+}  # fmt: skip
+_NETWORK_S = 1.0
+_SPARE_DESCRIPTORS = 100
+_LARGE = 10**9
+
+
+def list_incomplete_requests(key: str) -> list[bytes]:
+    """List incomplete requests of hanging clients."""
+    head = f"Host: localhost\r\nX-Api-Key: {key}\r\n"
+    status = f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\n{head}\r\n"
+    upload = f"POST {NETWORK_PREFIX}/jobs?request_id=12345678&name=a.stl&size={_LARGE} HTTP/1.1\r\n{head}"
+    form = f"POST /api/files/local HTTP/1.1\r\n{head}Content-Type: multipart/form-data; boundary=x\r\n"
+    return [
+        text.encode()
+        for text in (
+            "",
+            "GET /heal",
+            f"GET {NETWORK_PREFIX}/status HTTP/1.1\r\nX-Slow: ",
+            f"POST {NETWORK_PREFIX}/printers/um2-01/fail HTTP/1.1\r\n{head}Content-Length: 20\r\n\r\n{{",
+            f"{upload}Content-Length: {_LARGE}\r\n\r\nsolid",
+            f"{form}Content-Length: {_LARGE}\r\n\r\n--x\r\nContent-Disposition: form-data; name=",
+            status * 5,
+            f"GET {NETWORK_PREFIX}/events HTTP/1.1\r\n{head}\r\n",
+        )
+    ]
+
+
+class HangingClients:
+    """Connections that hang; those that are closed connect again."""
+
+    def __init__(self, port: int, key: str, number: int) -> None:
+        self._port, self._incomplete_requests = port, list_incomplete_requests(key)
+        self._selector = selectors.DefaultSelector()
+        self._number, self.is_connected, self.closed, self.refused = number, 0, 0, 0
+
+    def hang(self, seconds: float) -> None:
+        """Keep the connections open for some seconds."""
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            for _ in range(min(10, self._number - len(self._selector.get_map()))):
+                self._connect()
+            for key, _ in self._selector.select(0.05):
+                self._read(key.fileobj)  # type: ignore[arg-type]
+
+    def _connect(self) -> None:
+        client = socket.socket()
+        client.settimeout(0.2)
+        try:
+            client.connect(("127.0.0.1", self._port))
+            client.send(self._incomplete_requests[self.is_connected % len(self._incomplete_requests)])
+        except OSError:
+            client.close()
+            self.refused += 1
+            return
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.is_connected += 1
+        self._selector.register(client, selectors.EVENT_READ)
+
+    def _read(self, client: socket.socket) -> None:
+        """Read a few bytes, so that a close is seen and answers stay unread."""
+        data = b""
+        with suppress(OSError):
+            data = client.recv(16)
+        if not data:
+            self._selector.unregister(client)
+            client.close()
+            self.closed += 1
+
+
+def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
+    """Request the status until a message stops it; send the milliseconds of each answer, and the failures."""
+    local_ms: list[float] = []
+    request_count = failed_count = 0
+    next_s = 0.0
+    url, headers = f"http://127.0.0.1:{port}{NETWORK_PREFIX}/status", {"x-api-key": key}
+    transport = httpx.HTTPTransport(uds=str(state / "farm.sock"))
+    with httpx.Client(transport=transport, base_url="http://farm", timeout=PATIENCE_S) as local_client:
+        while not pipe.poll():
+            start_s = time.perf_counter()
+            local_client.get("/status").raise_for_status()
+            local_ms.append(1000 * (time.perf_counter() - start_s))
+            if time.monotonic() >= next_s:
+                next_s, request_count = time.monotonic() + _NETWORK_S, request_count + 1
+                try:
+                    httpx.get(url, headers=headers, timeout=5.0).raise_for_status()
+                except httpx.HTTPError:
+                    failed_count += 1
+            time.sleep(POLL_S)
+    pipe.send((local_ms, request_count, failed_count))
+
+
+def read_printer(farm: WebFarm) -> dict[str, Any]:
+    printer: dict[str, Any] = json.loads(farm.run("status", "--json"))["printers"][0]
+    return printer
+
+
+def measure(number: int, seconds: float) -> dict[str, Any]:
+    """Measure the answers while connections hang, and how the daemon ends with them."""
+    with tempfile.TemporaryDirectory() as name:
+        farm = WebFarm(Path(name))
+        try:
+            key = farm.add_key("bench", "print")
+            model = Path(name) / "box.stl"
+            trimesh.creation.box((20.0, 20.0, 5.0)).export(model)
+            farm.run("submit", str(model), "--json")
+            give_up_s = time.monotonic() + PATIENCE_S
+            while read_printer(farm)["print"] is None and time.monotonic() < give_up_s:
+                time.sleep(0.5)
+            printer_before = read_printer(farm)
+            receiver, sender = multiprocessing.get_context("spawn").Pipe()
+            asker = multiprocessing.get_context("spawn").Process(
+                target=ask_status, args=(farm.state, farm.port, key, sender)
+            )
+            clients = HangingClients(farm.port, key, number)
+            clients.hang(5.0)
+            asker.start()
+            clients.hang(seconds)
+            descriptors = len(list(Path(f"/proc/{farm.pid}/fd").iterdir()))
+            receiver.send(None)
+            local_ms, request_count, failed_count = receiver.recv()
+            asker.join()
+            printer_after = read_printer(farm)
+            start_s = time.monotonic()
+            os.kill(farm.pid, signal.SIGTERM)
+            while (farm.state / "farm.sock").exists() and time.monotonic() < start_s + PATIENCE_S:
+                clients.hang(0.1)
+            end_s = time.monotonic() - start_s
+            uploads_left = [path.name for path in (farm.state / "work").glob("upload-*")]
+        finally:
+            farm.start()
+            farm.run("down", "--now")
+    local_ms.sort()
+    return {
+        "connections": number,
+        "made": clients.is_connected,
+        "closed_by_the_daemon": clients.closed,
+        "refused": clients.refused,
+        "descriptors": descriptors,
+        "status_requests": len(local_ms),
+        "status_median_ms": local_ms[len(local_ms) // 2],
+        "status_p99_ms": local_ms[int(0.99 * len(local_ms))],
+        "status_worst_ms": local_ms[-1],
+        "network_asked": request_count,
+        "network_failures_share": failed_count / max(1, request_count),
+        "new_agents": int(printer_before["agent_pid"] != printer_after["agent_pid"]),
+        "printer_lost": int(printer_after["print"] is None),
+        "end_s": end_s,
+        "uploads_left": len(uploads_left),
+        "load": os.getloadavg()[0],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--connections", type=int, default=2000)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    _, descriptor_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed_descriptors = args.connections + _SPARE_DESCRIPTORS
+    resource.setrlimit(
+        resource.RLIMIT_NOFILE,
+        (
+            needed_descriptors
+            if descriptor_limit == resource.RLIM_INFINITY
+            else min(needed_descriptors, descriptor_limit),
+            descriptor_limit,
+        ),
+    )
+    result = measure(args.connections, args.seconds)
+    if args.json:
+        print(json.dumps({**result, "goals": GOALS}, indent=2))
+    else:
+        print(
+            f"{result['connections']} connections hang: the status on the Unix socket within "
+            f"{result['status_median_ms']:.0f} ms, 99 % within {result['status_p99_ms']:.0f} ms, at worst "
+            f"{result['status_worst_ms']:.0f} ms; on the network "
+            f"{100 * result['network_failures_share']:.0f} % failed; "
+            f"the daemon ended within {result['end_s']:.1f} s of SIGTERM"
+        )
+    sys.exit(any(result[name] > descriptor_limit for name, descriptor_limit in GOALS.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""A small part sliced with its pins, marks and gutter: read back from the G-code."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bench.connectors.joint_slices import PrintedPart, slice_printed
+from decompose.assembly import plan_assembly
+from decompose.connectors import Blank, Connectors, drill, plan_connectors
+from decompose.geometry import Solid
+from decompose.options import ConnectorOptions
+from decompose.pieces import Piece, find_joints, list_box_planes
+from decompose.results import Part
+
+UP = np.array([0.0, 0.0, 1.0])
+NARROWER_MM = 0.2
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Connectors, PrintedPart]:
+    """Slice the left of three blocks: one beside it, one below, so that a cut face lies on the bed."""
+    spans = [((0, 0, 0), (16, 50, 26)), ((16, 0, 0), (30, 50, 26)), ((0, 0, -12), (16, 50, 0))]
+    pieces = [
+        Piece(Solid.box(*span), list_box_planes(np.array(span, dtype=np.float64)), np.zeros((0, 2, 3)))
+        for span in spans
+    ]
+    joints = find_joints(pieces)
+    blanks = [Blank(str(n), piece.solid, UP) for n, piece in enumerate(pieces, 1)]
+    connectors = plan_connectors(
+        blanks, joints, plan_assembly(pieces, joints), ConnectorOptions(2.85, marks=True), 25.0
+    )
+    part = Part("p01", pieces[0].solid, np.eye(4), 0.0, "a", layer_0_expansion_mm=-NARROWER_MM)
+    return connectors, slice_printed(part, drill(blanks, connectors)[0], tmp_path_factory.mktemp("slice"))
+
+
+def test_all_marks_of_the_part_are_legible_in_its_outer_walls(
+    printed: tuple[Connectors, PrintedPart],
+) -> None:
+    connectors, sliced_part = printed
+    marks = [mark for mark in connectors.marks if mark.part == 0]
+    assert [mark.text for mark in marks] == ["1-2^", "-3^"]
+    assert all(sliced_part.is_legible(mark) for mark in marks)
+    far_marks = [mark for mark in connectors.marks if mark.part == 2]
+    assert far_marks and not any(sliced_part.is_legible(mark) for mark in far_marks)  # it was not sliced
+
+
+def test_holes_that_lie_and_that_open_on_the_bed_stay_free_of_support(
+    printed: tuple[Connectors, PrintedPart],
+) -> None:
+    connectors, sliced_part = printed
+    directions = {
+        round(float(hole.into @ UP)) for pin in connectors.pins for hole in pin.holes if not hole.part
+    }
+    assert directions == {0, 1}
+    assert (
+        sliced_part.support_mm3 < 0.1
+    )  # specks where strokes of the mark on the bed cross; a hole had 1.3 mm3
+
+
+def test_seams_of_the_outer_wall_hide_in_the_gutter_and_not_in_grooves_of_keys(
+    printed: tuple[Connectors, PrintedPart],
+) -> None:
+    connectors, sliced_part = printed
+    [gutter] = [candidate for candidate in connectors.gutters if candidate.part == 0]
+    starts_mm = sliced_part.find_seams(longest_only=True)
+    start, end = gutter.line_mm
+    beside = starts_mm[(starts_mm[:, 2] > start[2]) & (starts_mm[:, 2] < end[2])]
+    assert len(beside) > 40
+    keys_mm = np.array([pin.at_mm for pin in connectors.pins if pin.joint == gutter.joint])
+    assert (
+        np.abs(keys_mm[:, 1] - start[1]) > 5.0
+    ).all()  # else a seam there would count as one in the gutter
+    is_in_gutter = (start[0] - beside[:, 0] > 0.3) & (np.abs(beside[:, 1] - start[1]) < 0.8)
+    assert is_in_gutter.mean() > 0.98
+
+
+def test_first_layer_of_a_face_that_is_glued_is_narrower(printed: tuple[Connectors, PrintedPart]) -> None:
+    _, sliced_part = printed
+    first, second = (sliced_part.walls.start[sliced_part.walls.layer == layer] for layer in (0, 10))
+    assert np.ptp(second, axis=0) - np.ptp(first, axis=0) == pytest.approx(2.0 * NARROWER_MM, abs=0.06)

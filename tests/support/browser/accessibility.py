@@ -1,0 +1,35 @@
+"""Accessibility faults of a page, found by axe in the light and the dark scheme and at a width of 320 px."""
+
+import json
+from pathlib import Path
+
+AXE = Path(__file__).parents[3] / "build/pages/node_modules/axe-core/axe.min.js"
+VIOLATIONS = """axe.run().then((results) => JSON.stringify(results.violations.map((violation) =>
+    [violation.id, violation.nodes.slice(0, 3).map((node) => node.html.slice(0, 200))])))"""
+NARROW_PX = 320
+
+
+async def read(browser, expression):
+    """Wait until an expression has a value, and return it."""
+    answer = await browser.call(
+        "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+    )
+    assert "exceptionDetails" not in answer, answer
+    return answer["result"].get("value")
+
+
+async def find_faults(browser):
+    """Find the faults of the open page: violations in each colour scheme, and excess width."""
+    faults = {}
+    await browser.evaluate(AXE.read_text() + ";0")
+    for scheme in ("light", "dark"):
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        await browser.call("Emulation.setEmulatedMedia", features=[feature])
+        if violations := json.loads(await read(browser, VIOLATIONS)):
+            faults[scheme] = violations
+    size = {"width": NARROW_PX, "height": 700, "deviceScaleFactor": 1, "mobile": True}
+    await browser.call("Emulation.setDeviceMetricsOverride", **size)
+    if await browser.evaluate("document.documentElement.scrollWidth") > NARROW_PX:
+        faults["wide"] = True
+    await browser.call("Emulation.clearDeviceMetricsOverride")
+    return faults

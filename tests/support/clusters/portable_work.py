@@ -1,0 +1,52 @@
+"""Tasks with files for a cluster, in a module that every process can import."""
+
+import os
+import signal
+from pathlib import Path
+
+from farm.compute import Deferred, TaskFiles
+from farm.errors import FarmError
+
+
+def list_files(source, folder, *_):
+    return TaskFiles(reads=(source,), folders=(folder,), live=(folder / "progress.json",))
+
+
+def _copy(source, folder):
+    folder.mkdir(exist_ok=True)
+    (folder / "copy.txt").write_bytes(source.read_bytes())
+    (folder / "deep").mkdir(exist_ok=True)
+    (folder / "deep" / "size.txt").write_text(str(source.stat().st_size))
+    return {"copy": folder / "copy.txt", "elsewhere": Path("/elsewhere/file")}
+
+
+def _fail(source, folder):
+    raise FarmError("this model is hollow")
+
+
+def _allocate(source, folder, gigabytes):
+    return len(bytes(int(gigabytes * 2**30)))
+
+
+def _hold(source, folder, note):
+    """Write the process id to a file of the test, and wait until the process is ended."""
+    folder.mkdir(exist_ok=True)
+    (folder / "progress.json").write_text("held")
+    with Path(note).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    signal.pause()
+
+
+def _hold_once(source, folder, note):
+    """Wait in the first call, and return the number of the call in the second one."""
+    calls = Path(note).read_text().count("\n") + 1 if Path(note).exists() else 1
+    if calls == 1:
+        _hold(source, folder, note)
+    return calls
+
+
+allocate = Deferred("clusters.portable_work:_allocate", list_files)
+copy = Deferred("clusters.portable_work:_copy", list_files)
+fail = Deferred("clusters.portable_work:_fail", list_files)
+hold = Deferred("clusters.portable_work:_hold", list_files)
+hold_once = Deferred("clusters.portable_work:_hold_once", list_files)

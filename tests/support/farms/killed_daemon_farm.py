@@ -1,0 +1,206 @@
+"""Real farm whose daemon is killed and restarted repeatedly, with checks of its prints."""
+
+import contextlib
+import http.client
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from operator import attrgetter
+from pathlib import Path
+from urllib.parse import quote
+
+from drivers.clock import Clock
+from drivers.emulator.launch import Command, control
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+from drivers.records import JOURNAL
+from farm.cli.client import SocketConnection
+from farm.model import Bed, PrintState
+from farm.paths import StateFolder, read_anchor
+from farm.state.storage.store import Store
+from farms.real_farm import PATIENCE_S, RealFarm, wait_for
+from model_files.make_gcode import make_marlin, make_square
+
+RESTART_SCRIPT = Path(__file__).with_name("restarted_daemon.py")
+MODEL = "ultimaker2_plus"
+PRIMED_MM = 7.8  # filament of every print besides its plate's, from parked to parked
+POLL_S = 0.05  # interval of the operator's polls
+
+
+class KilledFarm(RealFarm):
+    """Two simulated printers, jobs of one plate each, and a person who clears beds.
+
+    With a `disk` (`SmallDisk`), the state folder is on it; only the daemon and its children see it there.
+    """
+
+    def __init__(self, folder, disk=None):
+        super().__init__(folder, dict.fromkeys(("one", "two"), (MODEL, f"sim://{MODEL}")))
+        self.fleet.write_text(self.fleet.read_text().replace("time_scale: 150", "time_scale: 300"))
+        self.gcode = folder / "plate.gcode"
+        tower = make_square(side_mm=60.0, layers=8)
+        self.gcode.write_text("\n".join([*make_marlin(tower), ""]).replace("F1800", "F240"))
+        self.fed_mm = sum(move[3] for layer in tower for move in layer)
+        self.supervisor = None
+        self.job_count = 0
+        self.disk, self.state_option = disk, self.state
+        self.socket, self.log_file = folder / "farm.sock", folder / "daemon.log"
+        if disk is not None:
+            self.state = disk.visible_folder
+            full_disk = "uploads: {free_gb: 0}, time_scale: 300"
+            self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", full_disk))
+
+    def start_daemons(self, fates):
+        """Start daemons that die as `fates` says; the last one survives."""
+        self.kill_daemons()
+        self.state.mkdir(exist_ok=True)
+        command = [sys.executable, "-P", RESTART_SCRIPT, json.dumps(fates), *self.list_daemon_arguments()]
+        if self.disk is not None:
+            command = self.disk.command(command)
+        with self.log_file.open("ab") as log:
+            self.supervisor = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+
+    def list_daemon_arguments(self):
+        """Return the arguments of `farm` that run its daemon."""
+        return ["daemon", "--state", self.state_option, "--socket", self.socket, "--fleet", self.fleet]
+
+    def kill_daemons(self):
+        """Kill the daemon permanently."""
+        if self.supervisor is not None:
+            self.supervisor.terminate()
+            self.supervisor.wait()
+
+    def list_deaths(self):
+        """List the moments of the daemons' deaths, in order."""
+        return re.findall(r"^dies (.*)$", self.log_file.read_text(), re.MULTILINE)
+
+    def log(self):
+        return self.log_file.read_text()[-4000:]
+
+    def clock(self):
+        """Return the farm's clock."""
+        return Clock(*read_anchor(StateFolder(self.state).clock))
+
+    def try_request(self, method, path, body=None):
+        """Send a request; return status and answer, or None if the daemon died before or does not run."""
+        assert self.supervisor.poll() is None, self.log()
+        with contextlib.closing(SocketConnection(self.socket, PATIENCE_S, PATIENCE_S)) as connection:
+            try:
+                connection.request(method, path, body, {"Content-Type": "application/json"})
+                answer = connection.getresponse()
+                return answer.status, json.loads(answer.read())
+            except (OSError, http.client.HTTPException):
+                return None
+
+    def request(self, method, path, body=None):
+        """Repeat a request until a daemon answers; return the answer."""
+        status, answer = self.request_any(method, path, body)
+        assert status == 200, answer
+        return answer
+
+    def request_any(self, method, path, body=None):
+        """Repeat a request until a daemon answers with any status; return status and body."""
+        return wait_for("an answer", lambda: self.try_request(method, path, body))
+
+    def submit(self, count, **options):
+        """Submit a number of jobs."""
+        for number in range(self.job_count, self.job_count + count):
+            self.request("POST", *self.make_submission(number, **options))
+        self.job_count += count
+
+    def make_submission(self, number, **options):
+        """Return the path and the body of a submission."""
+        text, options_text = self.gcode.read_bytes(), quote(json.dumps(options))
+        query = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={options_text}"
+        return f"/jobs?{query}", text
+
+    def approve(self):
+        """Approve all held jobs."""
+        for job in self.request("GET", "/status")["jobs"]:
+            self.request("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
+
+    def judge_prints_good(self, failing_prints=()):
+        """Find all printed jobs good; `failing_prints` are the numbers of the prints that fail."""
+        started_prints = []
+        give_up = time.monotonic() + PATIENCE_S
+        while True:
+            view = self.request("GET", "/status")
+            if {job["state"] for job in view["jobs"]} == {"done"}:  # jobs that ended long ago are not shown
+                return
+            assert time.monotonic() < give_up, (view, self.log())
+            for printer in view["printers"]:
+                key = printer["print"] and (printer["name"], printer["print"]["plate"])
+                if key and printer["print"]["layer"] and key not in started_prints:
+                    if len(started_prints) in failing_prints:
+                        control(self.emulator(printer["name"]), Command.RESET)
+                    started_prints.append(key)
+            self.clear_beds(view)
+            time.sleep(POLL_S)
+
+    def clear_beds(self, view):
+        """Clear all beds that `view` shows as full or in need of an inspection."""
+        for item in view["todo"]:
+            for name in item["printers"] if item["code"] in ("clear", "look") else ():
+                # If the daemon dies or the state changes meanwhile, the next poll shows it.
+                self.try_request("POST", f"/printers/{name}/cleared", "{}")
+
+    def end(self):
+        self.kill_daemons()
+        super().end()
+
+    # -- results ----------------------------------------------------------------------------------------
+
+    def journals(self):
+        """Return the printer and the last journal record of each print, by print id."""
+        results = {}
+        for name in self.printers:
+            for line in (self.state / "agents" / name / JOURNAL).read_text().splitlines():
+                message = json.loads(line).get("print")
+                if message is not None:
+                    results[message["print_id"]] = (name, message)
+        return results
+
+    def books(self):
+        """Read a copy of the books that a killed daemon left."""
+        copy = self.folder / "books"
+        copy.mkdir()
+        for end in ("", "-wal"):
+            shutil.copy(self.state / f"farm.db{end}", copy)
+        with Store(copy / "farm.db") as store:
+            return store.load()
+
+    def check(self):
+        """Assert that no plate is lost or printed twice, and that all times match the agents' records."""
+        self.kill_daemons()
+        books = self.books()
+        assert len(books.jobs) == self.job_count
+        started_prints = [p for p in books.prints.values() if p.started_s is not None]
+        prints_by_id = {p.id: (p.printer, p.state, p.started_s, p.ended_s) for p in started_prints}
+        journals = {
+            name: (printer, message["phase"], message["started_s"], message["ended_s"])
+            for name, (printer, message) in self.journals().items()
+        }
+        assert prints_by_id == journals
+        done_prints = [p for p in started_prints if p.state is PrintState.DONE]
+        assert sorted(p.plate for p in done_prints) == sorted(books.plates)
+        for key in (attrgetter("plate"), attrgetter("printer")):  # one after the other
+            prints_by_time = sorted(started_prints, key=attrgetter("started_s"))
+            for _, prints in itertools.groupby(sorted(prints_by_time, key=key), key):
+                assert all(
+                    record.ended_s <= next_record.started_s
+                    for record, next_record in itertools.pairwise(prints)
+                )
+        assert {p.bed for p in books.printers.values()} == {Bed.CLEAR}
+        # Filament that the printers fed: that of every plate once, at most a plate's for a failed print. A
+        # board that was reset in its last print still has its filament at the nozzle.
+        each_mm = PRIMED_MM + self.fed_mm
+        statuses = [self.emulator_status(name) for name in self.printers]
+        fed_mm = sum(
+            record.filament_mm - (record.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for record in statuses
+        )
+        assert len(done_prints) * each_mm - 1.0 < fed_mm < len(started_prints) * each_mm + 1.0, (
+            fed_mm,
+            statuses,
+        )

@@ -1,0 +1,279 @@
+"""Simulated printers, agents and a person that outlive a daemon, with a record of all prints."""
+
+import shutil
+from dataclasses import dataclass, field
+
+from books.make_books import make_plan_event
+from books.recording_controller import MODEL, Commands, make_fleet
+from farm.control.controller import Controller
+from farm.errors import FarmError
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    FilamentState,
+    JobOptions,
+    JobState,
+    Link,
+    PrintState,
+    Verdict,
+)
+from farm.planning.plan import Plan
+from farm.planning.printer_settings import list_bed_boxes
+from farm.scheduling.admission import StartPlanning
+from farm.state import events as ev
+from farm.state.storage.store import Store
+
+STEP_S = 60.0
+NEXT_STATE = {
+    PrintState.ASSIGNED: PrintState.HEATING,
+    PrintState.HEATING: PrintState.PRINTING,
+    PrintState.PRINTING: PrintState.ENDING,
+    PrintState.ENDING: PrintState.DONE,
+}
+
+
+class DaemonKilled(BaseException):
+    """Simulated SIGKILL of the daemon."""
+
+
+class SteppingStore(Store):
+    """A store that kills the daemon just before or just after given commits."""
+
+    def __init__(self, path, world):
+        super().__init__(path)
+        self._db.execute("PRAGMA synchronous = OFF")  # a killed process loses no written data
+        self._world = world
+
+    def commit(self, event, old_books, new_books):
+        self._world.commits += 1
+        is_killed = self._world.commits in self._world.kills
+        if is_killed and not self._world.after:
+            raise DaemonKilled
+        super().commit(event, old_books, new_books)
+        if is_killed:
+            raise DaemonKilled
+
+
+class Clock:
+    """Clock that advances only when the simulation moves it."""
+
+    scale = 1.0
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def now(self):
+        return self.now_s
+
+
+@dataclass
+class Agent:
+    """Printer and its agent: one print at a time, kept by its id until the daemon confirms its end."""
+
+    name: str
+    print_id: str | None = None
+    plate: str | None = None
+    state: PrintState = PrintState.ASSIGNED
+    started_s: float | None = None
+    ended_s: float | None = None
+    on_bed: str | None = None
+    sha256: str = ""
+    journal: list = field(default_factory=list)  # reports of the prints that ended
+
+    def make_report(self):
+        return AgentPrint(
+            print_id=self.print_id, state=self.state, fault=None, reason=None, progress_s=1.0,
+            print_time_s=90.0, extruded=self.extruded, started_s=self.started_s, ended_s=self.ended_s,
+            sha256=self.sha256,
+        )  # fmt: skip
+
+    def list_prints(self, since_s):
+        """List the prints that had not ended at a time."""
+        ended_prints = [report for report in self.journal if report.ended_s >= since_s]
+        return (
+            ended_prints if self.print_id is None or self.state.ended else [*ended_prints, self.make_report()]
+        )
+
+    def snapshot(self):
+        report = None if self.print_id is None else self.make_report()
+        is_busy = report is not None and not self.state.ended
+        link = Link.BUSY if is_busy else Link.READY
+        clear = self.on_bed is None
+        return AgentSnapshot(
+            printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=clear, print=report
+        )
+
+    @property
+    def extruded(self):
+        return self.state not in (PrintState.ASSIGNED, PrintState.HEATING) and self.on_bed is not None
+
+
+class FarmSimulation:
+    """Simulation of a job on two printers, from its submission until a person has found all parts good.
+
+    Parameters
+    ----------
+    kills
+        Commits, counted from 1, at which the daemon is killed; `after`: just after them.
+    fails
+        Numbers of the prints that fail; `bad`: numbers of the finished prints that a person finds bad.
+    files
+        Number of different files of the plates.
+    """
+
+    def __init__(self, folder, plates=3, kills=(), after=False, fails=(1,), bad=(0,), files=100):
+        self.path = folder / "farm.db"
+        self.kills, self.after, self.fails, self.bad = frozenset(kills), after, fails, bad
+        self.clock = Clock()
+        self.agents = {name: Agent(name) for name in "ab"}
+        self.commits = self.started_count = self.restarts = 0
+        self.judged_prints = []  # [plate, printer, verdict] of each completed print
+        self.prints = {}  # print id -> (printer, start, end) in truth
+        self.plates, self.files = plates, files
+        self.to_plan = None
+        self.is_restored = False  # the books were replaced by a copy
+        self.unreachable = frozenset()  # agents that do not reach the daemon
+        self.restart_if_killed(self.up)
+
+    # -- the daemon -------------------------------------------------------------------------------------
+
+    def up(self):
+        self.store = SteppingStore(self.path, self)
+        self.controller = Controller(make_fleet(), self.store, self.clock, list_bed_boxes)
+        commands = Commands(self.controller)
+        self.jobs, self.clear_bed = commands.jobs, commands.clear_bed
+        self.controller.start(self, self.store.copied_s)
+
+    def restore(self, copy):
+        """Kill the daemon, and start the next one with a copy of its books."""
+        self.store.close()
+        for path in self.path.parent.glob(f"{self.path.name}*"):
+            path.unlink()
+        shutil.copy(copy, self.path)
+        self.restarts += 1
+        self.to_plan = None
+        self.is_restored = True
+        self.restart_if_killed(self.up)
+
+    def restart_if_killed(self, function):
+        """Call the daemon, and start it again if it is killed; return whether the call succeeded."""
+        try:
+            function()
+        except DaemonKilled:
+            self.store.close()
+            self.restarts += 1
+            self.to_plan = None
+            self.restart_if_killed(self.up)
+            return False
+        except FarmError:  # the books cannot be written, or the call is refused
+            return False
+        return True
+
+    def perform(self, instruction, books):
+        if isinstance(instruction, StartPlanning):
+            self.to_plan = instruction.job
+        agent = self.agents.get(getattr(instruction, "printer", None))
+        if isinstance(instruction, ev.SendStart):
+            if agent.print_id is None:
+                assert agent.on_bed is None, "a print is started on a full bed"
+                agent.print_id, agent.state = instruction.print_id, PrintState.ASSIGNED
+                agent.plate = books.prints[instruction.print_id].plate
+                agent.sha256 = books.plates[agent.plate].sha256
+                agent.started_s = agent.ended_s = None
+        elif isinstance(instruction, ev.SendForget) and agent.print_id == instruction.print_id:
+            assert agent.state.ended
+            agent.print_id = None
+
+    # -- printers and a person --------------------------------------------------------------------------
+
+    def advance_prints(self):
+        """Advance every print by a minute, with or without a daemon."""
+        self.clock.now_s += STEP_S
+        for agent in self.agents.values():
+            if agent.print_id is None or agent.state.ended:
+                continue
+            agent.state = NEXT_STATE[agent.state]
+            if agent.state is PrintState.HEATING:
+                agent.started_s = self.clock.now_s
+                agent.fails = self.started_count in self.fails
+                self.started_count += 1
+            elif agent.state is PrintState.PRINTING:
+                agent.on_bed = agent.plate
+            elif agent.state is PrintState.ENDING and agent.fails:
+                agent.state = PrintState.FAILED
+            if agent.state.ended:
+                agent.ended_s = self.clock.now_s
+                self.prints[agent.print_id] = (agent.name, agent.started_s, agent.ended_s)
+                agent.journal.append(agent.make_report())
+                if agent.state is PrintState.DONE:
+                    self.judged_prints.append([agent.plate, agent.name, None])
+
+    def report_to_daemon(self):
+        for agent in self.agents.values():
+            if agent.name not in self.unreachable:
+                self.restart_if_killed(lambda agent=agent: self.report_agent(agent))
+        self.restart_if_killed(self.controller.handle)
+        if self.to_plan is not None:
+            job, self.to_plan = self.to_plan, None
+            event = make_plan_event(1, self.plates)
+            plates = tuple(
+                plate.model_copy(update={"sha256": f"{i % self.files:064x}"})
+                for i, plate in enumerate(event.plates)
+            )
+            plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
+            restarts = self.restarts
+            if (
+                not self.restart_if_killed(lambda: self.controller.on_plan(job, plan))
+                and self.restarts == restarts
+            ):
+                self.to_plan = job  # as `JobPlanner` does if the disk is full
+
+    def report_agent(self, agent):
+        since_s = self.controller.unreported_since_s(agent.name)
+        if since_s is not None:
+            self.controller.on_journal(agent.snapshot(), agent.list_prints(since_s))
+        self.controller.on_snapshot(agent.snapshot())
+
+    def clear_and_judge(self):
+        """Clear finished prints and judge them, as a person does; repeat interrupted commands."""
+        for agent in self.agents.values():
+            entry = self.controller.books.printers.get(agent.name)
+            is_printing = agent.print_id is not None and not agent.state.ended
+            if entry is None or entry.bed is Bed.CLEAR or is_printing:
+                continue
+            if agent.on_bed is None and not self.is_restored:
+                continue
+            indices = [
+                i
+                for i, (_, name, verdict) in enumerate(self.judged_prints)
+                if name == agent.name and not verdict
+            ]
+            verdict = Verdict.BAD if indices and indices[-1] in self.bad else Verdict.GOOD
+            if self.controller.books.print_to_judge(agent.name) is None:
+                verdict = Verdict.GOOD
+            agent_bed, agent.on_bed = agent.on_bed, None
+            clear = self.restart_if_killed(
+                lambda name=agent.name, verdict=verdict: self.clear_bed(name, verdict=verdict)
+            )
+            if not clear and self.controller.books.printers[agent.name].bed is not Bed.CLEAR:
+                agent.on_bed = agent_bed
+                continue
+            if indices:
+                self.judged_prints[indices[-1]][2] = verdict
+
+    def step(self):
+        """Advance printers, person and daemon by one minute."""
+        if not self.controller.books.jobs:
+            self.restart_if_killed(lambda: self.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()))
+        self.report_to_daemon()
+        self.clear_and_judge()
+        self.advance_prints()
+
+    def run(self, patience=200):
+        """Run until the job is done; return the number of minutes."""
+        for minute in range(patience):
+            self.step()
+            if self.controller.books.jobs and self.controller.books.jobs[1].state is JobState.DONE:
+                return minute
+        raise AssertionError(f"not done: {self.controller.books}")
