@@ -242,6 +242,7 @@ class Daemon:
             if step_s:
                 log.warning("the host's clock was set by %+.0f s: hours follow it from now on", step_s)
                 self._timers.clock_set()
+                self._agents.hosts.clock_set(step_s)
                 if self._notifier is not None:
                     self._notifier.clock_set(step_s)
                 self._controller.on_clock_set(step_s)

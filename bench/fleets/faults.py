@@ -16,7 +16,7 @@ ONE, HALF, REST = "one", "half", "rest"
 LOSS, DELAY_S = 0.05, 0.3
 _PATIENCE_S = 180.0
 _POLL_S = 2.0
-_NOTICE_S = 20.0  # time in which a second notice would come
+_NOTICE_S = 20.0  # time in which every notice is sent: they wait for 10 s, as further losses may join them
 
 
 def group_hosts(hosts: list[str]) -> dict[str, list[str]]:
@@ -79,6 +79,7 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
         core.
     """
     hosts = sum(len(fleet.names[name]) for name in groups)
+    fleet.agents.serve(_NOTICE_S)  # notices on prints and jobs that have ended are sent first
     printing, noticed, begun_s = len(fleet.agents.printing), len(fleet.notices.lines), time.monotonic()
     cpu_s = fleet.daemon.cpu_s()
     fleet.groups.lose(*groups)

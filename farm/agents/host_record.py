@@ -69,6 +69,13 @@ class HostRecord:
         if self.disconnected_s is None:
             self.connected_s, self.disconnected_s = None, now_s
 
+    def shift(self, by_s: float) -> None:
+        """Shift the times of the connection by a step of the farm's clock."""
+        if self.connected_s is not None:
+            self.connected_s += by_s
+        if self.disconnected_s is not None:
+            self.disconnected_s += by_s
+
     @property
     def update(self) -> Update | None:
         """State of the update of its agents; None if it is not connected."""

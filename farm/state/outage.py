@@ -67,4 +67,5 @@ def find_common_host_loss_s(at_s: float, losses: Iterable[HostLoss], window_s: f
     float
         Time of the first loss, seconds since the epoch; `at_s` without an earlier one in the window.
     """
-    return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s <= window_s), default=at_s)
+    # A notice on the first loss is due at the end of the window: a loss at that moment comes too late for it.
+    return min((loss.at_s for loss in losses if 0.0 <= at_s - loss.at_s < window_s), default=at_s)

@@ -47,6 +47,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     real, reports = time.time, []
     monkeypatch.setattr(daemon._timers, "clock_set", lambda: reports.append("timers"))
+    monkeypatch.setattr(daemon._agents.hosts, "clock_set", lambda by_s: reports.append("hosts"))
     monkeypatch.setattr(daemon._controller, "handle", lambda *events: reports.extend(events))
     monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
     before_s = daemon._clock.now()
@@ -61,7 +62,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     daemon._workers.close()
     daemon._store.close()
     assert daemon._clock.now() - before_s == pytest.approx(6 * 3600.0, abs=60.0)
-    assert reports[0] == "timers"
+    assert reports[:2] == ["timers", "hosts"]
     (event,) = [event for event in reports if isinstance(event, ev.ClockSet)]
     assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)
 

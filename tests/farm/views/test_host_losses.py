@@ -96,6 +96,15 @@ def test_no_loss_joins_a_notice_that_was_sent(at_s):
         sent_keys |= {notice.key for notice in list_due_notices(books, lost_s, 0.0, sent_keys)}
 
 
+def test_a_loss_just_after_a_notice_has_its_own():
+    fleet = make_fleet(["pc-a", "pc-b"])
+    books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-a", 100.0))
+    now_s = 100.0 + WINDOW_S
+    (notice,) = list_due_notices(books, now_s, 0.0, ())
+    books, _ = apply_events(books, make_loss(fleet, "pc-b", now_s))
+    assert [due.text[:4] for due in list_due_notices(books, LATER_S, 0.0, {notice.key})] == ["pc-b"]
+
+
 def test_a_printer_that_was_moved_to_another_host_is_not_missed():
     fleet = make_fleet(["pc-a"])
     books, _ = apply_events(make_fleet_books(fleet), make_loss(fleet, "pc-a", 100.0))

@@ -1,0 +1,63 @@
+"""Figures of a lost host: notices on other events do not count."""
+
+import time
+from itertools import chain
+from types import SimpleNamespace
+
+import pytest
+
+from bench import fleet_faults
+from bench.fleet_faults import ONE, PrintingFleet, measure_loss
+
+LOSS = "pc-01 does not answer"
+
+
+class FleetWithLateNotice:
+    """Fleet whose job has just been printed: the notice on it is sent after its last print."""
+
+    printing: tuple[str, ...] = ()
+
+    def __init__(self):
+        self.now_s, self.is_lost, self.losses, self.lines = 0.0, False, 0, []
+        self.due = {9.0: "job 2 is printed: 20 parts in 91 s"}
+
+    def serve(self, seconds, condition=lambda: False):
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            if condition():
+                return True
+            self.now_s += 1.0
+            if self.now_s in self.due:
+                self.lines.append(self.due[self.now_s])
+        return False
+
+    def lose(self, *groups):
+        self.is_lost, self.losses = True, self.losses + 1
+        self.due[self.now_s + 10.0] = LOSS
+
+    def mend(self, *groups):
+        self.is_lost = False
+
+    def count(self, kind, since_s):
+        return self.losses
+
+
+def test_notices_on_earlier_prints_do_not_count(monkeypatch):
+    fleet = FleetWithLateNotice()
+    monkeypatch.setattr(time, "monotonic", lambda: fleet.now_s)
+    printers = [SimpleNamespace(state="unknown")]
+    client = SimpleNamespace(
+        status=lambda: SimpleNamespace(todo=[], printers=printers if fleet.is_lost else []),
+        hosts=lambda: SimpleNamespace(hosts=[]),
+    )
+    daemon = SimpleNamespace(client=client, cpu_s=lambda: 0.0)
+    names = {ONE: ["pc-01"]}
+    figures = measure_loss(PrintingFleet(daemon, fleet, fleet, names, fleet, fleet), [ONE])
+    assert figures["notice_texts"] == [LOSS] and figures["notices"] == figures["events"] == 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 50])
+def test_half_of_the_hosts_are_grouped_for_the_losses(count):
+    hosts = [f"pc-{number}" for number in range(count)]
+    groups = fleet_faults.group_hosts(hosts)
+    assert [*chain.from_iterable(groups.values())] == hosts and all(groups.values())
