@@ -13,6 +13,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from books.recording_controller import PLUS, RecordedEffects
 from drivers.host import HostState
 from farm.agents.hosts import Hosts
 from farm.config import Fleet
@@ -23,7 +24,6 @@ from farm.planning.printer_settings import list_bed_boxes
 from farm.state import events as ev
 from farm.state.storage import Store
 from farm.views import list_due_notices
-from recording_controller import PLUS, RecordedEffects
 
 HOSTS = ("pc-a", "pc-b", "pc-c")
 PRINTERS = {f"{host}-{number}": host for host in HOSTS for number in (1, 2)}

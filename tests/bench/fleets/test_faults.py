@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench import fleet_faults
-from bench.fleet_faults import ONE, PrintingFleet, measure_loss
+from bench.fleets import faults
+from bench.fleets.faults import ONE, PrintingFleet, measure_loss
 
 LOSS = "pc-01 does not answer"
 
@@ -59,5 +59,5 @@ def test_notices_on_earlier_prints_do_not_count(monkeypatch):
 @pytest.mark.parametrize("count", [1, 2, 3, 50])
 def test_half_of_the_hosts_are_grouped_for_the_losses(count):
     hosts = [f"pc-{number}" for number in range(count)]
-    groups = fleet_faults.group_hosts(hosts)
+    groups = faults.group_hosts(hosts)
     assert [*chain.from_iterable(groups.values())] == hosts and all(groups.values())
