@@ -120,7 +120,7 @@ screenshots: $(VENV)/.installed-dev engine pages
 
 # Deliberate faults in the rules that prints depend on, and which of them no test sees: about half an hour.
 mutants: $(VENV)/mutants/.installed
-	nice -n 19 $(VENV)/mutants/bin/python bench/mutants.py --at-once 2
+	nice -n 19 $(VENV)/mutants/bin/python -m bench.mutants --at-once 2
 
 $(VENV)/mutants/.installed: bench/mutants.txt $(VENV)/.installed-dev
 	$(PYTHON) -m venv $(VENV)/mutants

@@ -62,7 +62,7 @@ FAITHFUL_SUFFIX = "-faithful"  # suffix of an engine's name
 PART_ENGINES = ("symmetry", "cube-skeleton")  # other engines without a number of printers
 WHOLE_TIMEOUT_S = 3600.0
 CUT_FILE = "cutting.pickle"
-MAX_LEVELLINGS = 2  # maximum number of moves of the planes by sliced times
+MAX_PLANE_MOVES = 2  # number of times that the planes are moved by sliced times
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +230,7 @@ def compute_row(run: Run, report: dict[str, Any], sliced_s: list[float | None] |
     all_sliced = sliced_s is not None and all(seconds is not None for seconds in sliced_s)
     times_s = [float(s) for s in sliced_s if s is not None] if sliced_s and all_sliced else estimated_s
     row |= {
-        "won": report["engine"],
+        "winning_engine": report["engine"],
         "parts": len(times_s),
         "sliced": all_sliced,
         "not_sliced": sum(s is None for s in sliced_s) if sliced_s else None,
@@ -272,8 +272,8 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_slices and "refused" not in report:
         sliced_s = slice_parts(report, run, folder, args)
     row = compute_row(run, report, sliced_s)
-    while row.get("sliced") and row.get("levelled", 0) < MAX_LEVELLINGS and (folder / CUT_FILE).is_file():
-        cut_file, folder = folder / CUT_FILE, folder / "levelled"
+    while row.get("sliced") and row.get("plane_moves", 0) < MAX_PLANE_MOVES and (folder / CUT_FILE).is_file():
+        cut_file, folder = folder / CUT_FILE, folder / "plane_moves"
         report = args.call(deferred_relevel, run, cut_file, folder, sliced_s)
         if report is None:
             break
@@ -281,7 +281,7 @@ def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         moved_row = compute_row(run, report, sliced_s)
         if not moved_row["sliced"] or moved_row["parallel_s"] >= row["parallel_s"]:
             break
-        changes = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": moved_row["wall_s"]}
+        changes = {"plane_moves": row.get("plane_moves", 0) + 1, "plane_moves_wall_s": moved_row["wall_s"]}
         first_s = row.get("first_s", row["parallel_s"])
         row = moved_row | changes | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
     record_path.write_text(json.dumps(row, indent=1))
@@ -338,16 +338,16 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Compute means over the measured models."""
     best = {(r["model"], r["printers"]): r for r in rows if r["engine"] == "best" and "refused" not in r}
 
-    def mean(values: list[float]) -> float | None:
+    def compute_geometric_mean(values: list[float]) -> float | None:
         return math.exp(float(np.mean(np.log(values)))) if values else None
 
     summary: dict[str, Any] = {"efficiency": {}, "rivals": {}}
     for printers in sorted({count for _, count in best}):
         rows_at_count = [r for (_, count), r in best.items() if count == printers]
         summary["efficiency"][printers] = {
-            "mean": mean([r["efficiency"] for r in rows_at_count]),
+            "mean": compute_geometric_mean([r["efficiency"] for r in rows_at_count]),
             "worst": min(r["efficiency"] for r in rows_at_count),
-            "best_pose_mean": mean([r["efficiency_best_pose"] for r in rows_at_count]),
+            "best_pose_mean": compute_geometric_mean([r["efficiency_best_pose"] for r in rows_at_count]),
             "best_pose_worst": min(r["efficiency_best_pose"] for r in rows_at_count),
             "balance": min(r["balance"] for r in rows_at_count),
             "gap": max(r["gap"] for r in rows_at_count),
@@ -368,7 +368,7 @@ def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
         ]
         refused_count = sum("refused" in r for r in engine_rows)
         summary["rivals"][engine] = {
-            "mean": mean(ratios), "worst": max(ratios, default=None), "models": len(ratios),
+            "mean": compute_geometric_mean(ratios), "worst": max(ratios, default=None), "models": len(ratios),
             "refused": refused_count,
         }  # fmt: skip
     return summary

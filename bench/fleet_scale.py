@@ -184,13 +184,13 @@ def _measure_prints(fleet: PrintingFleet, setting: Setting) -> dict[str, Any]:
     }
 
 
-def _measure_requests(fleet: PrintingFleet, ask: Callable[[], object]) -> list[tuple[float, float]]:
+def _measure_requests(fleet: PrintingFleet, request: Callable[[], object]) -> list[tuple[float, float]]:
     """Return the daemon's CPU seconds until each of some requests is answered, and the wall seconds."""
     durations_s = []
     for _ in range(STATUS_TIMES):
-        before_s, asked_s = fleet.daemon.cpu_s(), time.monotonic()
-        ask()
-        wall_s = time.monotonic() - asked_s
+        before_s, requested_s = fleet.daemon.cpu_s(), time.monotonic()
+        request()
+        wall_s = time.monotonic() - requested_s
         durations_s.append((fleet.daemon.cpu_s() - before_s, wall_s))
         fleet.agents.serve(2.0)
     return durations_s
@@ -232,11 +232,11 @@ def _summarise(
 def _wait_for_prints(agents: ProtocolAgents, printers: int) -> None:
     """Serve the agents until all printers print."""
 
-    def do_all_print() -> bool:
+    def are_all_printing() -> bool:
         agents.begin()
         return len(agents.printing) == printers
 
-    _wait(agents, do_all_print, "all printers to print")
+    _wait(agents, are_all_printing, "all printers to print")
 
 
 def _wait(agents: ProtocolAgents, condition: Callable[[], bool], condition_name: str) -> None:

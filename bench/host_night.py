@@ -58,14 +58,14 @@ class PlannedFault:
     ----------
     at_s
         Farm seconds after the first print began.
-    lasts_s
+    duration_s
         Wall seconds until a cut network or a host is back.
     """
 
     at_s: float
     kind: HostFault
     host: str
-    lasts_s: float
+    duration_s: float
 
 
 def plan_faults(
@@ -129,7 +129,7 @@ class HostNight(Night):
         spans_s = [(300.0, self.plate_s), (self.back_after_s, self.back_after_s + 2 * self.plate_s)]
         self.faults = plan_faults(args.faults, names, spans_s, random.Random(args.seed))
         self.faults_done: Counter[str] = Counter()
-        self._mends: dict[str, float] = {}  # return of each absent host, on the monotonic clock
+        self._returns_s: dict[str, float] = {}  # return of each absent host, on the monotonic clock
         self._updated_at_s: float | None = None  # elapsed farm seconds
         self._update_waits = False
         self._daemon_pid = 0
@@ -177,8 +177,8 @@ class HostNight(Night):
         self.faults_done[fault.kind] += 1
         if fault.kind is not HostFault.SERVICE:
             self.hosts.cut(fault.host)
-            back_s = time.monotonic() + fault.lasts_s
-            self._mends[fault.host] = max(back_s, self._mends.get(fault.host, 0.0))
+            back_s = time.monotonic() + fault.duration_s
+            self._returns_s[fault.host] = max(back_s, self._returns_s.get(fault.host, 0.0))
         if fault.kind is not HostFault.NETWORK:
             self.hosts.kill_service(fault.host)
         if fault.kind is HostFault.POWER:
@@ -186,10 +186,10 @@ class HostNight(Night):
             self.hosts.kill_agents(fault.host, printers)
 
     def _mend_hosts(self, at_once: bool = False) -> None:
-        for host, back_s in list(self._mends.items()):
+        for host, back_s in list(self._returns_s.items()):
             if at_once or time.monotonic() >= back_s:
                 self.hosts.mend(host)
-                del self._mends[host]
+                del self._returns_s[host]
 
     def _compute_figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:

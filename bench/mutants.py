@@ -1,10 +1,10 @@
 """Mutation testing: finds deliberate faults, in the rules that prints depend on, that no test detects.
 
-.venv/mutants/bin/python bench/mutants.py --room link
+.venv/mutants/bin/python -m bench.mutants --group link
 
-A sample (`--seed`) of the mutants that cosmic-ray makes of a group of modules is put, one by one, into a copy
-of the sources, and the tests of the group are run on each. cosmic-ray is in its own environment (`make
-mutants`).
+cosmic-ray makes mutants of a group of modules. A sample of them (`--seed`) is put, one by one, into a copy
+of the sources, and the tests of the group are run on each. cosmic-ray is in its own environment
+(`make mutants`).
 """
 
 from __future__ import annotations
@@ -16,72 +16,17 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 
+from bench.mutant_groups import GROUPS, Group
+
 ROOT = Path(__file__).parents[1]
 PYTHON = ROOT / ".venv" / "bin" / "python"
 TIMEOUT_S = 600.0
 _NO_FAULT = ("BitOr", "RemoveDecorator")  # mutants that change no behaviour
-
-
-@dataclass(frozen=True, slots=True)
-class Group:
-    """Group of modules, their tests, and the number of mutants to try."""
-
-    modules: tuple[str, ...]
-    tests: tuple[str, ...]
-    mutants: int
-
-
-GROUPS = {
-    "link": Group(
-        tuple(f"drivers/link/{name}.py" for name in ("link", "opening", "outbox", "recovery", "replies")),
-        ("tests/drivers/link",),
-        26,
-    ),
-    "session": Group(
-        (
-            *(
-                f"drivers/session/{name}.py"
-                for name in ("session", "commands", "heat", "stream", "leave", "park", "identify")
-            ),
-            "drivers/safety/heater_watch.py",
-        ),
-        ("tests/drivers/session", "tests/drivers/safety/test_heater_watch.py"),
-        22,
-    ),
-    "books": Group(
-        tuple(
-            f"farm/state/{name}.py"
-            for name in (
-                "books", "consequences", "time_factor", "outage", "plate_state", "reconcile", "reels",
-                "transitions", "salvaged_parts", "recovery/restore", "recovery/journal_import",
-            )
-        ),
-        ("tests/farm/state", "tests/farm/control/test_part_commands.py"),
-        28,
-    ),
-    "scheduling": Group(
-        tuple(
-            f"farm/scheduling/{name}.py"
-            for name in (
-                "admission", "assign", "forecast", "hold_reasons", "hours", "matching", "situation",
-                "start_rules", "time_expressions",
-            )
-        ),
-        ("tests/farm/scheduling",),
-        26,
-    ),
-    "cost": Group(
-        tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "recipe")),
-        ("tests/decompose/print_time/test_cost.py",),
-        14,
-    ),
-}  # fmt: skip
 
 
 def test_group(name: str, group: Group, seed: int, folder: Path) -> list[tuple[str, str]]:
@@ -132,12 +77,12 @@ def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument(
-        "--room", choices=GROUPS, action="append", help="group to test, may be repeated; default: all"
+        "--group", choices=GROUPS, action="append", help="group to test, may be repeated; default: all"
     )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--at-once", type=int, default=1, help="number of groups tested in parallel")
     options = parser.parse_args()
-    names = options.room or list(GROUPS)
+    names = options.group or list(GROUPS)
 
     def work(name: str) -> list[tuple[str, str]]:
         return test_group(name, GROUPS[name], options.seed, ROOT / "build" / "mutants" / name)

@@ -46,7 +46,7 @@ from farm.state.transitions import apply
 
 MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
-E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
+E_PER_MM = 0.4 * LAYER_MM / 6.38  # for lines of 0.4 mm, with filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # farm time at which the operator's night begins
 POLL_S = 0.3  # wall seconds between two polls of the operator
 ANSWER_S = 120.0  # wall seconds for the start of a daemon on a busy machine
@@ -83,16 +83,17 @@ class Night:
         self.state.make()
         self._write_fleet()
         self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), complete_section)
-        self.plate_s = self._book_job()
+        self.plate_s = self._add_planned_job()
         print_numbers = range(1, args.plates + 1)
         # Numbers of started prints at which one fails, and at which a printer is unplugged.
-        self.to_fail = sorted(self.rng.sample(print_numbers, max(1, round(args.failing * args.plates))))
-        self.to_unplug = self.rng.randint(2, args.printers)
+        self.failure_counts = sorted(
+            self.rng.sample(print_numbers, max(1, round(args.failing * args.plates)))
+        )
+        self.unplug_count = self.rng.randint(2, args.printers)
         # Numbers of printed plates at which the daemon is killed, within the first half of them.
-        self.kills = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
-        self.wrong_plates: set[tuple[str, str]] = (
-            set()
-        )  # plates with a wrong number of prints, and their printers
+        self.kill_counts = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
+        # Printers and plates whose print was made to fail.
+        self.wrong_plates: set[tuple[str, str]] = set()
         self.unplugged: str | None = None
         self.kills_done = 0
 
@@ -119,8 +120,8 @@ class Night:
         """Return a printer's entry in `fleet.yaml`."""
         return {"name": name, "model": MODEL, "port": f"sim://{MODEL}?seed={seed}"}
 
-    def _book_job(self) -> float:
-        """Put a planned job of many equal plates into the books; return the expected time of one."""
+    def _add_planned_job(self) -> float:
+        """Add a planned job of many equal plates to the books; return the expected time of one."""
         path = self.state.work / "slow.gcode"
         path.write_text(write_slow_gcode(self.args.moves, self.args.move_s))
         options = JobOptions()
@@ -188,7 +189,7 @@ class Night:
         self.run_farm("up")
         try:
             while True:
-                view = self._status()
+                view = self._read_status()
                 job = view.jobs[0]
                 if job.state in ("done", "failed") or time.monotonic() - start_s > self.args.patience_s:
                     break
@@ -199,7 +200,7 @@ class Night:
         finally:
             self._end()
 
-    def _status(self) -> api.Status:
+    def _read_status(self) -> api.Status:
         deadline_s = time.monotonic() + ANSWER_S
         while True:
             try:
@@ -222,15 +223,15 @@ class Night:
             key = (printer.name, printing.plate)
             if printing.progress > 0.5 or printer.name == self.unplugged or key in self.wrong_plates:
                 continue
-            if self.unplugged is None and started_count >= self.to_unplug:
+            if self.unplugged is None and started_count >= self.unplug_count:
                 self.unplugged = printer.name
                 self.wrong_plates.add(key)
                 control(self._emulator(printer.name), Command.UNPLUG)
-            elif self.to_fail and started_count >= self.to_fail[0]:
-                del self.to_fail[0]
+            elif self.failure_counts and started_count >= self.failure_counts[0]:
+                del self.failure_counts[0]
                 self.wrong_plates.add(key)
                 control(self._emulator(printer.name), Command.RESET)
-        if self.kills_done < len(self.kills) and job.printed >= self.kills[self.kills_done]:
+        if self.kills_done < len(self.kill_counts) and job.printed >= self.kill_counts[self.kills_done]:
             self.kills_done += 1
             os.kill(view.daemon.pid, signal.SIGKILL)
             self.run_farm("up")
@@ -243,14 +244,16 @@ class Night:
         is_away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
         if is_away:
             return
-        full_printers = {printer.name for printer in view.printers if printer.bed != Bed.CLEAR}
+        printers_to_clear = {printer.name for printer in view.printers if printer.bed != Bed.CLEAR}
         for item in view.todo:
             try:
                 if item.code == "outage":
                     self.client.send_command("/outage/confirm")
                 elif item.code in ("clear", "look", "connect"):
                     for name in (
-                        item.printers if item.code == "look" else full_printers.intersection(item.printers)
+                        item.printers
+                        if item.code == "look"
+                        else printers_to_clear.intersection(item.printers)
                     ):
                         self.client.cleared(name, api.ClearedRequest())
             except FarmError:
@@ -262,14 +265,14 @@ class Night:
         with Store(self.state.books) as store:
             books = store.load()
         good_plates = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
-        machines = len(self.names) - (self.unplugged is not None)
-        rounds = -(-len(books.plates) // machines)
+        printer_count = len(self.names) - (self.unplugged is not None)
+        rounds = -(-len(books.plates) // printer_count)
         return {
             "printers": len(self.names),
             "plates": len(books.plates),
             "done": len(good_plates),
             "lost": len(books.plates) - len(good_plates),
-            "doubled": sum(count > 1 for count in self._count_prints_made(books).values()),
+            "printed_twice": sum(count > 1 for count in self._count_completed_prints(books).values()),
             "failed": sum(p.state is PrintState.FAILED for p in books.prints.values()),
             "daemon_killed": self.kills_done,
             "unplugged": self.unplugged,
@@ -280,7 +283,7 @@ class Night:
             "wall_s": round(wall_s, 1),
         }
 
-    def _count_prints_made(self, books: Books) -> Counter[str]:
+    def _count_completed_prints(self, books: Books) -> Counter[str]:
         """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
         print_ids = set()
         for name in self.names:

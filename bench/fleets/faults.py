@@ -55,17 +55,17 @@ class PrintingFleet:
 
 def limit_polls(condition: Callable[[], bool]) -> Callable[[], bool]:
     """Return a condition that polls only every `_POLL_S`, so that polls hardly load the daemon."""
-    asked_s = 0.0
+    polled_s = 0.0
 
-    def ask() -> bool:
-        nonlocal asked_s
-        if time.monotonic() - asked_s < _POLL_S:
+    def poll() -> bool:
+        nonlocal polled_s
+        if time.monotonic() - polled_s < _POLL_S:
             return False
         holds = condition()
-        asked_s = time.monotonic()
+        polled_s = time.monotonic()
         return holds
 
-    return ask
+    return poll
 
 
 def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
@@ -79,30 +79,40 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
         core.
     """
     hosts = sum(len(fleet.names[name]) for name in groups)
+<<<<<<< Updated upstream:bench/fleets/faults.py
     fleet.agents.serve(_NOTICE_S)  # notices on prints and jobs that have ended are sent first
     printing, noticed, begun_s = len(fleet.agents.printing), len(fleet.notices.lines), time.monotonic()
+=======
+    printing_count, notice_count, begun_s = (
+        len(fleet.agents.printing),
+        len(fleet.notices.lines),
+        time.monotonic(),
+    )
+>>>>>>> Stashed changes:bench/fleet_faults.py
     cpu_s = fleet.daemon.cpu_s()
     fleet.groups.lose(*groups)
-    told_s = fleet.wait(lambda: fleet.follower.count("HostLost", begun_s) >= hosts, "the loss to be noticed")
+    loss_task_s = fleet.wait(
+        lambda: fleet.follower.count("HostLost", begun_s) >= hosts, "the loss to be noticed"
+    )
     fleet.agents.serve(_NOTICE_S)
     status = fleet.daemon.client.status()
     tasks = [todo for todo in status.todo if todo.code == "host"]
     unknown = sum(printer.state == "unknown" for printer in status.printers)
     share = (fleet.daemon.cpu_s() - cpu_s) / (time.monotonic() - begun_s)
-    lines = fleet.notices.lines[noticed:]
+    lines = fleet.notices.lines[notice_count:]
     fleet.groups.mend(*groups)
-    mended_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
+    reconnected_s = fleet.wait(lambda: fleet.count_lost() == 0 and fleet.count_unknown() == 0, "the hosts")
     return {
         "hosts": hosts,
         "printers": unknown,
-        "told_s": told_s,
+        "loss_task_s": loss_task_s,
         "events": fleet.follower.count("HostLost", begun_s),
         "tasks": len(tasks),
         "notices": len(lines),
         "notice_texts": lines,
-        "prints_ended": printing - len(fleet.agents.printing),
+        "prints_ended": printing_count - len(fleet.agents.printing),
         "cpu_share": share,
-        "mended_s": mended_s,
+        "reconnected_s": reconnected_s,
     }
 
 

@@ -187,15 +187,13 @@ class Year:
         files, books = list_files(self.state.files), self.controller.books
         events, missing_files = len(self.store.events()), list_named_files(books) - files.keys()
         self.store.close()
-        (copy, *_), pruned_jobs = (
-            sorted(self.state.backups.iterdir()),
-            [j for j in books.jobs.values() if j.pruned_s],
-        )
+        oldest_backup, *_ = sorted(self.state.backups.iterdir())
+        pruned_jobs = [job for job in books.jobs.values() if job.pruned_s]
         return {
             "files_gb": sum(file.size_bytes for file in files.values()) / 1e9,
             "database_mb": self.state.books.stat().st_size / 1e6,
             "backups_mb": sum(path.stat().st_size for path in self.state.backups.iterdir()) / 1e6,
-            "backup_readable": read_books(copy)[1] > 0,
+            "backup_readable": read_books(oldest_backup)[1] > 0,
             "events": events,
             "jobs": len(books.jobs),
             "pruned_jobs": len(pruned_jobs),

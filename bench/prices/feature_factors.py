@@ -1,10 +1,10 @@
-"""Errors of expected times on printers with other firmware than assumed: one factor, and factors by feature.
+"""Errors of expected times on printers with other firmware than assumed: with one factor, and by feature.
 
 Usage: python -m bench.prices.feature_factors --cache DIR [--seeds 1,2,3,4] [--side 90] [--splits 20] [--json]
 
 Parts are quarters of the models of `bench.unseen`, sliced by CuraEngine. The actual time of a slice's layers
-is that of its moves in the emulator's planner, with other limits than those that CuraEngine assumes. Of all
-parts, 30 teach the factors as prints teach them to the farm, and the others are predicted; the errors are
+is that of its moves in the emulator's planner, with other limits than those that CuraEngine assumes. The
+factors are learned from 30 parts, as the farm learns them from prints, and predict the others; the errors are
 means over some random divisions. Parts are kept in the cache: the first run slices them, which takes minutes.
 """
 
@@ -165,9 +165,11 @@ def compare(parts: Sequence[PartTimes], firmware: str, splits: int, pauses: int 
         rng = random.Random(split)
         order = list(parts)
         rng.shuffle(order)
-        taught, held_out = order[:MIN_PRINTS], order[MIN_PRINTS:]
-        actual_s = [part.actual_s[firmware] * (1.2 if i < pauses else 1.0) for i, part in enumerate(taught)]
-        mixed = list(zip(taught, actual_s, strict=True))
+        learned_from, held_out = order[:MIN_PRINTS], order[MIN_PRINTS:]
+        actual_s = [
+            part.actual_s[firmware] * (1.2 if i < pauses else 1.0) for i, part in enumerate(learned_from)
+        ]
+        mixed = list(zip(learned_from, actual_s, strict=True))
         rng.shuffle(mixed)
         factors = learn_factors([part for part, _ in mixed], [reached_s for _, reached_s in mixed])
         ratios = np.array([part.actual_s[firmware] / part.sliced_s for part in held_out])
@@ -198,7 +200,9 @@ def main() -> None:
     if args.json:
         print(json.dumps({"parts": len(parts), "errors": [asdict(row) for row in rows]}, indent=1))
         return
-    print(f"{len(parts)} parts, {MIN_PRINTS} teach, {args.splits} divisions; in parentheses the worst part")
+    print(
+        f"{len(parts)} parts, {MIN_PRINTS} to learn from, {args.splits} divisions; in parentheses: worst part"
+    )
     for row in rows:
         print(
             f"{row.firmware:26} no factor {row.none:6.2%}, one factor {row.one_factor:6.2%}"

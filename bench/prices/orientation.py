@@ -53,7 +53,7 @@ from slicing.settings import (
 Shapes = Mapping[str, Callable[[], Solid]]
 
 REQUEST = SettingsRequest(build_slicing_printer(BEDS[PRINTER]), "glue")
-UNTURNED = 4  # index into POSE_ROTATIONS: no rotation
+NO_ROTATION = 4  # index into POSE_ROTATIONS
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Row:
 
     Attributes
     ----------
-    ours_s, full_brim_s
+    chosen_s, full_brim_s
         In the chosen pose, with the brim chosen for the part and with the quality's.
     axes_s, axes_stand, axes_touched_mm2
         In the axis poses that fit; whether the part stands there; area of cut faces that support touches.
@@ -71,9 +71,9 @@ class Row:
     part: str
     price_s: float
     compute_s: float
-    ours_s: float | None
+    chosen_s: float | None
     full_brim_s: float | None
-    as_is_s: float | None
+    pose_in_model_s: float | None
     up: list[float]
     brim_mm: float | None
     stands: bool
@@ -155,9 +155,9 @@ def compare(
         part=name,
         price_s=best.price_s,
         compute_s=compute_s,
-        ours_s=slice_pose(best, part_settings),
+        chosen_s=slice_pose(best, part_settings),
         full_brim_s=slice_pose(best, DEFAULT_PART),
-        as_is_s=slice_pose(axes[UNTURNED], DEFAULT_PART),
+        pose_in_model_s=slice_pose(axes[NO_ROTATION], DEFAULT_PART),
         up=best.to_model[:3, 2].tolist(),
         brim_mm=best.brim_width_mm,
         stands=best.stands,
@@ -178,11 +178,13 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
     is_touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
     return {
         "schema": 1,
-        "to_best_axis": compute_ratios([(r.ours_s, r.best_axis_s()) for r in rows]),
+        "to_best_axis": compute_ratios([(r.chosen_s, r.best_axis_s()) for r in rows]),
         "to_best_axis_full_brim": compute_ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
-        "to_best_standing_axis": compute_ratios([(r.ours_s, r.best_axis_s(is_standing=True)) for r in rows]),
-        "to_as_is": compute_ratios([(r.ours_s, r.as_is_s) for r in rows]),
-        "estimate": compute_ratios([(r.price_s, r.ours_s) for r in rows]),
+        "to_best_standing_axis": compute_ratios(
+            [(r.chosen_s, r.best_axis_s(is_standing=True)) for r in rows]
+        ),
+        "to_pose_in_model": compute_ratios([(r.chosen_s, r.pose_in_model_s) for r in rows]),
+        "price_ratio": compute_ratios([(r.price_s, r.chosen_s) for r in rows]),
         "stand": sum(r.stands for r in rows),
         "touched": sum(r.touched_mm2 > TOUCHED_MM2 for r in rows),
         "axes_touched_share": float(np.mean(is_touched)),
@@ -216,7 +218,13 @@ def main() -> int:
     if args.json:
         print(json.dumps(result, indent=1))
         return 0
-    for name in ("to_best_axis", "to_best_axis_full_brim", "to_best_standing_axis", "to_as_is", "estimate"):
+    for name in (
+        "to_best_axis",
+        "to_best_axis_full_brim",
+        "to_best_standing_axis",
+        "to_pose_in_model",
+        "price_ratio",
+    ):
         figures = result[name]
         print(f"{name:24} mean {figures['mean']:.3f}, worst {figures['worst']:.3f}, {figures['parts']} parts")
     print(f"{result['stand']} of {len(rows)} stand; support touches a cut face of {result['touched']}")
@@ -228,11 +236,12 @@ def main() -> int:
 
 def _format_line(row: Row) -> str:
     up_text = " ".join(f"{v:+.2f}" for v in row.up)
-    ours, axis, as_is = (
-        "-" if t is None else f"{t:.0f}" for t in (row.ours_s, row.best_axis_s(), row.as_is_s)
+    chosen, axis, in_model = (
+        "-" if t is None else f"{t:.0f}" for t in (row.chosen_s, row.best_axis_s(), row.pose_in_model_s)
     )
     brim = "-" if row.brim_mm is None else f"{row.brim_mm:g}"
-    return f"{row.part:24} up {up_text}  brim {brim:>3}  ours {ours:>6}  axis {axis:>6}  as is {as_is:>6}"
+    times_text = f"chosen {chosen:>6}  axis {axis:>6}  in model {in_model:>6}"
+    return f"{row.part:24} up {up_text}  brim {brim:>3}  {times_text}"
 
 
 if __name__ == "__main__":

@@ -34,9 +34,8 @@ from slicing.plate import PlateRequest, slice_plate
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER = "ultimaker2_plus"
-ENDLESS_BED = (
-    (-500.0, -500.0, 500.0, 500.0, 500.0),
-)  # large enough for every part: only its time is measured
+# Large enough for every part: only times are measured.
+ENDLESS_BED = ((-500.0, -500.0, 500.0, 500.0, 500.0),)
 COUNTS = (4, 9)  # printers, for parts of two sizes
 OTHER_MODEL_MM = 200.0  # longest side of a model from a folder
 
@@ -196,9 +195,7 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
-            rng = np.random.default_rng(
-                count
-            )  # seeded for each model, so that another model does not change the rest
+            rng = np.random.default_rng(count)  # for each model, so that models can be added
             rng.shuffle(parts)  # type: ignore[arg-type]
             for part in parts[:max_parts]:
                 label = f"{count}-{part.id}"
@@ -212,12 +209,12 @@ def list_parts(models: Iterable[tuple[str, Model]], max_parts: int) -> Iterator[
                         yield PosedPart(name, f"{label}-turned", False, corners)
 
 
-def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) -> Row | None:
+def measure(posed_part: PosedPart, setting: str, folder: Path, cache: Path | None) -> Row | None:
     """Slice one part at one setting; None if the slice is refused."""
     settings = resolve_named_settings(setting)
-    name = f"{posed.model}-{posed.part}-{setting}"
+    name = f"{posed_part.model}-{posed_part.part}-{setting}"
     stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
-    write_stl(stl, posed.corners)
+    write_stl(stl, posed_part.corners)
     request = PlateRequest(
         stl=stl, settings=settings, output_path=out, engine=find_engine(), bed=ENDLESS_BED, cache=cache
     )
@@ -230,9 +227,9 @@ def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) ->
     stl.unlink()
     out.unlink()
     cost = CostModel.from_recipe(build_recipe(settings, prelude_s=0.0))
-    (features,), (extents,) = sum_pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
-    no_marks = np.zeros(len(posed.corners), dtype=np.bool_)
-    support = measure_columns(posed.corners.astype(np.float64), no_marks, cost.overhang_cos)
+    (features,), (extents,) = sum_pose_features(*posed_part.arrays, POSE_ROTATIONS[4:5], cost)
+    no_marks = np.zeros(len(posed_part.corners), dtype=np.bool_)
+    support = measure_columns(posed_part.corners.astype(np.float64), no_marks, cost.overhang_cos)
     figures = [*map(float, features), *map(float, extents)]
     figures += [
         support.support_mm3,
@@ -241,7 +238,7 @@ def measure(posed: PosedPart, setting: str, folder: Path, cache: Path | None) ->
         support.islands_mm,
         sliced_s,
     ]
-    return Row(posed.model, posed.part, posed.printed, setting, *figures, **kinds)
+    return Row(posed_part.model, posed_part.part, posed_part.printed, setting, *figures, **kinds)
 
 
 def measure_kinds_s(gcode: str) -> dict[str, float]:
@@ -269,7 +266,9 @@ def make_table(
     """Make the whole table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
         futures = []
-        for number, posed in enumerate(list_parts(models, max_parts)):
+        for number, posed_part in enumerate(list_parts(models, max_parts)):
             setting_names = SETTINGS if number % 2 == 0 else FULL_SETTINGS
-            futures += [pool.submit(measure, posed, name, Path(scratch), cache) for name in setting_names]
+            futures += [
+                pool.submit(measure, posed_part, name, Path(scratch), cache) for name in setting_names
+            ]
         return [row for future in futures if (row := future.result()) is not None]

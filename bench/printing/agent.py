@@ -39,7 +39,7 @@ POSITION_ANSWER = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n
 
 
 class Peer:
-    """Board that acknowledges lines, reaches every target at once, and tracks the position of its head."""
+    """Board that acknowledges lines, and reaches every target temperature at once."""
 
     def __init__(self, link: Path, period_s: float) -> None:
         profile = PROFILES[MODEL]

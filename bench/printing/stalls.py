@@ -1,4 +1,4 @@
-"""Time for which one damaged byte, line or answer stops a hot head.
+"""Time for which a hot head stands still after one damaged byte, line or answer.
 
 ``python -m bench.printing.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the
 emulator's firmware in one process, on their own clock, print moves of 10 ms; every 30 lines one fault of a
@@ -27,34 +27,34 @@ from drivers.link import Link, LinkFault, Phase
 from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
-EVERY_LINES = 30
+LINES_PER_FAULT = 30
 TO_BOARD_S, TO_HOST_S = 0.001, 0.004  # transfer times; the USB chip sends its buffer every 4 ms
 HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X90 Y90 Z0.3", b"M400"]
 TAIL = [b"M400"] * 3
-SPECIAL = {10: b"M106 S%d", 20: b"M400"}  # among the moves, by their place in each 30 lines
+SPECIAL_LINES = {10: b"M106 S%d", 20: b"M400"}  # in place of moves, by their index in each 30 lines
 
 Damage = Callable[[bytes, random.Random], bytes]
 
 
-def cut(data: bytes, index: int, count: int = 1) -> bytes:
+def remove_bytes(data: bytes, index: int, count: int = 1) -> bytes:
     return data[:index] + data[index + count :]
 
 
-def lose(data: bytes, rng: random.Random) -> bytes:
-    return cut(data, rng.randrange(len(data)))
+def remove_byte(data: bytes, rng: random.Random) -> bytes:
+    return remove_bytes(data, rng.randrange(len(data)))
 
 
-def double(data: bytes, rng: random.Random) -> bytes:
+def double_byte(data: bytes, rng: random.Random) -> bytes:
     index = rng.randrange(len(data))
     return data[:index] + data[index : index + 1] + data[index:]
 
 
-def flip(data: bytes, rng: random.Random) -> bytes:
+def flip_bit(data: bytes, rng: random.Random) -> bytes:
     index = rng.randrange(len(data))
     return data[:index] + bytes((data[index] ^ 1 << rng.randrange(8),)) + data[index + 1 :]
 
 
-def spoil(data: bytes, rng: random.Random) -> bytes:
+def corrupt_number(data: bytes, rng: random.Random) -> bytes:
     """Flip a bit so that the line is complete but refused."""
     index = rng.randrange(data.index(b"X") + 1, data.index(b"*"))
     return data[:index] + bytes((data[index] ^ 1,)) + data[index + 1 :]
@@ -70,18 +70,18 @@ def flip_digit(data: bytes, rng: random.Random) -> bytes:
     return data[:index] + bytes((data[index] ^ 1 << rng.randrange(3),)) + data[index + 1 :]
 
 
-def refuse(age: int) -> Damage:
+def add_refusal(age: int) -> Damage:
     """Add a refusal after an ok, which no real board sends."""
 
     def damage(data: bytes, rng: random.Random) -> bytes:
-        last = refuse.last - age  # type: ignore[attr-defined]
+        last = add_refusal.last_number - age  # type: ignore[attr-defined]
         return data + b"Error:checksum mismatch, Last Line: %d\nResend: %d\nok\n" % (last, last + 1)
 
     return damage
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FaultKind:
     """Kind of fault: the damage to a line, and to the next answer.
 
     Attributes
@@ -97,35 +97,35 @@ class Kind:
     lines: bytes = rb" G1 "
 
 
-def drop(data: bytes, rng: random.Random) -> bytes:
+def remove_all(data: bytes, rng: random.Random) -> bytes:
     return b""
 
 
-def cut_end(data: bytes, rng: random.Random) -> bytes:
+def remove_end(data: bytes, rng: random.Random) -> bytes:
     return data[: rng.randrange(1, len(data) - 1)]
 
 
-def repeat(data: bytes, rng: random.Random) -> bytes:
+def repeat_all(data: bytes, rng: random.Random) -> bytes:
     return data + data
 
 
 _LINE_DAMAGES: dict[str, Damage] = {
     "newline lost": replace_match(rb"\n"),
-    "byte lost": lose,
-    "byte doubled": double,
-    "bit flipped": flip,
-    "half lost": cut_end,
-    "line lost": drop,
-    "line doubled": repeat,
+    "byte lost": remove_byte,
+    "byte doubled": double_byte,
+    "bit flipped": flip_bit,
+    "end lost": remove_end,
+    "line lost": remove_all,
+    "line doubled": repeat_all,
 }
 _ANSWER_DAMAGES: dict[str, Damage] = {
     "newline lost": replace_match(rb"\n"),
-    "byte lost": lose,
-    "byte doubled": double,
-    "bit flipped": flip,
-    "answer lost": drop,
-    "answer doubled": repeat,
-    "glued to another": replace_match(rb"\n", b"echo:SD init fail\n"),
+    "byte lost": remove_byte,
+    "byte doubled": double_byte,
+    "bit flipped": flip_bit,
+    "answer lost": remove_all,
+    "answer doubled": repeat_all,
+    "joined to another": replace_match(rb"\n", b"echo:SD init fail\n"),
     "noise before it": lambda data, rng: rng.randbytes(5) + data,
 }
 _REFUSAL_DAMAGES: dict[str, Damage] = {
@@ -135,27 +135,27 @@ _REFUSAL_DAMAGES: dict[str, Damage] = {
     "Resend garbled": flip_digit,
     "Error and Resend lost": replace_match(rb"(?s)Error:.*Resend: \d+\n"),
     "its ok lost": replace_match(rb"ok\n"),
-    "all of it lost": drop,
-    "newline of Error lost": lambda data, rng: cut(data, data.index(b"\n")),
+    "all of it lost": remove_all,
+    "newline of Error lost": lambda data, rng: remove_bytes(data, data.index(b"\n")),
     "newline of Resend lost": replace_match(rb"\nok\n", b"ok\n"),
     "newline of its ok lost": lambda data, rng: data[:-1],
 }
 _OTHER_COMMANDS = {"M106": rb" M106 ", "M400": rb" M400\*", "M105": rb" M105\*"}
 
-KINDS: dict[str, Kind] = {
-    **{f"move: {name}": Kind(to_board=damage) for name, damage in _LINE_DAMAGES.items()},
-    **{f"ok: {name}": Kind(to_host=damage) for name, damage in _ANSWER_DAMAGES.items()},
-    **{f"refusal: {name}": Kind(spoil, damage) for name, damage in _REFUSAL_DAMAGES.items()},
-    "refusal without cause: of the last line": Kind(to_host=refuse(0)),
-    "refusal without cause: of the third line before it": Kind(to_host=refuse(3)),
-    "refusal without cause: of the 40th line before it": Kind(to_host=refuse(40)),
+KINDS: dict[str, FaultKind] = {
+    **{f"move: {name}": FaultKind(to_board=damage) for name, damage in _LINE_DAMAGES.items()},
+    **{f"ok: {name}": FaultKind(to_host=damage) for name, damage in _ANSWER_DAMAGES.items()},
+    **{f"refusal: {name}": FaultKind(corrupt_number, damage) for name, damage in _REFUSAL_DAMAGES.items()},
+    "refusal without cause: of the last line": FaultKind(to_host=add_refusal(0)),
+    "refusal without cause: of the third line before it": FaultKind(to_host=add_refusal(3)),
+    "refusal without cause: of the 40th line before it": FaultKind(to_host=add_refusal(40)),
     **{
-        f"{code}: {name}": Kind(to_board=damage, lines=lines)
+        f"{code}: {name}": FaultKind(to_board=damage, lines=lines)
         for code, lines in _OTHER_COMMANDS.items()
         for name, damage in _LINE_DAMAGES.items()
     },
     **{
-        f"{code}'s answer: {name}": Kind(to_host=damage, lines=lines)
+        f"{code}'s answer: {name}": FaultKind(to_host=damage, lines=lines)
         for code, lines in _OTHER_COMMANDS.items()
         for name, damage in _ANSWER_DAMAGES.items()
     },
@@ -190,12 +190,12 @@ class Outcome:
 
 def make_move(i: int) -> bytes:
     """Make the `i`-th line: half a millimetre in 10 ms, different from its neighbours."""
-    special = SPECIAL.get(i % EVERY_LINES)
+    special = SPECIAL_LINES.get(i % LINES_PER_FAULT)
     if special is not None:
         return special % (i % 255) if b"%" in special else special
     return b"G1 X%.2f Y%.1f E%.4f" % (
         100 + i % 2 * 0.5,
-        100 + i // EVERY_LINES % 50 * 0.5,
+        100 + i // LINES_PER_FAULT % 50 * 0.5,
         i * 0.02,
     )
 
@@ -208,7 +208,7 @@ class Recorder(EmulatedFirmware):
         super().__init__(PROFILES[MODEL], Faults(), rng, 0.0)
 
     @property
-    def last(self) -> int:
+    def last_number(self) -> int:
         return self._last_number
 
     def _read_plain_move(self) -> bool:
@@ -243,53 +243,53 @@ class WireDirection:
         return data
 
 
-class Tamperer:
+class FaultInjector:
     """Wire that damages one line of every 30, or its answer."""
 
-    def __init__(self, kind: Kind, rng: random.Random) -> None:
+    def __init__(self, kind: FaultKind, rng: random.Random) -> None:
         self._kind, self._rng = kind, rng
         self._number = re.compile(rb"N(\d+)" + kind.lines)
-        self._next_number = EVERY_LINES  # first line number of the next fault
-        self._answer_is_next = False  # the answer is damaged next
-        self.hit = 0
+        self._next_number = LINES_PER_FAULT  # first line number of the next fault
+        self._is_answer_next = False  # the answer is damaged next
+        self.fault_count = 0
 
-    def _draw(self, number: int) -> None:
-        self._next_number = number - number % EVERY_LINES + EVERY_LINES + self._rng.randrange(3)
+    def _schedule_next(self, number: int) -> None:
+        self._next_number = number - number % LINES_PER_FAULT + LINES_PER_FAULT + self._rng.randrange(3)
 
     def damage_line(self, data: bytes) -> bytes:
         match = self._number.match(data)
         if match is None or int(match[1]) < self._next_number:
             return data
-        self._draw(int(match[1]))
-        self._answer_is_next = self._kind.to_host is not None
-        self.hit += not self._answer_is_next
+        self._schedule_next(int(match[1]))
+        self._is_answer_next = self._kind.to_host is not None
+        self.fault_count += not self._is_answer_next
         return self._kind.to_board(data, self._rng) if self._kind.to_board else data
 
     def damage_answer(self, data: bytes) -> bytes:
-        if not self._answer_is_next or (self._kind.to_board and b"Resend" not in data):
+        if not self._is_answer_next or (self._kind.to_board and b"Resend" not in data):
             return data
         assert self._kind.to_host is not None
-        self._answer_is_next = False
-        self.hit += 1
+        self._is_answer_next = False
+        self.fault_count += 1
         return self._kind.to_host(data, self._rng)
 
 
-def run(kind: Kind, faults: int, seed: int) -> Outcome:
+def run(kind: FaultKind, faults: int, seed: int) -> Outcome:
     """Print with a number of faults of one kind."""
     rng = random.Random(seed)
-    lines = (faults + 2) * EVERY_LINES
+    lines = (faults + 2) * LINES_PER_FAULT
     program = [*(make_move(index) for index in range(lines)), *TAIL]
-    firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
+    firmware, link, injector = Recorder(rng), Link(ULTIMAKER2), FaultInjector(kind, rng)
     link.poll_every_s = 0.2
     link.on_opened(0.0)
     to_board, to_host = WireDirection(TO_BOARD_S), WireDirection(TO_HOST_S)
-    now_s, is_connected, fault, hit_count = 0.0, False, None, 0
+    now_s, is_connected, fault, fault_count = 0.0, False, None, 0
     marks_s: list[tuple[float, float]] = []  # at each fault: the time, and the seconds of motion until then
     while fault is None and not (is_connected and link.is_drained):
         now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s, to_board.due_s, to_host.due_s))
         answer = firmware.feed(to_board.take(now_s), now_s)
-        refuse.last = firmware.last  # type: ignore[attr-defined]
-        to_host.put(tamperer.damage_answer(answer) if answer else answer, now_s)
+        add_refusal.last_number = firmware.last_number  # type: ignore[attr-defined]
+        to_host.put(injector.damage_answer(answer) if answer else answer, now_s)
         data = to_host.take(now_s)
         events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
         fault = next((event.fault for event in events if isinstance(event, LinkFault)), None)
@@ -297,9 +297,9 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
             is_connected = True
             link.send(now_s, *HEAD)
             link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
-        to_board.put(tamperer.damage_line(link.take()), now_s)
-        if tamperer.hit > hit_count and len(marks_s) <= faults:
-            hit_count = tamperer.hit
+        to_board.put(injector.damage_line(link.take()), now_s)
+        if injector.fault_count > fault_count and len(marks_s) <= faults:
+            fault_count = injector.fault_count
             marks_s.append((now_s, firmware.printing_s))
     stalls_s = tuple(
         max(0.0, next_mark[0] - mark[0] - (next_mark[1] - mark[1])) for mark, next_mark in pairwise(marks_s)

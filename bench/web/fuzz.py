@@ -34,7 +34,7 @@ WARM_UP = 5000
 GOALS = {
     "failed": 0, "unanswered": 0, "events_without_right": 0, "jobs_without_right": 0,
     "prints_without_right": 0,
-    "uploads_left": 0, "new_descriptors": 4, "grown_mb_per_100000": 20.0,
+    "uploads_left": 0, "new_descriptors": 4, "memory_growth_mb_per_100000": 20.0,
 }  # fmt: skip
 _CAMERA_SILENT = 503
 _MAX_SHOWN = 20
@@ -85,7 +85,7 @@ async def send(port: int, request: FuzzedRequest, answer_s: float = ANSWER_S) ->
     return list(list_statuses(answer))
 
 
-class Fuzzing:
+class RequestSender:
     """Sender of several requests at a time, which counts the answers."""
 
     def __init__(self, port: int, rng: random.Random, connections: int) -> None:
@@ -125,17 +125,17 @@ def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         farm = FuzzedFarm(Path(name))
         try:
-            fuzzing, start_s = Fuzzing(farm.port, random.Random(seed), connections), time.monotonic()
-            powerless_keys = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
-            powerful_keys = {name: farm.keys[name] for name in ("print", "operate")}
+            sender, start_s = RequestSender(farm.port, random.Random(seed), connections), time.monotonic()
+            read_only_keys = {name: farm.keys[name] for name in ("nobody", "wrong", "revoked", "look")}
+            writing_keys = {name: farm.keys[name] for name in ("print", "operate")}
             measures_before = farm.measure()
             warm_up = min(WARM_UP, number // 4)
-            asyncio.run(fuzzing.run(warm_up, powerless_keys))
-            measures_warm = farm.measure()
-            asyncio.run(fuzzing.run(number * 3 // 4 - warm_up, powerless_keys))
-            middle = farm.measure()
-            accepted_powerless = fuzzing.accepted
-            asyncio.run(fuzzing.run(number - number * 3 // 4, powerful_keys))
+            asyncio.run(sender.run(warm_up, read_only_keys))
+            measures_after_warm_up = farm.measure()
+            asyncio.run(sender.run(number * 3 // 4 - warm_up, read_only_keys))
+            measures_read_only = farm.measure()
+            accepted_read_only = sender.accepted
+            asyncio.run(sender.run(number - number * 3 // 4, writing_keys))
             measures_after = farm.measure()
             deadline_s = time.monotonic() + ANSWER_S
             while measures_after["uploads"] and time.monotonic() < deadline_s:
@@ -145,27 +145,32 @@ def measure(number: int, seed: int, connections: int) -> dict[str, Any]:
         finally:
             farm.run("down", "--now")
     count = max(1, number * 3 // 4 - warm_up)
-    failed_count = sum(bool(statuses) for statuses, _ in fuzzing.failures)
+    failed_count = sum(bool(statuses) for statuses, _ in sender.failures)
     return {
-        "requests": fuzzing.sent,
-        "intact": fuzzing.intact,
+        "requests": sender.sent,
+        "intact": sender.intact,
         "seconds": time.monotonic() - start_s,
-        "statuses": dict(sorted(fuzzing.statuses.items())),
+        "statuses": dict(sorted(sender.statuses.items())),
         "failed": failed_count,
-        "unanswered": fuzzing.unanswered,
-        "failures": [(statuses, repr(data[:2000])) for statuses, data in fuzzing.failures[:_MAX_SHOWN]],
-        "events_without_right": middle["event"] - measures_before["event"],
-        "jobs_without_right": middle["job"],
-        "prints_without_right": middle["print"],
-        "accepted_changes": fuzzing.accepted - accepted_powerless,
-        "new_events": measures_after["event"] - middle["event"],
+        "unanswered": sender.unanswered,
+        "failures": [(statuses, repr(data[:2000])) for statuses, data in sender.failures[:_MAX_SHOWN]],
+        "events_without_right": measures_read_only["event"] - measures_before["event"],
+        "jobs_without_right": measures_read_only["job"],
+        "prints_without_right": measures_read_only["print"],
+        "accepted_changes": sender.accepted - accepted_read_only,
+        "new_events": measures_after["event"] - measures_read_only["event"],
         "new_jobs": measures_after["job"],
         "new_prints": measures_after["print"],
         "uploads_left": measures_after["uploads"],
-        "new_descriptors": middle["descriptors"] - measures_warm["descriptors"],
-        "grown_mb_per_100000": (middle["resident_mb"] - measures_warm["resident_mb"]) * 100_000 / count,
+        "new_descriptors": measures_read_only["descriptors"] - measures_after_warm_up["descriptors"],
+        "memory_growth_mb_per_100000": (
+            measures_read_only["resident_mb"] - measures_after_warm_up["resident_mb"]
+        )
+        * 100_000
+        / count,
         "resident_mb": [
-            sample["resident_mb"] for sample in (measures_before, measures_warm, middle, measures_after)
+            sample["resident_mb"]
+            for sample in (measures_before, measures_after_warm_up, measures_read_only, measures_after)
         ],
         "printers": {printer["name"]: printer["state"] for printer in status["printers"]},
     }
@@ -185,8 +190,8 @@ def main() -> None:
         print(
             f"{result['requests']} requests in {result['seconds']:.0f} s: {result['failed']} failed, "
             f"{result['unanswered']} unanswered; {result['events_without_right']} events and "
-            f"{result['prints_without_right']} prints without a right to them; "
-            f"{result['grown_mb_per_100000']:.1f} MB more for 100,000 requests"
+            f"{result['prints_without_right']} prints by callers without that right; "
+            f"memory grows by {result['memory_growth_mb_per_100000']:.1f} MB for 100,000 requests"
         )
         for statuses, data in result["failures"]:
             print(statuses, data[:500])

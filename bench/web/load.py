@@ -1,9 +1,14 @@
-"""Delays of other clients while thousands of connections from the network hang.
+"""Delays of other clients while thousands of clients on the network stop in the middle of a request.
 
+<<<<<<< Updated upstream:bench/web/load.py
 ``python -m bench.web.load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
 that prints. Clients on the network hang in every way: they are silent, send half a head, half a body of
+=======
+``python -m bench.web_load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
+that prints. Clients on the network stop in every way: they are silent, send half a head, half a body of
+>>>>>>> Stashed changes:bench/web_load.py
 JSON, half an upload, or never read the answers to many requests; a disconnected client connects again.
-Meanwhile another process asks for `GET /status` on the Unix socket every 50 ms, and on the network every
+Meanwhile another process requests `GET /status` on the Unix socket every 50 ms, and on the network every
 second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 if a goal is
 missed.
 """
@@ -69,7 +74,7 @@ class HangingClients:
     def __init__(self, port: int, key: str, number: int) -> None:
         self._port, self._incomplete_requests = port, list_incomplete_requests(key)
         self._selector = selectors.DefaultSelector()
-        self._number, self.is_connected, self.closed, self.refused = number, 0, 0, 0
+        self._number, self.connected, self.closed, self.refused = number, 0, 0, 0
 
     def hang(self, seconds: float) -> None:
         """Keep the connections open for some seconds."""
@@ -85,13 +90,13 @@ class HangingClients:
         client.settimeout(0.2)
         try:
             client.connect(("127.0.0.1", self._port))
-            client.send(self._incomplete_requests[self.is_connected % len(self._incomplete_requests)])
+            client.send(self._incomplete_requests[self.connected % len(self._incomplete_requests)])
         except OSError:
             client.close()
             self.refused += 1
             return
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        self.is_connected += 1
+        self.connected += 1
         self._selector.register(client, selectors.EVENT_READ)
 
     def _read(self, client: socket.socket) -> None:
@@ -105,7 +110,7 @@ class HangingClients:
             self.closed += 1
 
 
-def ask_status(state: Path, port: int, key: str, pipe: Connection) -> None:
+def request_status(state: Path, port: int, key: str, pipe: Connection) -> None:
     """Request the status until a message stops it; send the milliseconds of each answer, and the failures."""
     local_ms: list[float] = []
     request_count = failed_count = 0
@@ -146,17 +151,17 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
                 time.sleep(0.5)
             printer_before = read_printer(farm)
             receiver, sender = multiprocessing.get_context("spawn").Pipe()
-            asker = multiprocessing.get_context("spawn").Process(
-                target=ask_status, args=(farm.state, farm.port, key, sender)
+            requester = multiprocessing.get_context("spawn").Process(
+                target=request_status, args=(farm.state, farm.port, key, sender)
             )
             clients = HangingClients(farm.port, key, number)
             clients.hang(5.0)
-            asker.start()
+            requester.start()
             clients.hang(seconds)
             descriptors = len(list(Path(f"/proc/{farm.pid}/fd").iterdir()))
             receiver.send(None)
             local_ms, request_count, failed_count = receiver.recv()
-            asker.join()
+            requester.join()
             printer_after = read_printer(farm)
             start_s = time.monotonic()
             os.kill(farm.pid, signal.SIGTERM)
@@ -170,7 +175,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
     local_ms.sort()
     return {
         "connections": number,
-        "made": clients.is_connected,
+        "connections_opened": clients.connected,
         "closed_by_the_daemon": clients.closed,
         "refused": clients.refused,
         "descriptors": descriptors,
@@ -178,7 +183,7 @@ def measure(number: int, seconds: float) -> dict[str, Any]:
         "status_median_ms": local_ms[len(local_ms) // 2],
         "status_p99_ms": local_ms[int(0.99 * len(local_ms))],
         "status_worst_ms": local_ms[-1],
-        "network_asked": request_count,
+        "network_requests": request_count,
         "network_failures_share": failed_count / max(1, request_count),
         "new_agents": int(printer_before["agent_pid"] != printer_after["agent_pid"]),
         "printer_lost": int(printer_after["print"] is None),
@@ -216,7 +221,7 @@ def main() -> None:
             f"{100 * result['network_failures_share']:.0f} % failed; "
             f"the daemon ended within {result['end_s']:.1f} s of SIGTERM"
         )
-    sys.exit(any(result[name] > descriptor_limit for name, descriptor_limit in GOALS.items()))
+    sys.exit(any(result[name] > limit for name, limit in GOALS.items()))
 
 
 if __name__ == "__main__":
