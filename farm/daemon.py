@@ -50,7 +50,7 @@ from farm.http import (
     read_descriptor_limit,
 )
 from farm.log_format import start_log
-from farm.paths import Places, StateFolder, read_anchor, write_anchor
+from farm.paths import FarmPaths, StateFolder, read_anchor, write_anchor
 from farm.planning import JobPlanner, list_bed_boxes
 from farm.planning.error_translation import translate_errors
 from farm.planning.replanning import ReplanWorker
@@ -75,7 +75,11 @@ _CAMERAS_INTERVAL_S = 0.5
 _DISK_INTERVAL_S = 600.0
 _LOG_INTERVAL_S = 60.0
 _LOG_BYTES, _LOGS_KEPT = 10 * 2**20, 4
-_GC_THRESHOLDS = (20_000, 20, 20)  # a view of a large farm makes 50,000 objects: 700 would cost a sixth more
+_GC_THRESHOLDS = (
+    20_000,
+    20,
+    20,
+)  # a large farm's view has 50,000 objects: Python's 700 costs a sixth more
 _FOLLOW_INTERVAL_S = 1.0  # wall seconds; a clock set back delays timers by at most this
 _ABORT_S = 150.0  # wall seconds within which every print can be stopped safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
@@ -84,10 +88,10 @@ _GRACE_S = 3  # wall seconds for requests that are under way when the daemon end
 class Daemon:
     """The daemon of one farm. `run` returns on shutdown or SIGTERM; prints then continue."""
 
-    def __init__(self, fleet: Fleet, places: Places) -> None:
+    def __init__(self, fleet: Fleet, paths: FarmPaths) -> None:
         self._fleet = fleet
-        self._places = places
-        self._state = places.state
+        self._paths = paths
+        self._state = paths.state
         self._clock = open_farm_clock(fleet, self._state)
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
@@ -126,13 +130,13 @@ class Daemon:
 
     async def run(self) -> None:
         """Serve until the farm is shut down."""
-        listener = listen(self._places.socket, self._fleet.fleet.group)
+        listener = listen(self._paths.socket, self._fleet.fleet.group)
         upkeep = Upkeep(self._controller, self._store, self._state, self._workers)
         cameras = Cameras(self._controller, self._state)
         services = Services(
             self._controller,
             self._state,
-            self._places.fleet,
+            self._paths.fleet,
             self._workers,
             self._shut_down,
             self._agents.replace,
@@ -187,7 +191,7 @@ class Daemon:
             if self._cluster is not None:
                 await self._cluster.wait_closed()
             listener.close()
-            self._places.socket.unlink(missing_ok=True)
+            self._paths.socket.unlink(missing_ok=True)
             self._store.close()
 
     def _limit_connections(self) -> int:
@@ -240,11 +244,11 @@ class Daemon:
             await asyncio.sleep(_FOLLOW_INTERVAL_S)  # on the loop's monotonic clock
             step_s = self._clock.follow_host()
             if step_s:
-                log.warning("the host's clock was set by %+.0f s: hours follow it from now on", step_s)
-                self._timers.clock_set()
-                self._agents.hosts.clock_set(step_s)
+                log.warning("the host's clock was set by %+.0f s: attended and quiet hours follow it", step_s)
+                self._timers.on_clock_set()
+                self._agents.hosts.on_clock_set(step_s)
                 if self._notifier is not None:
-                    self._notifier.clock_set(step_s)
+                    self._notifier.on_clock_set(step_s)
                 self._controller.on_clock_set(step_s)
 
     def _notify(self) -> None:
@@ -288,7 +292,7 @@ class Daemon:
         Prints that do not end keep the farm running, so that a person can inspect them.
         """
         planning = self._controller.planning
-        while not now and (self._inspections or planning.list_running(self._controller.books)):
+        while not now and (self._inspections or planning.list_running_jobs(self._controller.books)):
             await asyncio.sleep(0.1)
         deadline_s = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
@@ -302,7 +306,7 @@ class Daemon:
             self._server.should_exit = True
 
 
-def run(fleet: Fleet, places: Places) -> None:
+def run(fleet: Fleet, paths: FarmPaths) -> None:
     """Run the daemon in the foreground.
 
     Raises
@@ -317,14 +321,14 @@ def run(fleet: Fleet, places: Places) -> None:
     check_operators(fleet.fleet.operators)
     if fleet.fleet.materials is not None:
         os.environ[OWN_MATERIALS_VARIABLE] = str(fleet.fleet.materials)  # for the workers
-    places.state.make()
+    paths.state.make()
     try:
-        with _lock_state_folder(places.state):
-            _remove_unfinished(places.state)
-            asyncio.run(Daemon(fleet, places).run())
+        with _lock_state_folder(paths.state):
+            _remove_unfinished(paths.state)
+            asyncio.run(Daemon(fleet, paths).run())
     except OSError as error:
         raise FarmError(
-            f"the state folder {places.state.root} cannot be used ({error}): check its disk space and its "
+            f"the state folder {paths.state.root} cannot be used ({error}): check its disk space and its "
             "permissions"
         ) from error
 

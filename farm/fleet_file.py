@@ -27,7 +27,7 @@ from farm.config import (
 )
 from farm.errors import FleetFileError
 
-LARGEST_FILE_BYTES = 512 * 1024  # enough for a thousand printers
+MAX_FILE_BYTES = 512 * 1024  # enough for a thousand printers
 MAX_VALUES = 100_000
 """Keys and values, with aliases (`*name`) expanded: a few lines can expand to billions."""
 
@@ -93,7 +93,7 @@ def load_fleet(
         fleet = Fleet.model_validate(values)
     except ValidationError as error:
         raise document.describe(error.errors()[0]) from error
-    fleet_section = _find_folders(fleet.fleet, path.absolute().parent)
+    fleet_section = _resolve_folders(fleet.fleet, path.absolute().parent)
     sections: list[PrinterSection] = []
     for index, section in enumerate(fleet.printers):
         try:
@@ -111,7 +111,7 @@ def load_fleet(
     return fleet.model_copy(update={"fleet": fleet_section, "printers": tuple(printers)})
 
 
-def _find_folders(section: FleetSection, parent: Path) -> FleetSection:
+def _resolve_folders(section: FleetSection, parent: Path) -> FleetSection:
     """Return the section with its folders resolved from the folder of the fleet file."""
     changes: dict[str, object] = {}
     if section.materials is not None:
@@ -124,7 +124,7 @@ def _find_folders(section: FleetSection, parent: Path) -> FleetSection:
 
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """A fleet file as YAML nodes, which know their lines."""
+    """A fleet file as YAML nodes, with their lines."""
 
     path: Path
     node: yaml.Node | None
@@ -215,9 +215,9 @@ class _Loader(yaml.SafeLoader):
 def _read(path: Path) -> str:
     try:
         with path.open("rb") as file:
-            data = file.read(LARGEST_FILE_BYTES + 1)
-        if len(data) > LARGEST_FILE_BYTES:
-            raise FleetFileError(f"{path}: is larger than {LARGEST_FILE_BYTES // 1024} KiB: no fleet file")
+            data = file.read(MAX_FILE_BYTES + 1)
+        if len(data) > MAX_FILE_BYTES:
+            raise FleetFileError(f"{path}: is larger than {MAX_FILE_BYTES // 1024} KiB: not a fleet file")
         return data.decode()
     except FileNotFoundError as error:
         raise FleetFileError(

@@ -88,7 +88,7 @@ class StateFolder:
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class FarmPaths:
     """Paths of `--state`, `--socket` and `--fleet`, which nearly every command takes."""
 
     state: StateFolder
@@ -98,13 +98,13 @@ class Places:
     key_file: Path | None = None  # with the key for the URL
 
 
-def find_places(
+def find_farm_paths(
     state: Path | None,
     socket: Path | None,
     fleet: Path | None,
     env: Mapping[str, str] = os.environ,
     shared: Path = SHARED_SOCKET,
-) -> Places:
+) -> FarmPaths:
     """Find the paths of a farm: from the options, else the environment, else the XDG folders.
 
     If a state folder is named but no socket, the socket is in that folder, so that two farms on one host
@@ -138,7 +138,7 @@ def find_places(
         config = (_read_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
         candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
         fleet = next((path for path in candidates if _check_path(path.is_file)), candidates[0])
-    return Places(StateFolder(root), _shorten_socket_path(socket.absolute(), env), fleet.absolute())
+    return FarmPaths(StateFolder(root), _shorten_socket_path(socket.absolute(), env), fleet.absolute())
 
 
 def _check_path(check: Callable[[], bool]) -> bool:

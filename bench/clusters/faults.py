@@ -117,7 +117,7 @@ class TakenFiles:
     def write(self, task: RemoteTask, files: dict[str, bytes]) -> None:
         """Write files as `remote_task.write_files` does, and count those that are results."""
         if not set(files) <= set(task.live):
-            self.by_task[(task.limit.what, *task.folders, *task.writes)] += 1
+            self.by_task[(task.limit.work, *task.folders, *task.writes)] += 1
         self._write(task, files)
 
     def count_repeated(self) -> int:

@@ -20,7 +20,7 @@ from farm.control import Controller
 from farm.daemon import Daemon, run
 from farm.fleet_file import load_fleet
 from farm.model import AgentSnapshot, Job, JobOptions, Part, PartGeometry, Plate
-from farm.paths import Places, StateFolder
+from farm.paths import FarmPaths, StateFolder
 from farm.state import Books
 from farm.state import events as ev
 from farm.state.books import list_changed_entities
@@ -153,14 +153,14 @@ def main() -> None:
     on_snapshot = measures.measure_time(Controller.on_snapshot, measures.report_s)
     Controller.on_snapshot = measures.record_times(on_snapshot)  # type: ignore[method-assign]
     Daemon._schedule = measures.measure_time(Daemon._schedule, measures.timer_s)  # type: ignore[method-assign]
-    places = Places(StateFolder(folder), folder / "farm.sock", folder / "fleet.yaml")
-    fleet = load_fleet(places.fleet, frozenset(PROFILES))
+    paths = FarmPaths(StateFolder(folder), folder / "farm.sock", folder / "fleet.yaml")
+    fleet = load_fleet(paths.fleet, frozenset(PROFILES))
     profile = cProfile.Profile(time.thread_time) if len(sys.argv) > 2 else None
     try:
         if profile is None:
-            run(fleet, places)
+            run(fleet, paths)
         else:
-            profile.runcall(run, fleet, places)
+            profile.runcall(run, fleet, paths)
     finally:
         if profile is not None:
             profile.dump_stats(sys.argv[2])

@@ -65,7 +65,7 @@ def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
                 id=f"{number % 10}/{number:04d}",
                 requirements=Requirements("generic_pla", None, 0.4, (-50.0, -50.0, 50.0, 50.0, height)),
                 job=number % 10,
-                planned=f"um2-{rng.randrange(100):03d}",
+                planned_printer=f"um2-{rng.randrange(100):03d}",
                 expected_s=rng.uniform(1800.0, 36000.0),
                 heating_s=300.0,
                 first_layer_s=600.0,

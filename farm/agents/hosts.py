@@ -37,8 +37,8 @@ from farm.state import events as ev
 log = logging.getLogger(__name__)
 
 _MAX_WAIT_S = 15.0  # maximum wait between two attempts to connect
-_STEADY_S = 30.0
-_OPEN_S = 60.0
+_STABLE_S = 30.0  # wall seconds after which a connection counts as stable
+_OPEN_S = 60.0  # wall seconds in which a stream to an agent waits for the connection
 _REPORTS_PER_S = 200.0
 _MAX_REPORT_S = 5.0
 
@@ -139,7 +139,7 @@ class HostConnection:
             wait_s = min(2 * wait_s + 1.0, _MAX_WAIT_S)
             started_s, reason = time.monotonic(), "the connection was closed"
             try:
-                await self._carry()
+                await self._carry_bytes()
             except (OSError, ValueError, DriverError, TimeoutError) as error:
                 reason = str(error) or "time-out"
             except Exception as error:
@@ -147,10 +147,10 @@ class HostConnection:
                 reason = str(error)
             log.warning("no connection to %s: %s", self.record.host, reason)
             self.record.on_lost(self._clock.now(), reason)
-            if time.monotonic() - started_s > _STEADY_S:
+            if time.monotonic() - started_s > _STABLE_S:
                 wait_s = 0.0
 
-    async def _carry(self) -> None:
+    async def _carry_bytes(self) -> None:
         """Connect, and carry bytes until the connection breaks. Raises OSError or DriverError."""
         self._log_file.parent.mkdir(parents=True, exist_ok=True)
         rotate_log(self._log_file)
@@ -276,7 +276,7 @@ class Hosts:
         if self._rollout is not None:
             self._roll_out(self._rollout)
 
-    def clock_set(self, by_s: float) -> None:
+    def on_clock_set(self, by_s: float) -> None:
         """Handle a step of the clock by `by_s` farm seconds: hosts are lost after the same wall time."""
         for record in self.records:
             record.shift(by_s)

@@ -13,7 +13,7 @@ from farm.state import Books
 from farm.state import events as ev
 from farm.text import flatten_text
 
-_CLOCKS_APART_S = 60.0  # wall seconds; longer than any message takes
+_CLOCK_TOLERANCE_S = 60.0  # wall seconds; longer than any message takes
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
 _OUTDATED = "its agent is of an older version: replace it by `farm up --replace {}`"
 _PHASES = {
@@ -37,7 +37,7 @@ def compute_clock_offset_s(report: m.Snapshot, clock: Clock) -> float:
     if not report.now_s:
         return 0.0
     offset_s = clock.now() - clock.ahead_s - report.now_s
-    differs = abs(clock.to_wall_duration_s(offset_s)) > _CLOCKS_APART_S
+    differs = abs(clock.to_wall_duration_s(offset_s)) > _CLOCK_TOLERANCE_S
     return clock.ahead_s + (offset_s if differs else 0.0)
 
 

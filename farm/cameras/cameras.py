@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from farm.cameras.image import CameraError, Image
-from farm.cameras.schedule import LARGEST_INTERVAL_S, MAX_STILL_AGE_S, CameraState, DueStill, find_due_stills
+from farm.cameras.schedule import MAX_INTERVAL_S, MAX_STILL_AGE_S, CameraState, DueStill, find_due_stills
 from farm.config import Fleet
 from farm.control import Controller
 from farm.errors import ErrorCode, FarmError, NoSuchThing
@@ -126,9 +126,9 @@ class Cameras:
             if task is not None:
                 store_task = asyncio.get_running_loop().create_task(self._keep(due, task))
                 self._store_tasks[due.printer] = store_task
-                store_task.add_done_callback(partial(self._end_keeping, due.printer))
+                store_task.add_done_callback(partial(self._remove_store_task, due.printer))
 
-    def _end_keeping(self, printer: str, _: asyncio.Task[None]) -> None:
+    def _remove_store_task(self, printer: str, _: asyncio.Task[None]) -> None:
         del self._store_tasks[printer]
 
     async def close(self) -> None:
@@ -184,7 +184,7 @@ class Cameras:
         except CameraError:
             pass  # `_run` has logged it; a later tick tries again
         except (OSError, FarmError) as error:
-            self._cameras[due.printer].keep_after_s = self._monotonic() + LARGEST_INTERVAL_S
+            self._cameras[due.printer].keep_after_s = self._monotonic() + MAX_INTERVAL_S
             PrinterLog(log, due.printer).warning("a still cannot be stored: %s", error)
 
 

@@ -16,7 +16,7 @@ from threading import Thread
 
 import httpx
 
-from farm.cameras.image import LARGEST_IMAGE_BYTES, Image, NoImage, check_beginning, read_image
+from farm.cameras.image import MAX_IMAGE_BYTES, Image, NoImage, check_beginning, read_image
 from farm.cameras.image import CameraError as CameraError
 
 FETCH_S = 5.0
@@ -138,7 +138,7 @@ async def _read(response: httpx.Response) -> Image:
     async for chunk in response.aiter_raw():
         content += chunk
         check_beginning(bytes(content[:_MAGIC_BYTES]))
-        if len(content) > LARGEST_IMAGE_BYTES:
+        if len(content) > MAX_IMAGE_BYTES:
             break
     return read_image(bytes(content))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-LARGEST_IMAGE_BYTES = 5_000_000
+MAX_IMAGE_BYTES = 5_000_000
 MAX_PIXELS = 50_000_000
 """Limit on width times height: a viewer decodes all pixels, and a small file can have very many."""
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
@@ -56,8 +56,8 @@ def read_image(content: bytes) -> Image:
         If it is not a complete JPEG or PNG, or is too large.
     """
     check_beginning(content)
-    if len(content) > LARGEST_IMAGE_BYTES:
-        raise NoImage(f"its still is larger than {LARGEST_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
+    if len(content) > MAX_IMAGE_BYTES:
+        raise NoImage(f"its still is larger than {MAX_IMAGE_BYTES / 1e6:g} MB: lower its resolution")
     png = content.startswith(_PNG)
     try:
         size = _PNG_SIZE.unpack_from(content, _PNG_SIZE_AT) if png else _read_jpeg_size(content)

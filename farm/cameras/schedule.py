@@ -13,11 +13,11 @@ from farm.model import AgentSnapshot, Moment, PrintState
 from farm.state import Books
 
 MIN_INTERVAL_S = 2.0
-LARGEST_INTERVAL_S = 60.0
+MAX_INTERVAL_S = 60.0
 MAX_STILL_AGE_S = MIN_INTERVAL_S
 """Age up to which a viewer gets the last still instead of a new one."""
-END_S = 60.0
-"""Wall seconds after the end of a print in which its last still is taken; later the bed may be clear."""
+END_STILL_S = 60.0
+"""Wall seconds after the end of a print within which its last still is taken; later the bed may be clear."""
 _FIRST_LAYERS_DIVISOR = 10
 """Divisor of the layer count: the first layer is still visible during the first tenth of the layers."""
 
@@ -58,7 +58,7 @@ class CameraState:
         if self.attempt_s is None:
             return 0.0
         doublings = min(self.failures, 10)
-        return self.attempt_s + min(LARGEST_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
+        return self.attempt_s + min(MAX_INTERVAL_S, MIN_INTERVAL_S * 2.0**doublings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def find_due_stills(
             moment = Moment.FIRST_LAYER
             due = _shows_first_layer(attempt.id, snapshots.get(name))
         else:
-            due = attempt.ended_s is not None and 0.0 <= now_s - attempt.ended_s <= END_S * scale
+            due = attempt.ended_s is not None and 0.0 <= now_s - attempt.ended_s <= END_STILL_S * scale
         if due and all(still.moment is not moment for still in attempt.stills):
             yield DueStill(attempt.id, name, moment)
 

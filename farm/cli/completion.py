@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from farm.errors import FarmError
-from farm.paths import find_places
+from farm.paths import find_farm_paths
 
 if TYPE_CHECKING:
     from farm.api import Names
@@ -38,7 +38,7 @@ def _fetch_names(context: typer.Context) -> Names:
     state, socket, fleet = (
         Path(path) if (path := context.params.get(name)) else None for name in ("state", "socket", "fleet")
     )
-    return Client(find_places(state, socket, fleet).socket, _TIMEOUT_S, _TIMEOUT_S).names()
+    return Client(find_farm_paths(state, socket, fleet).socket, _TIMEOUT_S, _TIMEOUT_S).names()
 
 
 def _list_printers(names: Names, _: typer.Context) -> Completions:

@@ -15,7 +15,7 @@ from typing import Literal, TextIO
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from farm.errors import ErrorCode, FarmError
-from farm.paths import Places
+from farm.paths import FarmPaths
 
 _MAX_LINE_BYTES = 1 << 16
 _SILENCE_S = 180.0  # maximum time between two lines; a hot printer is watched for 140 s
@@ -53,7 +53,7 @@ Report = Callable[[StopReport], None]
 _ANSWER_LINE: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
 
 
-def find_estop_socket(places: Places) -> Path | None:
+def find_estop_socket(paths: FarmPaths) -> Path | None:
     """Find the socket of a farm that belongs to another user; None if it belongs to the caller.
 
     Root uses the socket too, unless it has named an existing state folder.
@@ -63,14 +63,14 @@ def find_estop_socket(places: Places) -> Path | None:
     FarmError
         If the farm belongs to another user and has no such socket: the caller has no access to its agents.
     """
-    path = places.socket.with_name("estop.sock")
-    owners = {owner for socket in (path, places.socket) if (owner := _find_owner(socket)) is not None}
-    is_named_by_root = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
+    path = paths.socket.with_name("estop.sock")
+    owners = {owner for socket in (path, paths.socket) if (owner := _find_owner(socket)) is not None}
+    is_named_by_root = os.geteuid() == 0 and (paths.state.root / "agents").is_dir()
     if is_named_by_root or owners <= {os.geteuid()}:
         return None
     if _find_owner(path) is None:
         raise FarmError(
-            f"the farm at {places.socket} belongs to another user and has no estop.sock: ask its owner to "
+            f"the farm at {paths.socket} belongs to another user and has no estop.sock: ask its owner to "
             "stop its printers, or switch them off by hand"
         )
     return path

@@ -77,8 +77,8 @@ def fetch_files(
     result = FetchedFiles()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        missing_files = [file for file in files if not _is_there(folder / file.name, file)]
-        _refuse_others(folder, missing_files, force)
+        missing_files = [file for file in files if not _is_fetched(folder / file.name, file)]
+        _refuse_overwriting(folder, missing_files, force)
         for file in missing_files:
             _fetch_one(client, number, file, folder, force)
             result.written.append(file.name)
@@ -90,7 +90,7 @@ def fetch_files(
     return result
 
 
-def _is_there(path: Path, file: api.FileView) -> bool:
+def _is_fetched(path: Path, file: api.FileView) -> bool:
     """Return whether a file has already been fetched, by its size and hash."""
     if not path.is_file() or path.stat().st_size != file.size:
         return False
@@ -104,7 +104,7 @@ def _read_umask() -> int:
     return mask
 
 
-def _refuse_others(folder: Path, files: list[api.FileView], force: bool) -> None:
+def _refuse_overwriting(folder: Path, files: list[api.FileView], force: bool) -> None:
     """Raise Refused if files with other content would be overwritten."""
     others = [file.name for file in files if os.path.lexists(folder / file.name)]
     if others and not force:
@@ -136,7 +136,7 @@ def _fetch_one(client: Client, number: int, file: api.FileView, folder: Path, fo
         if remaining_bytes or digest.hexdigest() != file.sha256:
             raise FarmError(f"{file.name} arrived damaged or incomplete: fetch it again")
         temporary.chmod(0o666 & ~_read_umask())
-        _refuse_others(folder, [file], force)  # another file may have been written meanwhile
+        _refuse_overwriting(folder, [file], force)  # another file may have been written meanwhile
         temporary.replace(folder / file.name)
     finally:
         temporary.unlink(missing_ok=True)

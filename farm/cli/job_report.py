@@ -29,7 +29,7 @@ class Report:
     without_pictures: bool
 
 
-def find_local(path: str) -> Path | None:
+def find_local_file(path: str) -> Path | None:
     """Return the file of a path on this host, if this user may read it; else None."""
     return Path(path) if os.access(path, os.R_OK) else None
 

@@ -15,7 +15,7 @@ import typer
 from decompose.options import FILAMENT_MM, MAX_PIN_MM, MIN_PIN_MM
 from farm.cli import completion
 from farm.errors import Refused
-from farm.paths import Places, find_places
+from farm.paths import FarmPaths, find_farm_paths
 
 P = ParamSpec("P")
 
@@ -86,13 +86,13 @@ Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=comp
 Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
 
 
-def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
+def with_paths(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P, None]:
     """Add the options `--state`, `--socket` and `--fleet` to a command; `--url` is refused with a reason.
 
     Parameters
     ----------
     command
-        A command that takes the places named by these options as its first parameter.
+        A command that takes the paths named by these options as its first parameter.
 
     Returns
     -------
@@ -102,20 +102,20 @@ def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, 
     variable = "FARM_URL" if command.__name__ in _LOCAL else None
     url = Annotated[str | None, typer.Option("--url", envvar=variable, show_envvar=False, hidden=True)]
     key_file = Annotated[Path | None, typer.Option("--key-file", hidden=True)]
-    places = (("state", State), ("socket", Socket), ("fleet", FleetFile))
-    return _add_options(command, (*places, ("url", url), ("key_file", key_file)))
+    path_options = (("state", State), ("socket", Socket), ("fleet", FleetFile))
+    return _add_options(command, (*path_options, ("url", url), ("key_file", key_file)))
 
 
-def with_farm(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
-    """Add the options of `with_places` to a command, and `--url` and `--key-file` for other hosts."""
-    places = (("state", State), ("socket", Socket), ("fleet", FleetFile))
-    return _add_options(command, (*places, ("url", Url), ("key_file", KeyFile)))
+def with_farm(command: Callable[Concatenate[FarmPaths, P], None]) -> Callable[P, None]:
+    """Add the options of `with_paths` to a command, and `--url` and `--key-file` for other hosts."""
+    path_options = (("state", State), ("socket", Socket), ("fleet", FleetFile))
+    return _add_options(command, (*path_options, ("url", Url), ("key_file", KeyFile)))
 
 
 def _add_options(
-    command: Callable[Concatenate[Places, P], None], choices: Sequence[tuple[str, object]]
+    command: Callable[Concatenate[FarmPaths, P], None], choices: Sequence[tuple[str, object]]
 ) -> Callable[P, None]:
-    """Add the options for the places of a farm to a command, after its own options."""
+    """Add the options for the paths of a farm to a command, after its own options."""
     signature = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
@@ -139,8 +139,8 @@ def _add_options(
                 f"farm {name} works only on the farm's own host, as {LOCAL_COMMANDS[name]}: run it there, "
                 f"without --url{' and FARM_URL' if name in _LOCAL else ''}"
             )
-        places = find_places(state, socket, fleet)
-        command(replace(places, url=url, key_file=key_file), **arguments)  # type: ignore[call-arg]
+        paths = find_farm_paths(state, socket, fleet)
+        command(replace(paths, url=url, key_file=key_file), **arguments)  # type: ignore[call-arg]
 
     wrapper: Any = run  # typer reads its signature
     wrapper.__signature__ = signature.replace(parameters=parameters)

@@ -11,13 +11,13 @@ class Limit:
 
     Attributes
     ----------
-    what
+    work
         Name of the work, for messages.
     urgent
         True if it is quick and a user waits for it: it is started before other work.
     """
 
-    what: str
+    work: str
     seconds: float
     urgent: bool = False
 

@@ -26,7 +26,7 @@ from farm.errors import ErrorCode, FarmError
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-_TRIES = 2
+_MAX_ATTEMPTS = 2
 _RETRY_S = 5.0
 _GB = 2**30
 _CLOSED = "the daemon is shutting down: submit it again after `farm up`"
@@ -122,7 +122,7 @@ class Workers:
         """Run a function in a worker, and once more if the worker dies; see `Pool.run`."""
         exit_text = ""
         group = object() if group is None else group
-        for _ in range(_TRIES):
+        for _ in range(_MAX_ATTEMPTS):
             worker = await self._acquire_worker(group, limit.urgent)
             is_reusable = False
             self._running[group] += 1
@@ -133,7 +133,7 @@ class Workers:
                 is_reusable = not isinstance(answer, MemoryError)
             except TimeoutError:
                 raise FarmError(
-                    f"{limit.what} did not end within {limit.seconds / 60:g} min: scale the model down or "
+                    f"{limit.work} did not end within {limit.seconds / 60:g} min: scale the model down or "
                     "simplify its mesh",
                     ErrorCode.LIMIT,
                 ) from None
@@ -148,7 +148,7 @@ class Workers:
                 self._release(worker, is_reusable)
             if isinstance(answer, MemoryError):
                 raise FarmError(
-                    f"not enough memory for {limit.what} (a worker may use "
+                    f"not enough memory for {limit.work} (a worker may use "
                     f"{self._memory_bytes / _GB:.1f} GB): "
                     "scale the model down, simplify its mesh, or raise `memory_gb` in fleet.yaml",
                     ErrorCode.LIMIT,
@@ -157,7 +157,7 @@ class Workers:
                 raise answer.error
             return answer  # type: ignore[no-any-return]
         raise FarmError(
-            f"{limit.what} ended its worker process {_TRIES} times ({exit_text}): most often "
+            f"{limit.work} ended its worker process {_MAX_ATTEMPTS} times ({exit_text}): most often "
             "too little memory; scale the model down or simplify its mesh"
         )
 

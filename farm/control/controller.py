@@ -73,7 +73,7 @@ class Controller:
         self._replanning = ReplanCoordinator()
         self.situations = Situations(self, build_volumes)
         self.scheduler = Scheduler(self.situations, self.planning, self._replanning, self._commit_together)
-        self.forecast = ForecastCache(clock, lambda: self.books, self.situations.build_expected)
+        self.forecast = ForecastCache(clock, lambda: self.books, self.situations.build_for_forecast)
         self._job_cache = JobCache()
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
@@ -227,21 +227,21 @@ class Controller:
 
     def on_plan(self, number: int, result: Plan | FarmError) -> None:
         """Record the plan of a job, or the error that prevents it."""
-        situation = self.situations.build(self.situations.find_held_back())
+        situation = self.situations.build(self.situations.find_held_back_plates())
         event = self.planning.finish(self.books.job(number), result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
         """Record the result of a replan."""
-        situation = self.situations.build(self.situations.find_held_back())
+        situation = self.situations.build(self.situations.find_held_back_plates())
         event = self._replanning.finish(plate, result, self.books, situation)
         self.handle(*([event] if event is not None else []))
 
     def on_clock_set(self, by_s: float) -> None:
         """Handle a step of the host's clock by `by_s` farm seconds: hours shift, durations do not."""
         self.started_s += by_s
-        self.forecast.clock_set()
-        self._replanning.clock_set()
+        self.forecast.on_clock_set()
+        self._replanning.on_clock_set()
         try:
             self.handle(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
         except StoreError as error:

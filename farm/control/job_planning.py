@@ -14,7 +14,7 @@ from farm.scheduling import (
     JobAdmission,
     Situation,
     StartPlanning,
-    list_promised_printers,
+    list_pending_printers,
     list_reservations,
 )
 from farm.state import Books
@@ -59,9 +59,9 @@ class JobPlanning:
         reserved_printers
             Printers for which plates are being replanned, with the plate.
         """
-        promised_printers = list_promised_printers(self._admission.list_promises(books))
+        pending_printers = list_pending_printers(self._admission.list_pending_plans(books))
         revised_printers = self.revisions.reserved_printers
-        return {**promised_printers, **revised_printers, **list_reservations(situation, reserved_printers)}
+        return {**pending_printers, **revised_printers, **list_reservations(situation, reserved_printers)}
 
     def admit(
         self, books: Books, situation: Situation, reserved_printers: dict[str, str], is_starting: bool
@@ -131,7 +131,7 @@ class JobPlanning:
         changes = {"printers": order.printers if order is not None else (), "planning_s": now_s - began_s}
         return event.model_copy(update=changes)
 
-    def list_running(self, books: Books) -> list[int]:
+    def list_running_jobs(self, books: Books) -> list[int]:
         """List the jobs that are being planned, without those that wait for free disk space."""
         planning_jobs = (job.id for job in books.jobs.values() if job.state is JobState.PLANNING)
         return sorted(number for number in planning_jobs if not self._waits_for_room(number))

@@ -61,7 +61,7 @@ class Notifier:
         self._save_record()  # before sending: a lost notice is better than a duplicate
         self._queue.put("\n".join(notice.text for notice in notices))
 
-    def clock_set(self, by_s: float) -> None:
+    def on_clock_set(self, by_s: float) -> None:
         """Shift the start of the record after a step back of the clock, so later events are still sent."""
         self._since_s = min(self._since_s, self._since_s + by_s)
 

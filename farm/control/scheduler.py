@@ -19,7 +19,7 @@ from farm.scheduling import (
     assign_plates,
     find_holds,
     find_next_change_s,
-    select_possible,
+    select_possible_assignments,
 )
 from farm.state import events as ev
 
@@ -79,7 +79,7 @@ class Scheduler:
 
     def _begin_run(self) -> Iterator[Effect]:
         situations = self._situations
-        held_back = situations.find_held_back()
+        held_back = situations.find_held_back_plates()
         complete_situation = situations.build(held_back)
         yield from self._replanning.recut_failures(situations.books, complete_situation)
         situation = complete_situation.without(self._replanning.holds())
@@ -90,7 +90,7 @@ class Scheduler:
         # A job that is being planned again keeps its printers: no other job takes them meanwhile.
         revision_holds = revisions.holds(situations.books, situation.now_s)
         postponed_plates = revisions.postponed.union(revision_holds)
-        allowed_assignments = self._replanning.without_reserved(situations.books, possible_assignments)
+        allowed_assignments = self._replanning.exclude_reserved(situations.books, possible_assignments)
         assignments = [a for a in allowed_assignments if a.plate not in postponed_plates]
         situation = situation.without(revision_holds)
         starts, self._later_starts = assignments[:MAX_STARTS], assignments[MAX_STARTS:]
@@ -121,7 +121,7 @@ class Scheduler:
             holds = self._replanning.holds() | self._planning.revisions.holds(
                 self._situations.books, situation.now_s
             )
-            starts = select_possible(portion, situation.without(holds))
+            starts = select_possible_assignments(portion, situation.without(holds))
             if starts:
                 return starts
         return []
@@ -138,7 +138,7 @@ class Scheduler:
 
     def _assign(self, situation: Situation) -> list[Assignment]:
         """Assign plates to printers; jobs that have not started get no printer reserved for a replan."""
-        return self._replanning.without_reserved(self._situations.books, assign_plates(situation))
+        return self._replanning.exclude_reserved(self._situations.books, assign_plates(situation))
 
     def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
         books, is_starting = self._situations.books, self._situations.is_starting()
@@ -157,12 +157,12 @@ class Scheduler:
         """Find the current hold of each waiting plate."""
         situations = self._situations
         revision_holds = self._planning.revisions.holds(situations.books, situations.now_s)
-        held_back = situations.find_held_back() | self._replanning.holds()
-        situation = situations.build_shown(held_back)
+        held_back = situations.find_held_back_plates() | self._replanning.holds()
+        situation = situations.build_for_display(held_back)
         return held_back | find_holds(situation, self._assign(situation)) | revision_holds
 
     def list_reservations(self) -> dict[str, str]:
         """Return the free printers that are reserved, each with its purpose."""
-        situation = self._situations.build(self._situations.find_held_back())
+        situation = self._situations.build(self._situations.find_held_back_plates())
         assigned_plates = {assignment.plate for assignment in self._assign(situation)}
         return self._find_reservations(situation.without(assigned_plates))

@@ -81,7 +81,7 @@ class Situations:
         """Return whether the farm has just started, and printers may still be connecting."""
         return self.now_s < self.startup_end_s
 
-    def find_held_back(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
+    def find_held_back_plates(self, jobs: Collection[Job] | None = None) -> dict[str, Hold]:
         """Return the holds of the plates that are excluded from assignment, of some jobs or of all."""
         farm = self._farm
         jobs = farm.books.jobs.values() if jobs is None else jobs
@@ -112,22 +112,22 @@ class Situations:
         jobs = [job for job in map(books.jobs.__getitem__, numbers) if job.state is JobState.PRINTING]
         names = [assignment.printer for assignment in assignments]
         printers = self.printers() if farm.rules.max_heating is not None else self._list_printers(names)
-        waiting = self._builder.waiting_of(books, jobs).without(self.find_held_back(jobs))
+        waiting = self._builder.waiting_of(books, jobs).without(self.find_held_back_plates(jobs))
         return Situation(waiting, printers, farm.rules, self.now_s, farm.clock.scale)
 
-    def build_shown(self, held_back: Mapping[str, Hold]) -> Situation:
+    def build_for_display(self, held_back: Mapping[str, Hold]) -> Situation:
         """Return the current situation, with the ends of running prints that are displayed."""
         return update_ends(self.build(held_back), self.books, self._farm.telemetry.snapshots)
 
-    def build_expected(self) -> Situation:
+    def build_for_forecast(self) -> Situation:
         """Return the situation for the forecast, without plates that are paused."""
-        codes, held_back = (HoldCode.PAUSED, HoldCode.STOPPED), self.find_held_back()
-        return self.build_shown({name: hold for name, hold in held_back.items() if hold.code in codes})
+        codes, held_back = (HoldCode.PAUSED, HoldCode.STOPPED), self.find_held_back_plates()
+        return self.build_for_display({name: hold for name, hold in held_back.items() if hold.code in codes})
 
     def prepare(self) -> None:
         """Fill the cache with all printers and plates, so the first run costs little more than later ones."""
-        waiting = self.build(self.find_held_back()).waiting
-        _ = waiting.planned, waiting.demands  # each job caches its values
+        waiting = self.build(self.find_held_back_plates()).waiting
+        _ = waiting.planned_printers, waiting.demands  # each job caches its values
 
     def update(self, situation: Situation, starts: Collection[Assignment]) -> Situation:
         """Return a situation after these starts, which have just been committed."""

@@ -1,6 +1,6 @@
 """Timers on APScheduler, kept in memory; the daemon sets them again at each start.
 
-APScheduler uses the host's clock; after a step of that clock, `clock_set` recalculates every timer.
+APScheduler uses the host's clock; after a step of that clock, `on_clock_set` recalculates every timer.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Timers:
         self._moments[name] = at_s
         self._scheduler.add_job(_wrap_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
 
-    def clock_set(self) -> None:
+    def on_clock_set(self) -> None:
         """Recalculate all timers after a step of the host's clock; a step back would delay them."""
         for job in self._scheduler.get_jobs():
             trigger = job.trigger

@@ -79,7 +79,7 @@ def check_user(facts: Facts) -> Iterator[Finding]:
             "groups", f"fleet.operators: there is no group {operators}", f"`sudo groupadd {operators}`"
         )
     elif operators is not None and operators not in user.groups:
-        text = f"{user.name} is not in the group {operators}, whose members alone approve, clear and resume"
+        text = f"{user.name} is not in the group {operators}: only its members approve, clear and resume"
         yield make_warning("groups", text, f"`sudo usermod -aG {operators} {user.name}`, then log in again")
     else:
         yield make_success("groups", "the groups that fleet.yaml names exist")

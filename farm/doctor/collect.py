@@ -38,7 +38,7 @@ from farm.doctor.facts import (
 from farm.errors import FarmError
 from farm.fleet_file import load_fleet
 from farm.model import Job
-from farm.paths import Places, StateFolder, read_anchor
+from farm.paths import FarmPaths, StateFolder, read_anchor
 from farm.planning.inspection import complete_section
 from farm.state import Books
 from farm.state.retention import DiskUse
@@ -55,37 +55,37 @@ _SETTINGS_VERSION = re.compile(r'"setting_version":\s*(\d+)')
 _SHARED_MEMORY = Path("/dev/shm")
 
 
-def collect_facts(places: Places, daemon_version: str | None, daemon_error: str | None) -> Facts:
+def collect_facts(paths: FarmPaths, daemon_version: str | None, daemon_error: str | None) -> Facts:
     """Collect the facts about an installation.
 
     Parameters
     ----------
-    places
+    paths
         State folder, socket and fleet file.
     daemon_version, daemon_error
         The daemon's version, or the reason why it did not answer.
     """
-    fleet, fleet_error = _read_fleet(places.fleet)
-    books = _read_books(places.state)
+    fleet, fleet_error = _read_fleet(paths.fleet)
+    books = _read_books(paths.state)
     local_printers = [s for s in fleet.printers if s.enabled and s.host is None] if fleet is not None else []
     return Facts(
         version=farm.__version__,
-        fleet_path=str(places.fleet),
+        fleet_path=str(paths.fleet),
         books=books,
         cura=_find_cura(),
-        clock=_read_clock(places.state),
-        user=_find_user(fleet, places.state),
+        clock=_read_clock(paths.state),
+        user=_find_user(fleet, paths.state),
         daemon_error=daemon_error,
         daemon_version=daemon_version,
         fleet=fleet,
         fleet_error=fleet_error,
-        files=_check_files(books.books, places.state) if books.books is not None else FileFacts(),
+        files=_check_files(books.books, paths.state) if books.books is not None else FileFacts(),
         agents=tuple(
-            _query_agent(section.name, places.state.agent(section.name)) for section in local_printers
+            _query_agent(section.name, paths.state.agent(section.name)) for section in local_printers
         ),
         ports=tuple(_check_port(section) for section in local_printers if section.port.startswith("/")),
-        disk=_measure_disk(places.state, books.books),
-        free_spaces=tuple(_measure_free_spaces(places.state)),
+        disk=_measure_disk(paths.state, books.books),
+        free_spaces=tuple(_measure_free_spaces(paths.state)),
         code=_find_code(),
         shared_memory=_measure_free_space(_SHARED_MEMORY),
     )

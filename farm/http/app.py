@@ -11,7 +11,7 @@ import farm
 from farm import api
 from farm.control import DryRuns, JobCommands, KeyCommands, PartCommands, PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
-from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
+from farm.http.body_limit import MAX_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.callers import identify_caller
 from farm.http.routes.cameras import camera_routes
 from farm.http.routes.events import event_routes
@@ -94,7 +94,7 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
 
     @app.exception_handler(TOO_LARGE)
     async def large_body(request: Request, _: Exception) -> Response:
-        error = Refused(f"the request to {request.url.path} is longer than {LARGEST_BODY_BYTES // 1024} KiB")
+        error = Refused(f"the request to {request.url.path} is longer than {MAX_BODY_BYTES // 1024} KiB")
         return make_problem(str(error), error.code, error.exit_code, TOO_LARGE)
 
     @app.exception_handler(HTTPException)

@@ -8,7 +8,7 @@ from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-LARGEST_BODY_BYTES = 64 * 1024
+MAX_BODY_BYTES = 64 * 1024
 """Limit of a body in JSON; an upload is written to the disk chunk by chunk, and has its own limits."""
 TOO_LARGE = 413
 _FIRST_ERROR = 400  # lowest status code of an error
@@ -40,7 +40,7 @@ class BodyLimit:
             message = await receive()
             received_bytes += len(message.get("body", b""))
             complete = not message.get("more_body", False)
-            if is_limited and received_bytes > LARGEST_BODY_BYTES:
+            if is_limited and received_bytes > MAX_BODY_BYTES:
                 raise HTTPException(TOO_LARGE)
             return message
 

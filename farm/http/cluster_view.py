@@ -20,7 +20,7 @@ def describe_cluster(state: ClusterState) -> api.ClusterView:
             for worker in state.workers
         ],
         tasks=[
-            api.ClusterTaskView(what=task.what, group=_name_group(task), worker=task.host)
+            api.ClusterTaskView(what=task.work, group=_name_group(task), worker=task.host)
             for task in state.tasks
         ],
         waiting=state.waiting,

@@ -29,7 +29,7 @@ _MAX_HANDSHAKES = 64
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
 _CHECK_INTERVAL_S = 1.0
 _WAIT_S = 0.1
-_LOG_EVERY_S = 60.0
+_LOG_INTERVAL_S = 60.0
 _ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -65,7 +65,9 @@ def read_descriptor_limit() -> int:
     return 2**20 if soft_limit == resource.RLIM_INFINITY else soft_limit
 
 
-def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list[WaitingConnection]:
+def find_overdue_connections(
+    connections: Iterable[WaitingConnection], now_s: float
+) -> list[WaitingConnection]:
     """Return the connections whose request takes too long."""
     return [
         connection
@@ -91,7 +93,7 @@ class RateLimitedLog:
         self._suppressed_count += 1
         if now_s >= self._next_s:
             log.warning("%s (%d times)", text, self._suppressed_count)
-            self._next_s, self._suppressed_count = now_s + _LOG_EVERY_S, 0
+            self._next_s, self._suppressed_count = now_s + _LOG_INTERVAL_S, 0
 
 
 @contextlib.contextmanager
@@ -145,7 +147,7 @@ class BoundedServer(uvicorn.Server):
         await super().startup(sockets=[])
         for listener in sockets or ():
             self._tasks.append(asyncio.create_task(self._accept(listener)))
-        self._tasks.append(asyncio.create_task(self._sweep()))
+        self._tasks.append(asyncio.create_task(self._close_overdue_connections()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         tasks = [*self._tasks, *self._handshakes]
@@ -239,9 +241,9 @@ class BoundedServer(uvicorn.Server):
                 )
             await asyncio.sleep(0.0 if idle is not None else _WAIT_S)
 
-    async def _sweep(self) -> None:
+    async def _close_overdue_connections(self) -> None:
         while True:
-            for connection in find_overdue(self.connections, self._read_clock_s()):
+            for connection in find_overdue_connections(self.connections, self._read_clock_s()):
                 connection.transport.abort()
             await asyncio.sleep(_CHECK_INTERVAL_S)
 

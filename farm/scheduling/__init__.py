@@ -11,9 +11,9 @@ from farm.scheduling.admission import (
     JobRequest,
     StartPlanning,
     limit_availability,
-    list_coming,
-    list_promised_printers,
+    list_pending_printers,
     list_reservations,
+    list_usable_printers,
 )
 from farm.scheduling.assignment import (
     LARGE_FLEET,
@@ -21,7 +21,7 @@ from farm.scheduling.assignment import (
     Assignment,
     assign_plates,
     find_holds,
-    select_possible,
+    select_possible_assignments,
 )
 from farm.scheduling.forecast import Slot, compute_seconds_on, forecast_prints, make_idle
 from farm.scheduling.forecast_cache import ForecastCache
@@ -95,13 +95,13 @@ __all__ = [
     "forecast_prints",
     "join_names",
     "limit_availability",
-    "list_coming",
-    "list_promised_printers",
+    "list_pending_printers",
     "list_reservations",
+    "list_usable_printers",
     "make_idle",
     "may_start_now",
     "parse_moment_s",
-    "select_possible",
+    "select_possible_assignments",
     "summarise_availability",
     "takes_spare",
     "update_ends",

@@ -71,7 +71,7 @@ class JobRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class Promise:
+class PendingPlan:
     """Printers for which another job is being planned."""
 
     job: int
@@ -103,14 +103,18 @@ class Availability:
     starting: bool = False
     unattended_blocked: frozenset[str] = frozenset()
 
-    def with_promises(self, promises: Iterable[Promise]) -> Availability:
-        """Return the availability in which the printers of some promises are reserved too."""
-        return replace(self, reservations={**list_promised_printers(promises), **self.reservations})
+    def with_pending_plans(self, pending_plans: Iterable[PendingPlan]) -> Availability:
+        """Return the availability in which the printers of some pending plans are reserved too."""
+        return replace(self, reservations={**list_pending_printers(pending_plans), **self.reservations})
 
 
-def list_promised_printers(promises: Iterable[Promise]) -> dict[str, str]:
-    """Return the printers of promises, each with its job."""
-    return {name: f"job {promise.job}" for promise in promises for name in sorted(promise.printers)}
+def list_pending_printers(pending_plans: Iterable[PendingPlan]) -> dict[str, str]:
+    """Return the printers of pending plans, each with its job."""
+    return {
+        name: f"job {pending_plan.job}"
+        for pending_plan in pending_plans
+        for name in sorted(pending_plan.printers)
+    }
 
 
 def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
@@ -139,36 +143,38 @@ def choose_printers(request: JobRequest, availability: Availability) -> PlanOrde
     ]
     if starting_printers and availability.starting:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(starting_printers)}")
-    coming_printers = list_coming(matching_printers, availability)
+    usable_printers = list_usable_printers(matching_printers, availability)
     reserved_names = availability.reserved | availability.reservations.keys()
-    idle = [p for p in coming_printers if p.obstacle() is None and p.name not in reserved_names]
-    candidates = idle if idle and not request.starts_later else coming_printers
+    idle = [p for p in usable_printers if p.obstacle() is None and p.name not in reserved_names]
+    candidates = idle if idle and not request.starts_later else usable_printers
     number, least = request.limit(len(candidates)), request.min_parts
     if least > number:
-        max_parts = request.limit(len(coming_printers))
+        max_parts = request.limit(len(usable_printers))
         if least > max_parts:
             return PlanOrder(tuple(p.name for p in candidates[:number]), rounds=-(-least // number))
-        candidates, number = coming_printers, max_parts
+        candidates, number = usable_printers, max_parts
     # The largest first, so that two requested printers are the two largest.
     largest = sorted(candidates, key=lambda p: (-p.capabilities.height_mm, p.name))
     return PlanOrder(tuple(sorted(p.name for p in largest[:number])))
 
 
-def list_coming(matching_printers: list[FleetPrinter], availability: Availability) -> list[FleetPrinter]:
+def list_usable_printers(
+    matching_printers: list[FleetPrinter], availability: Availability
+) -> list[FleetPrinter]:
     """List the matching printers that are free, or will be without a repair; all if there is no such one."""
-    coming_printers = [
+    usable_printers = [
         p for p in matching_printers if (hold := p.obstacle()) is None or hold.code in _TEMPORARY_CODES
     ]
     blocked_names = availability.unattended_blocked
-    usable = [p for p in coming_printers if p.name not in blocked_names] or coming_printers
-    return [p for p in usable if p.name not in availability.reserved] or usable or matching_printers
+    startable = [p for p in usable_printers if p.name not in blocked_names] or usable_printers
+    return [p for p in startable if p.name not in availability.reserved] or startable or matching_printers
 
 
-def choose_printers_beside(
+def choose_unreserved_printers(
     request: JobRequest,
     availability: Availability,
     priority: int,
-    promises: Iterable[Promise],
+    pending_plans: Iterable[PendingPlan],
 ) -> PlanOrder | Hold:
     """Choose the printers of a job while others are being planned.
 
@@ -181,17 +187,17 @@ def choose_printers_beside(
         See `choose_printers`.
     priority
         The job's priority.
-    promises
+    pending_plans
         The reserved printers of the jobs that are being planned.
     """
-    other_jobs = list(promises)
-    all_reserved = availability.with_promises(other_jobs)
+    plans = list(pending_plans)
+    all_reserved = availability.with_pending_plans(plans)
     reserved_names = all_reserved.reserved | all_reserved.reservations.keys()
     free = (p for p in availability.printers if p.obstacle() is None and p.name not in reserved_names)
     if any(request.requirements.matches(p.capabilities) for p in free):
         return choose_printers(request, all_reserved)
-    stronger = (promise for promise in other_jobs if promise.priority >= priority)
-    return choose_printers(request, availability.with_promises(stronger))
+    preferred_plans = (pending_plan for pending_plan in plans if pending_plan.priority >= priority)
+    return choose_printers(request, availability.with_pending_plans(preferred_plans))
 
 
 def is_quick(job: Job, printers: Iterable[FleetPrinter]) -> bool:
@@ -251,9 +257,9 @@ class JobAdmission:
         """Remove a job whose planning has ended."""
         self._planned_printers.pop(number, None)
 
-    def list_promises(self, books: Books) -> list[Promise]:
+    def list_pending_plans(self, books: Books) -> list[PendingPlan]:
         """List the jobs that are being planned, with their printers."""
-        return [Promise(n, books.job(n).priority, names) for n, names in self._planned_printers.items()]
+        return [PendingPlan(n, books.job(n).priority, names) for n, names in self._planned_printers.items()]
 
     def decide(
         self, books: Books, situation: Situation, fleet: Availability
@@ -269,7 +275,7 @@ class JobAdmission:
         fleet
             Availability of the fleet to all jobs, with the reserved printers.
         """
-        promises = self.list_promises(books)
+        pending_plans = self.list_pending_plans(books)
         long_jobs: list[int] = []
         for job in books.queue():
             quick = is_quick(job, situation.printers)
@@ -285,11 +291,11 @@ class JobAdmission:
             if decision is None:
                 availability = limit_availability(fleet, situation, job)
                 request, priority = self._request(job, situation.now_s), job.priority
-                decision = choose_printers_beside(request, availability, priority, promises)
+                decision = choose_unreserved_printers(request, availability, priority, pending_plans)
             if isinstance(decision, Hold):
                 yield HoldJob(job.id, decision)
                 continue
-            promises.append(Promise(job.id, job.priority, frozenset(decision.printers)))
+            pending_plans.append(PendingPlan(job.id, job.priority, frozenset(decision.printers)))
             long_jobs += [] if quick else [job.id]
             yield StartPlanning(job.id, decision.printers, decision.rounds, quick)
 

@@ -51,7 +51,7 @@ def assign_plates(situation: Situation) -> list[Assignment]:
     return [Assignment(plate.id, name) for name, plate in pairs]
 
 
-def select_possible(assignments: Iterable[Assignment], situation: Situation) -> list[Assignment]:
+def select_possible_assignments(assignments: Iterable[Assignment], situation: Situation) -> list[Assignment]:
     """Select the assignments of an earlier situation that are still possible together in this one."""
     free, fleet = {p.name for p in situation.free}, situation.fleet
     waiting = {plate.id: plate for plate in situation.waiting}
@@ -132,7 +132,7 @@ def _match(situation: Situation) -> dict[str, WaitingPlate]:
         fleet=situation.fleet,
         free=frozenset(printer.name for printer in free),
         order=FleetOrder.from_printers(free),
-        planned=situation.waiting.planned,
+        planned_printers=situation.waiting.planned_printers,
         spare_printers=situation.spare_printers,
         extra_printers=situation.waiting.extra_printers,
         starts=_count_allowed_starts(situation),

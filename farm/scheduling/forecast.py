@@ -24,7 +24,7 @@ _TEMPORARY_CODES = (
     HoldCode.FILAMENT_UNKNOWN,
     HoldCode.REEL_UNCERTAIN,
 )
-_CHANGES_OF_A_STEP = 400  # about 5 ms
+_CHANGES_PER_STEP = 400  # about 5 ms
 _HORIZON_S = 15 * 86400.0  # if no plate starts within this time, no plate ever will
 _END, _HEATED, _READY, _HOURS = range(4)  # kinds of change; simultaneous changes are in this order
 
@@ -57,10 +57,10 @@ def forecast_prints(situation: Situation, has_bound: bool = True) -> Forecast:
     """Forecast the prints of all waiting plates by simulating the farm's decisions.
 
     Plates are matched with printers by the code of `farm.scheduling.assignment` whenever a printer becomes
-    free or has heated up, a job may use another printer, or hours change. Between two plates on a printer, a
-    person must be present to clear its bed. Absent or broken printers are used only if there is no other.
-    If all printers are alike and free, a job takes at most 4/3 of the shortest possible time (Graham 1969,
-    LPT), plus the few seconds by which the order of gluing may change the order of plates
+    free or has heated up, a job may use another printer, or attended or quiet hours begin or end. Between two
+    plates on a printer, a person must be present to clear its bed. Absent or broken printers are used only if
+    there is no other. If all printers are alike and free, a job takes at most 4/3 of the shortest possible
+    time (Graham 1969, LPT), plus the few seconds by which the order of gluing may change the order of plates
     (`TIME_TOLERANCE_S`); with at least as many printers as plates, it ends with its longest plate.
 
     Parameters
@@ -86,10 +86,10 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
     """
     rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
-    coming_printers = [
+    usable_printers = [
         p for p in fleet if ((hold := p.obstacle()) and hold.code) in _TEMPORARY_CODES
     ] or fleet
-    simulation = _Simulation(situation, coming_printers)
+    simulation = _Simulation(situation, usable_printers)
     yield from simulation.run()
     slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))
     unplaced_plates = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
@@ -98,9 +98,9 @@ def forecast_in_steps(situation: Situation, has_bound: bool = True) -> Generator
     if has_bound:
         started_plates = {slot.plate for slot in slots}
         plates = [plate for plate in situation.waiting if plate.id in started_plates]
-        ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in coming_printers}
+        ready_s = {p.name: _find_ready_s(p, rules, now_s) for p in usable_printers}
         bound_s = _compute_lower_bound_s(
-            plates, _find_fitting(plates, coming_printers), ready_s, rules, now_s
+            plates, _find_fitting(plates, usable_printers), ready_s, rules, now_s
         )
     return Forecast(tuple(slots), unplaced_plates, ends_s, min(bound_s, ends_s))
 
@@ -112,21 +112,21 @@ class _Simulation:
     hours begin or end, or a job may use more printers.
     """
 
-    def __init__(self, situation: Situation, coming_printers: Sequence[FleetPrinter]) -> None:
+    def __init__(self, situation: Situation, usable_printers: Sequence[FleetPrinter]) -> None:
         self.slots: list[Slot] = []
         self.queue = {job.rank: {p.id: p for p in job.plates} for job in situation.waiting.jobs}
         self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
         # Number of plates to print by job, including those being printed.
         self._remaining_plates = Counter(plate.job for plate in situation.waiting)
-        self._fleet = {printer.name: make_idle(printer) for printer in coming_printers}
+        self._fleet = {printer.name: make_idle(printer) for printer in usable_printers}
         self._order = FleetOrder.from_printers(self._fleet.values())
-        self._planned_plates = Counter(plate.planned for plate in situation.waiting)
+        self._planned_plates = Counter(plate.planned_printer for plate in situation.waiting)
         self._extra_printers = situation.waiting.extra_printers
         self._heating_count = 0
         self._idle: set[str] = set()
         self._blocked_printers: set[str] = set()
         self._changes: list[tuple[float, int, str, object]] = []
-        for printer in coming_printers:
+        for printer in usable_printers:
             # A printer that matches no plate starts none, but may be kept as a spare.
             is_used = self._spares or any(map(printer.capabilities.meets, situation.waiting.demands))
             self._add_printer(printer, bool(is_used))
@@ -160,7 +160,7 @@ class _Simulation:
         for number in itertools.count(1):
             if not self.queue:
                 return
-            if not number % _CHANGES_OF_A_STEP:
+            if not number % _CHANGES_PER_STEP:
                 yield
             change_s = self._changes[0][0] if self._changes else math.inf
             if edge_s <= change_s:
@@ -213,7 +213,7 @@ class _Simulation:
             fleet=self._fleet,
             free=free,
             order=self._order,
-            planned=planned_printers,
+            planned_printers=planned_printers,
             spare_printers=self._choose_spare_printers(planned_printers),
             extra_printers=self._extra_printers,
             starts=starts,
@@ -248,9 +248,9 @@ class _Simulation:
         self._push(self._rules.bed_clear_s(end_s, CLEARING_S), _READY, name)
         if plate.job in self._extra_printers:
             self._extra_printers[plate.job] -= 1
-        self._planned_plates[plate.planned] -= 1
-        if not self._planned_plates[plate.planned]:
-            del self._planned_plates[plate.planned]
+        self._planned_plates[plate.planned_printer] -= 1
+        if not self._planned_plates[plate.planned_printer]:
+            del self._planned_plates[plate.planned_printer]
         plates = self.queue[plate.queue_rank]
         del plates[plate.id]
         if not plates:
@@ -272,7 +272,7 @@ def make_idle(printer: FleetPrinter) -> FleetPrinter:
 
 
 def compute_seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
-    """Return the seconds that a plate takes on a printer, by the time factors of that and the planned one."""
+    """Return the seconds that a plate takes on a printer, by its time factors and the planned printer's."""
     layers_s = plate.expected_s - plate.heating_s
     factor = printer.time_factors.compute_factor(plate.feature_shares)
     return plate.heating_s + layers_s * factor / plate.time_factor

@@ -59,7 +59,7 @@ class ForecastCache:
         self._ends = ExpectedEnds()
         self._is_large = False
 
-    def clock_set(self) -> None:
+    def on_clock_set(self) -> None:
         """Drop the forecast after a step of the host's clock, which shifts the hours."""
         self._ends = ExpectedEnds()
 

@@ -84,7 +84,7 @@ def _find_loss_window_end_s(books: Books, holds: Mapping[str, Hold]) -> float:
 
 
 def find_next_change_s(
-    situation: Situation, books: Books, held_back: Mapping[str, Hold], others_s: Iterable[float]
+    situation: Situation, books: Books, held_back: Mapping[str, Hold], other_times_s: Iterable[float]
 ) -> float:
     """Return the next time at which a decision changes without an event; infinity for never.
 
@@ -96,11 +96,11 @@ def find_next_change_s(
         The committed books.
     held_back
         The plates that are excluded from assignment.
-    others_s
+    other_times_s
         Other times at which decisions may change.
     """
     starts = (job.not_before_s for job in books.jobs.values() if not job.state.ended)
-    moments = (*others_s, *(at_s for at_s in starts if at_s is not None))
+    moments = (*other_times_s, *(at_s for at_s in starts if at_s is not None))
     return min(
         situation.next_change_s(),
         _find_loss_window_end_s(books, held_back),
@@ -262,8 +262,10 @@ class HoldReasons:
                 if reel_hold
                 else busy
             )
-        planned_hold = self._obstacles.get(plate.planned) if plate.planned in group.names else None
-        return planned_hold or reel_hold or group.obstacle or _make_all_taken_hold()
+        planned_hold = (
+            self._obstacles.get(plate.planned_printer) if plate.planned_printer in group.names else None
+        )
+        return planned_hold or reel_hold or group.obstacle or _make_all_assigned_hold()
 
     def _find_printer_hold(self, plate: WaitingPlate, name: str) -> Hold | None:
         """Return why a plate does not get an idle and clear printer; None if another plate got it."""
@@ -290,7 +292,7 @@ class HoldReasons:
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:
-            return _make_all_taken_hold() if any(n in self._assigned_printers for n in names) else None
+            return _make_all_assigned_hold() if any(n in self._assigned_printers for n in names) else None
         ends = [
             end
             for n in busy
@@ -306,7 +308,7 @@ class HoldReasons:
         return Hold(code=HoldCode.PRINTER_BUSY, text=text, times=times)
 
 
-def _make_all_taken_hold() -> Hold:
+def _make_all_assigned_hold() -> Hold:
     return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer got another plate")
 
 

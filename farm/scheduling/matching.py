@@ -94,7 +94,7 @@ class FleetPrinter:
     reel_uncertain: bool = False  # `grams` may be too high
     time_factors: TimeFactors = NOMINAL_TIME_FACTORS  # learned from its prints
     unattended: bool = True  # may print while nobody is present
-    why_attended: str = ""  # why it may not print unattended
+    attended_reason: str = ""  # why it may not print unattended
 
     def obstacle(self) -> Hold | None:
         """Return why nothing can start on the printer now; None if it is idle and clear."""
@@ -199,7 +199,7 @@ class WaitingPlate:
     id: str
     requirements: Requirements
     job: int
-    planned: str  # printer of its plan
+    planned_printer: str
     expected_s: float  # on the planned printer, heating included
     priority: int = 0  # higher prints earlier
     rank: float | None = None  # among jobs of equal priority; None: the job's number
@@ -245,7 +245,7 @@ def choose_spares(
 
 def takes_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
     """Return whether a plate may take a spare: it failed elsewhere, or its own printer is out of use."""
-    planned_printer = fleet.get(plate.planned)
+    planned_printer = fleet.get(plate.planned_printer)
     if (
         plate.failed_on
         or planned_printer is None

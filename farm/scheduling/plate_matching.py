@@ -52,7 +52,7 @@ class MatchingInputs:
         Printers to match: idle and clear.
     order
         Order and kinds of the printers.
-    planned
+    planned_printers
         The printers for which the waiting plates were planned.
     spare_printers
         Free printers that are kept for plates that failed elsewhere.
@@ -67,7 +67,7 @@ class MatchingInputs:
     fleet: Mapping[str, FleetPrinter]
     free: Collection[str]
     order: FleetOrder
-    planned: Collection[str]
+    planned_printers: Collection[str]
     spare_printers: Collection[str]
     extra_printers: Mapping[int, int]
     starts: int
@@ -115,7 +115,7 @@ class _Kind:
 
     capabilities: Capabilities
     names: list[str]
-    untaken: list[str]  # contains taken ones until they are met; the best for a plate of another plan last
+    unassigned: list[str]  # may contain assigned ones; the best for a plate of another plan is last
     grams: float  # largest amount on a reel
     window: StartWindow
 
@@ -125,10 +125,10 @@ class _Kind:
         first = inputs.fleet[names[0]]
         grams = max(_read_grams(inputs.fleet[name]) for name in names)
         window = inputs.rules.start_window(first.unattended, inputs.now_s)
-        untaken, planned, rank = names.copy(), inputs.planned, inputs.order.rank
+        unassigned, planned, rank = names.copy(), inputs.planned_printers, inputs.order.rank
         if len(names) > 1:
-            untaken = sorted(names, key=lambda name: (name in planned, rank[name]), reverse=True)
-        return cls(first.capabilities, names, untaken, grams, window)
+            unassigned = sorted(names, key=lambda name: (name in planned, rank[name]), reverse=True)
+        return cls(first.capabilities, names, unassigned, grams, window)
 
 
 class _Matching:
@@ -164,8 +164,8 @@ class _Matching:
         return False
 
     def _augment(self, plate: WaitingPlate, visited_printers: set[str]) -> bool:
-        if not plate.failed_on:  # most plates find an untaken printer, without a list of all choices
-            name = self._find_untaken(plate)
+        if not plate.failed_on:  # most plates find an unassigned printer, without a list of all choices
+            name = self._find_unassigned_printer(plate)
             if name is not None:
                 self.plate_by_printer[name] = plate
                 return True
@@ -182,18 +182,25 @@ class _Matching:
                     return True
         return False
 
-    def _find_untaken(self, plate: WaitingPlate) -> str | None:
-        """Return the best printer for a plate that is not taken; None if there is none."""
-        inputs, taken, grams = self._inputs, self.plate_by_printer, compute_needed_grams(plate)
+    def _find_unassigned_printer(self, plate: WaitingPlate) -> str | None:
+        """Return the best printer for a plate that is not assigned; None if there is none."""
+        inputs, assigned, grams = self._inputs, self.plate_by_printer, compute_needed_grams(plate)
         best: str | None = None
         for kind in self._list_kinds(plate, grams):
-            while kind.untaken and kind.untaken[-1] in taken:
-                kind.untaken.pop()
-            names = reversed(kind.untaken)
-            if plate.planned in inputs.free and self._kinds[inputs.order.kind[plate.planned]] is kind:
-                names = chain((plate.planned,), names)
+            while kind.unassigned and kind.unassigned[-1] in assigned:
+                kind.unassigned.pop()
+            names = reversed(kind.unassigned)
+            if (
+                plate.planned_printer in inputs.free
+                and self._kinds[inputs.order.kind[plate.planned_printer]] is kind
+            ):
+                names = chain((plate.planned_printer,), names)
             for name in names:
-                if name in taken or grams > _read_grams(inputs.fleet[name]) or not self._may_use(plate, name):
+                if (
+                    name in assigned
+                    or grams > _read_grams(inputs.fleet[name])
+                    or not self._may_use(plate, name)
+                ):
                     continue
                 if best is None or self._rank_choice(plate, name) < self._rank_choice(plate, best):
                     best = name
@@ -202,7 +209,11 @@ class _Matching:
 
     def _rank_choice(self, plate: WaitingPlate, name: str) -> tuple[bool, bool, int]:
         """Return the sort key of a plate's choices: the smallest is the best."""
-        return name != plate.planned, name in self._inputs.planned, self._inputs.order.rank[name]
+        return (
+            name != plate.planned_printer,
+            name in self._inputs.planned_printers,
+            self._inputs.order.rank[name],
+        )
 
     def _list_choices(self, plate: WaitingPlate) -> list[str]:
         """Return the printers that can take a plate now, in order of preference."""

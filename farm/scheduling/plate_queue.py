@@ -43,9 +43,9 @@ class JobPlates:
         return frozenset({plate.id for plate in self.plates})
 
     @cached_property
-    def planned(self) -> frozenset[str]:
+    def planned_printers(self) -> frozenset[str]:
         """Printers for which the plates were planned."""
-        return frozenset({plate.planned for plate in self.plates})
+        return frozenset({plate.planned_printer for plate in self.plates})
 
     @cached_property
     def demands(self) -> frozenset[Demand]:
@@ -121,9 +121,9 @@ class PlateQueue(Collection[WaitingPlate]):
                 yield job.rank, [plate for plate in job.plates if plate.demand in demands]
 
     @cached_property
-    def planned(self) -> frozenset[str]:
+    def planned_printers(self) -> frozenset[str]:
         """Printers for which the plates were planned."""
-        return frozenset().union(*(job.planned for job in self.jobs))
+        return frozenset().union(*(job.planned_printers for job in self.jobs))
 
     @cached_property
     def demands(self) -> frozenset[Demand]:

@@ -54,7 +54,7 @@ class Situation:
         """Free printers that are kept for plates that failed elsewhere."""
         if not self.spares or self.rules.is_attended(self.now_s):
             return frozenset()
-        return choose_spares(self.printers, self.waiting.planned, max(self.spares.values()))
+        return choose_spares(self.printers, self.waiting.planned_printers, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Return whether hours and start times let a plate start on a printer now."""

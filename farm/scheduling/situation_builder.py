@@ -39,16 +39,16 @@ def _describe_printer(
     books: Books,
     report: AgentSnapshot | None,
     attempt: Print | None,
-    rooms: BuildVolumes,
+    build_volumes: BuildVolumes,
 ) -> FleetPrinter:
     entry = books.printer(section.name)
     attention_reason = entry.attention_reason
     if report is not None and report.link is Link.FAULT and attention_reason is None:
         attention_reason = report.reason or "its agent reports a fault"
-    why_attended = _find_attended_reason(section, report)
+    attended_reason = _find_attended_reason(section, report)
     return FleetPrinter(
         name=section.name,
-        capabilities=describe_capabilities(section, rooms),
+        capabilities=describe_capabilities(section, build_volumes),
         bed=entry.bed,
         filament=entry.filament,
         link=report.link if report is not None else Link.STARTING,
@@ -64,15 +64,15 @@ def _describe_printer(
         grams=_compute_free_grams(books, entry, attempt),
         reel_uncertain=entry.reel is not None and entry.reel.uncertain,
         time_factors=entry.time_factors,
-        unattended=not why_attended,
-        why_attended=why_attended,
+        unattended=not attended_reason,
+        attended_reason=attended_reason,
     )
 
 
-def describe_capabilities(section: PrinterSection, rooms: BuildVolumes) -> Capabilities:
+def describe_capabilities(section: PrinterSection, build_volumes: BuildVolumes) -> Capabilities:
     """Describe the capabilities of a printer, which do not depend on its state."""
     return Capabilities(
-        room=rooms(section),
+        room=build_volumes(section),
         material=section.material,
         colour=section.colour,
         nozzle_mm=section.nozzle_mm,
@@ -185,7 +185,7 @@ class SituationBuilder:
         self, fleet: Fleet, books: Books, snapshots: Mapping[str, AgentSnapshot]
     ) -> tuple[FleetPrinter, ...]:
         """Describe the enabled printers."""
-        sections, named = self._list_enabled(fleet), self._find_named(books)
+        sections, named = self._list_enabled(fleet), self._find_named_printers(books)
         return tuple(
             [
                 self._describe(section, books, snapshots.get(name), name in named)
@@ -200,7 +200,7 @@ class SituationBuilder:
         section = self._list_enabled(fleet).get(name)
         if section is None:
             return None
-        return self._describe(section, books, snapshots.get(name), name in self._find_named(books))
+        return self._describe(section, books, snapshots.get(name), name in self._find_named_printers(books))
 
     def _list_enabled(self, fleet: Fleet) -> dict[str, PrinterSection]:
         if fleet is not self._fleet:
@@ -231,7 +231,7 @@ class SituationBuilder:
         self._printers[section.name] = _CachedPrinter(section, entry, attempt, report, is_named, description)
         return description
 
-    def _find_named(self, books: Books) -> frozenset[str]:
+    def _find_named_printers(self, books: Books) -> frozenset[str]:
         """Return the printers that open jobs ask for by name."""
         if self._named_printers[0] is not books.jobs:
             open_jobs = (job for job in books.jobs.values() if not job.state.ended)
@@ -307,7 +307,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             id=plate.id,
             job=plate.job,
             requirements=derive_plate_requirements(plate, job.options),
-            planned=plate.printer,
+            planned_printer=plate.printer,
             expected_s=plate.expected_s,
             priority=job.priority,
             rank=job.moved_rank,

@@ -15,7 +15,7 @@ from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.text import format_duration
 from farm.wording import name_time
 
-LATE = 1.05
+LATE_FACTOR = 1.05
 """Factor by which a print may take longer than expected."""
 GRAMS_RATIO, MIN_GRAMS = 1.05, 5.0
 """Filament that a reel must have for a plate: a factor on its grams, and a minimum of additional grams."""
@@ -70,10 +70,10 @@ class StartWindow:
         at_s = self.at_s
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             return False
-        if at_s + plate.expected_s * LATE > self.quiet_s:
+        if at_s + plate.expected_s * LATE_FACTOR > self.quiet_s:
             return False
         if not self.unattended:
-            return at_s + (plate.expected_s * LATE + CLEARING_RESERVE_S) <= self.attended_until_s
+            return at_s + (plate.expected_s * LATE_FACTOR + CLEARING_RESERVE_S) <= self.attended_until_s
         return not self.first_layers_attended or at_s + plate.first_layer_s <= self.attended_until_s
 
 
@@ -153,7 +153,7 @@ class StartRules:
     def _skip_quiet_hours(self, plate: WaitingPlate, at_s: float, now_s: float) -> Start | None:
         """Return the end of the quiet hours that a print at `at_s` would reach; else None."""
         quiet = self.quiet.span(at_s) or self.quiet.next_span(at_s)
-        if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
+        if quiet is None or at_s + plate.expected_s * LATE_FACTOR <= quiet[0]:
             return None
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
@@ -171,7 +171,7 @@ class StartRules:
             return None
         rule = "first layers are printed only in attended hours"
         if not printer.unattended:
-            rule = f"{printer.name} prints only in attended hours ({printer.why_attended})"
+            rule = f"{printer.name} prints only in attended hours ({printer.attended_reason})"
         span = self.attended.span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
@@ -186,7 +186,7 @@ class StartRules:
     def _compute_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """Return the seconds after its start in which a print needs a person; None if it needs nobody."""
         if not printer.unattended:
-            return plate.expected_s * LATE + CLEARING_RESERVE_S
+            return plate.expected_s * LATE_FACTOR + CLEARING_RESERVE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
     def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
@@ -199,7 +199,7 @@ class StartRules:
         """Yield the latest start in the hours around `at_s` for each plate on each printer."""
         quiet, attended_span = self.quiet.next_span(at_s), self.attended.span(at_s)
         for plate in plates:
-            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
+            before_quiet_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE_FACTOR
             for printer in printers:
                 needed_s = self._compute_attendance_s(plate, printer)
                 if needed_s is None or attended_span is None:
@@ -239,7 +239,7 @@ class StartRules:
             return None
         next_span = self.attended.next_span(now_s)
         hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
-        return f"{printer.name} prints only in attended hours ({printer.why_attended}){hint}"
+        return f"{printer.name} prints only in attended hours ({printer.attended_reason}){hint}"
 
     def evening_s(self, now_s: float) -> float | None:
         """Return the start of the night: the end of the attended hours; None if it has started.

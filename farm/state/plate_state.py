@@ -12,7 +12,7 @@ from enum import StrEnum
 from drivers.errors import Fault
 from farm.model import JobState, Plate, Print, PrintState, Verdict
 
-ATTEMPTS = 3
+MAX_ATTEMPTS = 3
 """Number of failures after which a plate is printed again only on request."""
 
 
@@ -60,7 +60,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
         return PlateState.PRINTING
     return (
         PlateState.OUT_OF_ATTEMPTS
-        if len(list_charged_failures(plate, prints)) >= ATTEMPTS
+        if len(list_charged_failures(plate, prints)) >= MAX_ATTEMPTS
         else PlateState.WAITING
     )
 

@@ -67,15 +67,15 @@ def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) ->
         if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
             yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
         return
-    unknown = "its agent has no record of this print"
+    unknown_reason = "its agent has no record of this print"
     if attempt.restored:
-        unknown += " any more, and the database is a backup: check what became of it"
+        unknown_reason += " any more, and the database is a backup: check what became of it"
     yield ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
         state=PrintState.FAILED if has_started else PrintState.CANCELLED,
         fault=OwnFault.PRINT_LOST if has_started else None,
-        reason=unknown if has_started or attempt.restored else f"never begun: {reason}",
+        reason=unknown_reason if has_started or attempt.restored else f"never begun: {reason}",
         started_s=None,
         ended_s=now_s,
         extruded=False,

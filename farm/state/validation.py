@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Iterator
 
 from farm.model import Bed, JobState, Print, PrintState
 from farm.state.books import Books
-from farm.state.plate_state import ATTEMPTS, PlateState, derive_job_state, list_charged_failures
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState, derive_job_state, list_charged_failures
 
 _DERIVED_STATES = (JobState.PRINTING, JobState.PRINTED, JobState.DONE, JobState.FAILED)
 """States of a job that are derived from its plates alone."""
@@ -36,20 +36,26 @@ def validate_books(books: Books) -> list[str]:
 
 def _find_missing_entries(books: Books) -> Iterator[str]:
     for job in books.jobs.values():
-        yield from _find_missing(f"job {job.id}: its plate", job.plates, books.plates)
-        yield from _find_missing(f"job {job.id}: its part", job.parts, books.parts)
+        yield from _find_missing_references(f"job {job.id}: its plate", job.plates, books.plates)
+        yield from _find_missing_references(f"job {job.id}: its part", job.parts, books.parts)
     for plate in books.plates.values():
-        yield from _find_missing(f"plate {plate.id}: its job", (plate.job,), books.jobs)
-        yield from _find_missing(f"plate {plate.id}: its part", plate.parts, books.parts)
-        yield from _find_missing(f"plate {plate.id}: its print", plate.prints, books.prints)
-        yield from _find_missing(f"plate {plate.id}: its replacement", plate.replaced_by, books.plates)
+        yield from _find_missing_references(f"plate {plate.id}: its job", (plate.job,), books.jobs)
+        yield from _find_missing_references(f"plate {plate.id}: its part", plate.parts, books.parts)
+        yield from _find_missing_references(f"plate {plate.id}: its print", plate.prints, books.prints)
+        yield from _find_missing_references(
+            f"plate {plate.id}: its replacement", plate.replaced_by, books.plates
+        )
     for attempt in books.prints.values():
-        yield from _find_missing(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
-        yield from _find_missing(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
-        yield from _find_missing(f"print {attempt.id}: its printer", (attempt.printer,), books.printers)
+        yield from _find_missing_references(f"print {attempt.id}: its plate", (attempt.plate,), books.plates)
+        yield from _find_missing_references(f"print {attempt.id}: its job", (attempt.job,), books.jobs)
+        yield from _find_missing_references(
+            f"print {attempt.id}: its printer", (attempt.printer,), books.printers
+        )
 
 
-def _find_missing(owner: str, names: Iterable[object], entities: Container[object]) -> Iterator[str]:
+def _find_missing_references(
+    owner: str, names: Iterable[object], entities: Container[object]
+) -> Iterator[str]:
     yield from (f"{owner} {name} does not exist" for name in names if name not in entities)
 
 
@@ -76,8 +82,8 @@ def _check_plates(books: Books) -> Iterator[str]:
         current = [p for p in prints if not p.state.ended and not p.restored]
         if len(current) > 1:
             yield f"plate {plate.id}: it is printed on {' and '.join(p.printer for p in current)} at once"
-        if not plate.replaced_by and len(list_charged_failures(plate, prints)) > ATTEMPTS:
-            yield f"plate {plate.id}: it failed more than {ATTEMPTS} times"
+        if not plate.replaced_by and len(list_charged_failures(plate, prints)) > MAX_ATTEMPTS:
+            yield f"plate {plate.id}: it failed more than {MAX_ATTEMPTS} times"
         if plate.counted_from > len(plate.prints):
             yield f"plate {plate.id}: it counts from print {plate.counted_from} of {len(plate.prints)}"
 

@@ -9,7 +9,7 @@ from farm.views.accounting import compute_duration_s, is_wasted, summarise_job, 
 from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
-ENDED_SHOWN = 10
+MAX_ENDED_JOBS = 10
 """Number of ended jobs on the status page; `farm history` lists the prints of all."""
 
 
@@ -25,7 +25,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
             continue
         (ended_jobs if job.state.ended and job.state is not JobState.PRINTED else open_jobs).append(job)
     return sorted(
-        [*open_jobs, *sorted(ended_jobs, key=lambda job: job.id)[-ENDED_SHOWN:]], key=lambda job: job.id
+        [*open_jobs, *sorted(ended_jobs, key=lambda job: job.id)[-MAX_ENDED_JOBS:]], key=lambda job: job.id
     )
 
 

@@ -45,7 +45,7 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent_keys: Coll
         *_list_losses(books),
         *_list_host_losses(books),
         *_list_restored(books),
-        *_list_all_ended(books),
+        *_list_end_of_all_jobs(books),
     ]
     wait_s = books.outage_window_s  # in both directions: the clock may have been set back
     due = (n for n in notices if n.urgent or abs(now_s - n.at_s) >= wait_s)
@@ -124,7 +124,7 @@ def _list_restored(books: Books) -> Iterator[Notice]:
         yield Notice(f"restored {max(moments):.0f}", max(moments), text)
 
 
-def _list_all_ended(books: Books) -> Iterator[Notice]:
+def _list_end_of_all_jobs(books: Books) -> Iterator[Notice]:
     jobs = [job for job in books.jobs.values() if not job.options.dry_run]
     ended_s = max((job.ended_s for job in jobs if job.ended_s is not None), default=None)
     if ended_s is not None and not any(job.state in _UNFINISHED_STATES for job in jobs):

@@ -64,7 +64,7 @@ class AddressLimitedServer(BoundedServer):
     async def make_room(self, connection: socket.socket) -> None:
         """Make room among the connections of an address, then among all. Raises Refused at the limit."""
         client = group_address(connection.getpeername()[0])
-        while client is not None and len(own := self._list_own(client)) >= self._address_limit:
+        while client is not None and len(own := self._list_connections(client)) >= self._address_limit:
             idle = find_longest_waiting(own)
             if idle is None:
                 raise Refused(f"{client} has {len(own)} connections")
@@ -82,7 +82,7 @@ class AddressLimitedServer(BoundedServer):
             return own[0]
         return super().find_abandoned_handshake(handshakes, connection)
 
-    def _list_own(self, client: str) -> list[WaitingConnection]:
+    def _list_connections(self, client: str) -> list[WaitingConnection]:
         """List the connections of a client."""
         peers = (
             (connection, connection.transport.get_extra_info("peername")) for connection in self.connections

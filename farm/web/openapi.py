@@ -60,7 +60,7 @@ def describe_routes(routes: list[BaseRoute]) -> dict[str, Any]:
     components["schemas"]["Problem"] = api.Problem.model_json_schema()
     components["securitySchemes"] = _KEYS
     document["security"] = [{name: []} for name in _KEYS]
-    components["schemas"] = _select_used(paths, components["schemas"])
+    components["schemas"] = _select_used_schemas(paths, components["schemas"])
     return document
 
 
@@ -86,7 +86,7 @@ def _complete(operation: dict[str, Any], verb: str, path: str, role: Role | None
     }
 
 
-def _select_used(paths: dict[str, Any], schemas: dict[str, Any]) -> dict[str, Any]:
+def _select_used_schemas(paths: dict[str, Any], schemas: dict[str, Any]) -> dict[str, Any]:
     """Select the schemas that the operations refer to, directly or through others."""
     used_names: set[str] = set()
     open_names = list(_find_references(paths))

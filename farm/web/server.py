@@ -21,7 +21,7 @@ from farm.web.guard import MAX_HEAD_BYTES
 
 log = logging.getLogger(__name__)
 
-_KEYS_S = 1.0  # time between two checks for a valid key
+_KEY_CHECK_INTERVAL_S = 1.0  # time between two checks for a valid key
 _RETRY_S = 10.0  # time between two attempts to listen
 _BACKLOG = 128
 _GRACE_S = 3  # time for open requests when the daemon ends
@@ -92,7 +92,7 @@ class NetworkServer:
     async def _run(self, has_key: Callable[[], bool]) -> None:
         while not self._section.is_local and not has_key():
             self._report("it has no key yet: add one with `farm key add NAME`")
-            await asyncio.sleep(_KEYS_S)
+            await asyncio.sleep(_KEY_CHECK_INTERVAL_S)
         while True:
             try:
                 listener = self._listen()

@@ -13,7 +13,7 @@ from farm.cli import commands
 from farm.daemon import Daemon, run
 from farm.errors import FarmError
 from farm.model import Job, JobOptions, JobState, PlanProgress, PlanStep
-from farm.paths import Places, StateFolder
+from farm.paths import FarmPaths, StateFolder
 from farm.state import Books
 from farm.state import events as ev
 
@@ -24,7 +24,7 @@ def test_unwritable_state_folder_is_reported_in_one_line(tmp_path, monkeypatch):
     state.make()
     state.lock.mkdir()  # like a full or read-only disk, it refuses the lock
     with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: check its disk space"):
-        run(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+        run(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
 
 COMMANDS = [f"farm.cli.commands.{path.stem}" for path in Path(commands.__file__).parent.glob("[a-z]*.py")]
@@ -44,10 +44,10 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
     monkeypatch.setattr("farm.daemon._FOLLOW_INTERVAL_S", 0.0)
     state = StateFolder(tmp_path / "state")
     state.make()
-    daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     real, reports = time.time, []
-    monkeypatch.setattr(daemon._timers, "clock_set", lambda: reports.append("timers"))
-    monkeypatch.setattr(daemon._agents.hosts, "clock_set", lambda by_s: reports.append("hosts"))
+    monkeypatch.setattr(daemon._timers, "on_clock_set", lambda: reports.append("timers"))
+    monkeypatch.setattr(daemon._agents.hosts, "on_clock_set", lambda by_s: reports.append("hosts"))
     monkeypatch.setattr(daemon._controller, "handle", lambda *events: reports.extend(events))
     monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
     before_s = daemon._clock.now()
@@ -71,7 +71,7 @@ def test_clock_step_of_the_host_reaches_every_component(tmp_path, monkeypatch):
 def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now, looks):
     state = StateFolder(tmp_path / "state")
     state.make()
-    daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     planning_states, polls, ends = iter([[1], [1], []]), [], []
 
     def list_planning(_):
@@ -84,7 +84,7 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
     async def shut_down_agents():
         ends.append(list(polls))
 
-    monkeypatch.setattr(daemon._controller.planning, "list_running", list_planning)
+    monkeypatch.setattr(daemon._controller.planning, "list_running_jobs", list_planning)
     monkeypatch.setattr("farm.daemon.asyncio.sleep", no_time)
     monkeypatch.setattr(daemon._agents, "shut_down_agents", shut_down_agents)
     asyncio.run(daemon._end(now))
@@ -96,7 +96,7 @@ def test_down_waits_for_a_plan_in_progress_unless_now(tmp_path, monkeypatch, now
 def test_down_waits_for_inspections_but_not_for_a_plan_that_waits_for_disk_space(tmp_path, monkeypatch):
     state = StateFolder(tmp_path / "state")
     state.make()
-    daemon = Daemon(make_fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    daemon = Daemon(make_fleet(), FarmPaths(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     controller, waits = daemon._controller, []
     controller.books = Books.from_entities([make_planned_job(1)])
     controller.on_plan_progress(1, PlanProgress(step=PlanStep.SLICING))

@@ -292,7 +292,7 @@ HOURS = "".join(f"  - mon {i // 60 % 24:02d}:{i % 60:02d}-24:00\n" for i in rang
             "fleet:\n attended:\n" + HOURS + "printers: []\n",
             ":3: fleet.attended: has 20000 values; 168 at most",
         ),
-        ("# and so on\n" * 50_000 + VALID_FILE, "is larger than 512 KiB: no fleet file"),
+        ("# and so on\n" * 50_000 + VALID_FILE, "is larger than 512 KiB: not a fleet file"),
     ],
     ids=["merges", "lists", "hours", "size"],
 )

@@ -7,33 +7,33 @@ from pathlib import Path
 import pytest
 
 from farm.errors import Refused
-from farm.paths import StateFolder, find_places, read_anchor, write_anchor
+from farm.paths import StateFolder, find_farm_paths, read_anchor, write_anchor
 
 
 def test_options_precede_environment_and_xdg_folders(tmp_path):
     env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
-    places = find_places(None, None, None, env)
-    assert places.state.root == Path("/home/ann/.local/state/farm")
-    assert places.socket == Path("/run/user/7/farm/farm.sock")
+    paths = find_farm_paths(None, None, None, env)
+    assert paths.state.root == Path("/home/ann/.local/state/farm")
+    assert paths.socket == Path("/run/user/7/farm/farm.sock")
     env |= {"FARM_STATE": "/srv/farm", "FARM_FLEET": "/srv/fleet.yaml"}
-    places = find_places(None, None, None, env)
-    assert (places.state.root, places.fleet) == (Path("/srv/farm"), Path("/srv/fleet.yaml"))
-    assert find_places(Path("/tmp/x"), None, Path("f.yaml"), env).state.root == Path("/tmp/x")
+    paths = find_farm_paths(None, None, None, env)
+    assert (paths.state.root, paths.fleet) == (Path("/srv/farm"), Path("/srv/fleet.yaml"))
+    assert find_farm_paths(Path("/tmp/x"), None, Path("f.yaml"), env).state.root == Path("/tmp/x")
 
 
 def test_two_state_folders_never_share_a_socket():
     env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
-    sockets = {find_places(Path(folder), None, None, env).socket for folder in ("/a", "/b")}
+    sockets = {find_farm_paths(Path(folder), None, None, env).socket for folder in ("/a", "/b")}
     assert sockets == {Path("/a/farm.sock"), Path("/b/farm.sock")}
 
 
 def test_long_socket_path_is_replaced_by_a_short_one():
     env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
     deep = [Path("/" + letter * 120) for letter in "ab"]
-    sockets = [find_places(folder, None, None, env).socket for folder in deep]
+    sockets = [find_farm_paths(folder, None, None, env).socket for folder in deep]
     assert sockets[0] != sockets[1]
     assert all(len(str(socket)) < 100 for socket in sockets)
-    assert find_places(deep[0], None, None, env).socket == sockets[0]
+    assert find_farm_paths(deep[0], None, None, env).socket == sockets[0]
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def temporary(tmp_path, monkeypatch):
     """Return the system's temporary folder, and the path there of a socket whose own path is too long."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = tmp_path / f"farm-{os.getuid()}"
-    return folder, lambda: find_places(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
+    return folder, lambda: find_farm_paths(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
 
 
 def test_socket_of_a_long_path_is_in_a_private_folder(temporary):
@@ -81,13 +81,13 @@ def test_user_without_a_farm_uses_the_shared_one(tmp_path):
     env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
     shared_socket = tmp_path / "shared" / "farm.sock"
     own_socket = tmp_path / "run" / "farm" / "farm.sock"
-    assert find_places(None, None, None, env, shared_socket).socket == own_socket
+    assert find_farm_paths(None, None, None, env, shared_socket).socket == own_socket
     shared_socket.parent.mkdir()
-    assert find_places(None, None, None, env, shared_socket).socket == shared_socket
-    assert find_places(tmp_path, None, None, env, shared_socket).socket == tmp_path / "farm.sock"
+    assert find_farm_paths(None, None, None, env, shared_socket).socket == shared_socket
+    assert find_farm_paths(tmp_path, None, None, env, shared_socket).socket == tmp_path / "farm.sock"
     own_socket.parent.mkdir(parents=True)
     own_socket.touch()
-    assert find_places(None, None, None, env, shared_socket).socket == own_socket
+    assert find_farm_paths(None, None, None, env, shared_socket).socket == own_socket
 
 
 def test_inaccessible_folders_are_skipped(tmp_path, monkeypatch):
@@ -101,8 +101,8 @@ def test_inaccessible_folders_are_skipped(tmp_path, monkeypatch):
 
     for check in ("exists", "is_file", "is_dir"):
         monkeypatch.setattr(Path, check, refuse)
-    places = find_places(None, None, None, env, Path("/opt/run/farm.sock"))
-    assert (places.socket, places.fleet.name) == (Path("/opt/run/farm.sock"), "fleet.yaml")
+    paths = find_farm_paths(None, None, None, env, Path("/opt/run/farm.sock"))
+    assert (paths.socket, paths.fleet.name) == (Path("/opt/run/farm.sock"), "fleet.yaml")
 
 
 def test_fleet_file_in_the_current_folder_is_preferred(tmp_path, monkeypatch):
@@ -111,9 +111,9 @@ def test_fleet_file_in_the_current_folder_is_preferred(tmp_path, monkeypatch):
     config.parent.mkdir(parents=True)
     config.touch()
     env = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / "config")}
-    assert find_places(None, None, None, env).fleet == config
+    assert find_farm_paths(None, None, None, env).fleet == config
     (tmp_path / "fleet.yaml").touch()
-    assert find_places(None, None, None, env).fleet == tmp_path / "fleet.yaml"
+    assert find_farm_paths(None, None, None, env).fleet == tmp_path / "fleet.yaml"
 
 
 def test_clock_anchor_is_written_atomically(tmp_path):

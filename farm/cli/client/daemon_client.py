@@ -21,7 +21,7 @@ from farm import api
 from farm.cli.client.connections import Address, make_headers, make_target, open_connection, read_address
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.text import describe_first_error
 
 View = TypeVar("View", bound=BaseModel)
@@ -281,15 +281,15 @@ def _read_answer(status: int, text: bytes) -> Any:
     raise FarmError(problem.error, code)
 
 
-def connect(places: Places) -> Client:
-    """Return a client of the daemon at a farm's places: over the network if they have a URL.
+def connect(paths: FarmPaths) -> Client:
+    """Return a client of the daemon at a farm's paths: over the network if they have a URL.
 
     Raises
     ------
     FarmError
         If the URL or the key's file cannot be used.
     """
-    return Client(places.socket if places.url is None else read_address(places.url, places.key_file))
+    return Client(paths.socket if paths.url is None else read_address(paths.url, paths.key_file))
 
 
 def _advise(address: Address) -> str:

@@ -15,11 +15,11 @@ from drivers.printers import PROFILES
 from farm.cli import completion
 from farm.cli.client import Client
 from farm.cli.notices import print_notice
-from farm.cli.options import with_places
+from farm.cli.options import with_paths
 from farm.config import Fleet
 from farm.errors import DaemonUnreachable, FarmError
 from farm.fleet_file import load_fleet
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.text import format_count
 
 _START_TIMEOUT_S = 60.0
@@ -27,9 +27,9 @@ _STOP_TIMEOUT_S = 180.0
 _READABLE_BY_ALL = 0o004
 
 
-@with_places
+@with_paths
 def up(
-    places: Places,
+    paths: FarmPaths,
     replace: Annotated[
         list[str] | None,
         typer.Option(
@@ -38,13 +38,13 @@ def up(
     ] = None,
 ) -> None:
     """Start the daemon, and an agent for each printer that has none."""
-    fleet = _load_fleet(places)
-    _warn(fleet, places)
-    client = Client(places.socket)
+    fleet = _load_fleet(paths)
+    _warn(fleet, paths)
+    client = Client(paths.socket)
     try:
         status = client.status()
     except DaemonUnreachable:
-        _start_daemon(places, client)
+        _start_daemon(paths, client)
         status = client.status()
         printers = format_count(len(status.printers), "printer")
         print(f"farm {status.daemon.version} is up: {printers}, pid {status.daemon.pid}")
@@ -55,13 +55,13 @@ def up(
         print(f"{name}: its agent is replaced")
 
 
-def _load_fleet(places: Places) -> Fleet:
+def _load_fleet(paths: FarmPaths) -> Fleet:
     from farm.planning.inspection import complete_section
 
-    return load_fleet(places.fleet, frozenset(PROFILES), complete_section)
+    return load_fleet(paths.fleet, frozenset(PROFILES), complete_section)
 
 
-def _warn(fleet: Fleet, places: Places) -> None:
+def _warn(fleet: Fleet, paths: FarmPaths) -> None:
     """Warn of missing ports, and of a fleet file with passwords that all users can read."""
     for printer in fleet.printers:
         is_local = printer.enabled and printer.host is None and printer.port.startswith("/")
@@ -70,14 +70,14 @@ def _warn(fleet: Fleet, places: Places) -> None:
                 f"{printer.name}: there is no port {printer.port}; check its USB cable and power; the other "
                 "printers start without it"
             )
-    if fleet.fleet.notify and places.fleet.stat().st_mode & _READABLE_BY_ALL:
+    if fleet.fleet.notify and paths.fleet.stat().st_mode & _READABLE_BY_ALL:
         print_notice(
-            f"{places.fleet} may contain passwords under `notify`, and every user can read it: "
-            f"`chmod o-r {places.fleet}`"
+            f"{paths.fleet} may contain passwords under `notify`, and every user can read it: "
+            f"`chmod o-r {paths.fleet}`"
         )
 
 
-def _start_daemon(places: Places, client: Client) -> None:
+def _start_daemon(paths: FarmPaths, client: Client) -> None:
     """Start the daemon in the background, and wait until it answers.
 
     Raises
@@ -85,13 +85,13 @@ def _start_daemon(places: Places, client: Client) -> None:
     FarmError
         If the daemon ended or does not answer; the message contains the last line of its log.
     """
-    places.state.make()
+    paths.state.make()
     command = [sys.executable, "-P", "-m", "farm.cli.main", "daemon"]
-    command += ["--state", str(places.state.root)]
-    command += ["--socket", str(places.socket)]
-    command += ["--fleet", str(places.fleet)]
-    places.state.log.touch(mode=0o600)
-    with places.state.log.open("ab") as log:
+    command += ["--state", str(paths.state.root)]
+    command += ["--socket", str(paths.socket)]
+    command += ["--fleet", str(paths.fleet)]
+    paths.state.log.touch(mode=0o600)
+    with paths.state.log.open("ab") as log:
         start = log.tell()
         child = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/"
@@ -105,25 +105,25 @@ def _start_daemon(places: Places, client: Client) -> None:
             if child.poll() is not None:
                 break
             time.sleep(0.1)
-    with places.state.log.open("rb") as log:
+    with paths.state.log.open("rb") as log:
         log.seek(start)
         lines = log.read().decode(errors="replace").strip().splitlines()
     last_line = lines[-1].removeprefix("farm: ") if lines else "it wrote no log"
-    raise FarmError(f"the daemon did not start: {last_line}; its log is {places.state.log}")
+    raise FarmError(f"the daemon did not start: {last_line}; its log is {paths.state.log}")
 
 
-@with_places
-def daemon(places: Places) -> None:
+@with_paths
+def daemon(paths: FarmPaths) -> None:
     """Run the daemon in the foreground; `farm up` runs it in the background."""
     from farm.daemon import run
 
     os.umask(0o077)  # new files are private, even if the state folder is readable by all
-    run(_load_fleet(places), places)
+    run(_load_fleet(paths), paths)
 
 
-@with_places
+@with_paths
 def down(
-    places: Places,
+    paths: FarmPaths,
     wait: Annotated[
         bool, typer.Option("--wait", help="Let open prints finish first, and start no new ones.")
     ] = False,
@@ -132,7 +132,7 @@ def down(
     """Stop the daemon and the agents. While the farm prints or plans, --wait or --now is needed."""
     if wait and now:
         raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
-    client = Client(places.socket)
+    client = Client(paths.socket)
     pid = client.status().daemon.pid
     client.shut_down(now, wait)
     deadline_s = time.monotonic() + _STOP_TIMEOUT_S
@@ -143,7 +143,7 @@ def down(
         time.sleep(0.1)
     raise FarmError(
         f"the daemon (pid {pid}) has not ended within {_STOP_TIMEOUT_S:.0f} s; look at `farm status` and "
-        f"at its log {places.state.log}"
+        f"at its log {paths.state.log}"
     )
 
 

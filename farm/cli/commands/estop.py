@@ -18,10 +18,10 @@ import typer
 from drivers.printers import PROFILES, find_firmware
 from farm.cli import completion
 from farm.cli.estop_socket import Report, StopReport, find_estop_socket, request_stop, serve_request
-from farm.cli.options import Json, with_places
+from farm.cli.options import Json, with_paths
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.fleet_file import load_fleet
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.text import flatten_text
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 _POLL_S = 0.2
 
 
-@with_places
+@with_paths
 def estop(
-    places: Places,
+    paths: FarmPaths,
     printers: Annotated[
         list[str] | None,
         typer.Argument(help="The printers to stop; none: all.", autocompletion=completion.printers),
@@ -46,7 +46,7 @@ def estop(
 ) -> None:
     """Stop printers at once by resetting their boards, even if the daemon and the agents hang."""
     if asked:
-        serve_request(sys.stdin, sys.stdout, partial(stop_all, places))
+        serve_request(sys.stdin, sys.stdout, partial(stop_all, paths))
         return
     outcomes: list[StopReport] = []
 
@@ -56,12 +56,12 @@ def estop(
         if not json:
             print_report(line)
 
-    socket = find_estop_socket(places)
+    socket = find_estop_socket(paths)
     try:
         if socket is not None:
             request_stop(socket, printers or [], report)
         else:
-            stop_all(places, printers or [], report)
+            stop_all(paths, printers or [], report)
     finally:
         if json:
             from farm.cli.display.console import print_json  # slow to load
@@ -70,7 +70,7 @@ def estop(
             print_json({"schema": 1, "printers": rows})
 
 
-def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
+def stop_all(paths: FarmPaths, printers: Iterable[str], report: Report) -> None:
     """Stop printers by their names; all if no name is given.
 
     Raises
@@ -81,7 +81,7 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
         If it is not confirmed that a printer's heaters are off, or that the printer stands still.
     """
     began_s = time.time()
-    targets, fleet_error = find_targets(places)
+    targets, fleet_error = find_targets(paths)
     if not targets and fleet_error is not None:
         raise fleet_error
     names = list(printers)
@@ -185,7 +185,7 @@ class HostTarget:
     start: StartFile
 
 
-def find_targets(places: Places) -> tuple[dict[str, Target], FleetFileError | None]:
+def find_targets(paths: FarmPaths) -> tuple[dict[str, Target], FleetFileError | None]:
     """Find the stop target of each printer of the state folder and of `fleet.yaml`.
 
     If `fleet.yaml` cannot be read, only the printers of the state folder are returned, with the error.
@@ -194,10 +194,10 @@ def find_targets(places: Places) -> tuple[dict[str, Target], FleetFileError | No
     from drivers.remote import runs_host_service
     from drivers.safety import StopTarget, list_targets
 
-    agents = list_targets(places.state.root / "agents")
-    targets: dict[str, Target] = {name: _stop_local(target) for name, target in agents.items()}
+    agents = list_targets(paths.state.root / "agents")
+    targets: dict[str, Target] = {name: _stop_local_printer(target) for name, target in agents.items()}
     try:
-        fleet = load_fleet(places.fleet, frozenset(PROFILES))
+        fleet = load_fleet(paths.fleet, frozenset(PROFILES))
     except FleetFileError as error:
         return targets, error
     for section in fleet.printers:
@@ -206,21 +206,23 @@ def find_targets(places: Places) -> tuple[dict[str, Target], FleetFileError | No
             start = StartFile(name, section.model, section.port, power_off_cmd=relay)
             remote = (section.host, section.host_command, fleet.fleet.name)
             has_service = runs_host_service(section.host_command)
-            targets[name] = HostTarget(remote, start) if has_service else _stop_remote(*remote, start)
+            targets[name] = (
+                HostTarget(remote, start) if has_service else _stop_remote_printers(*remote, start)
+            )
         elif section.enabled and name not in targets:
-            folder, firmware = places.state.agent(name), find_firmware(section.model)
+            folder, firmware = paths.state.agent(name), find_firmware(section.model)
             target = StopTarget(name, section.port, folder, firmware, relay)
-            targets[name] = _stop_local(target)
+            targets[name] = _stop_local_printer(target)
     return targets, None
 
 
-def _stop_local(target: StopTarget) -> Stop:
+def _stop_local_printer(target: StopTarget) -> Stop:
     from drivers.safety import stop_printer
 
     return lambda notify: stop_printer(target, notify=notify)
 
 
-def _stop_remote(host: str, command: str, farm: str, start: StartFile) -> Stop:
+def _stop_remote_printers(host: str, command: str, farm: str, start: StartFile) -> Stop:
     from drivers.remote import stop_over_ssh  # slow to load, and most printers are on this host
 
     return lambda _: stop_over_ssh(host, command, farm, start)

@@ -12,7 +12,7 @@ from farm.cli.job_files import fetch_files
 from farm.cli.notices import print_notice
 from farm.cli.options import Job, with_farm
 from farm.errors import FarmError
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.text import format_count
 
 _REPORT = "report.html"
@@ -20,7 +20,7 @@ _REPORT = "report.html"
 
 @with_farm
 def fetch(
-    places: Places,
+    paths: FarmPaths,
     job: Job,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="The folder to write to; default job-N in this folder.")
@@ -34,7 +34,7 @@ def fetch(
     """
     from farm.cli.job_report import render_report  # slow to load
 
-    client, folder = connect(places), out or Path(f"job-{job}")
+    client, folder = connect(paths), out or Path(f"job-{job}")
     result = fetch_files(client, job, folder, force)
     present_count = len(result.by_name) - len(result.written)
     print(

@@ -13,19 +13,19 @@ from drivers.ports import NET_PREFIX
 from drivers.printers import PROFILES, find_firmware
 from farm.cli.client import Client
 from farm.cli.display import print_json
-from farm.cli.options import Json, with_places
+from farm.cli.options import Json, with_paths
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.fleet_file import load_fleet
-from farm.paths import Places
+from farm.paths import FarmPaths
 
 _MODEL = "ultimaker2_plus"
 _SCHEMA = 1  # version of --json
 
 
-@with_places
+@with_paths
 def discover(
-    places: Places,
+    paths: FarmPaths,
     commission: Annotated[
         str | None,
         typer.Option(help="Test whether the board of this printer, or on this port, can be reset."),
@@ -34,9 +34,9 @@ def discover(
     json: Json = False,
 ) -> None:
     """List the plugged-in serial ports and their printers, without opening any of them."""
-    sections = _load_printers(places)
+    sections = _load_printers(paths)
     if commission is not None:
-        _commission(places, sections, commission, yes)
+        _commission(paths, sections, commission, yes)
         return
     from drivers.discovery import list_plugged_devices  # slow to load
 
@@ -59,7 +59,7 @@ def discover(
         print(f"{row.port}  {row.description}  {row.printer or 'not in fleet.yaml'}")
     new = [row for row in rows if row.printer is None]
     if new:
-        print(f"\nadd the new printers under `printers` in {places.fleet}:")
+        print(f"\nadd the new printers under `printers` in {paths.fleet}:")
     names = {section.name for section in sections}
     for row in new:
         print(_format_entry(_make_name(names), _MODEL, str(row.port)))
@@ -69,11 +69,11 @@ def discover(
         )
 
 
-def _load_printers(places: Places) -> tuple[PrinterSection, ...]:
+def _load_printers(paths: FarmPaths) -> tuple[PrinterSection, ...]:
     """Load the printers of the fleet file; none if there is no file yet."""
-    if not places.fleet.exists():
+    if not paths.fleet.exists():
         return ()
-    return load_fleet(places.fleet, frozenset(PROFILES)).printers
+    return load_fleet(paths.fleet, frozenset(PROFILES)).printers
 
 
 def _is_same_port(path: str, section: PrinterSection) -> bool:
@@ -95,7 +95,7 @@ def _format_entry(name: str, model: str, port: str) -> str:
     return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
 
 
-def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str, yes: bool) -> None:
+def _commission(paths: FarmPaths, sections: tuple[PrinterSection, ...], place: str, yes: bool) -> None:
     """Reset the board of an idle printer and check that it restarts, through its agent if one runs."""
     from drivers.discovery import commission, commission_by_agent
 
@@ -118,11 +118,11 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
         print(f"This resets the board of {place}, which ends a print from its SD card.")
         typer.confirm("Is the printer idle?", abort=True)
     try:
-        if section is not None and is_locked(places.state.agent(section.name) / AGENT_LOCK):
-            commission_by_agent(places.state.agent(section.name))
+        if section is not None and is_locked(paths.state.agent(section.name) / AGENT_LOCK):
+            commission_by_agent(paths.state.agent(section.name))
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
-        folder = places.state.agent(section.name) if section is not None else None
+        folder = paths.state.agent(section.name) if section is not None else None
         firmware = find_firmware(_MODEL if section is None else section.model)
         model = commission(section.port if section is not None else place, folder, firmware)
     except DriverError as error:
@@ -137,8 +137,8 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], place: str
         )
 
 
-@with_places
-def doctor(places: Places, json: Json = False) -> None:
+@with_paths
+def doctor(paths: FarmPaths, json: Json = False) -> None:
     """Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.
 
     Ends with exit code 1 if there is a problem; warnings do not count.
@@ -147,10 +147,10 @@ def doctor(places: Places, json: Json = False) -> None:
 
     version = daemon_error = None
     try:
-        version = Client(places.socket).status().daemon.version
+        version = Client(paths.socket).status().daemon.version
     except FarmError as error:
         daemon_error = str(error)
-    findings = check_installation(collect_facts(places, version, daemon_error))
+    findings = check_installation(collect_facts(paths, version, daemon_error))
     if json:
         rows = [
             {

@@ -12,9 +12,9 @@ from farm import api
 from farm.cli.client import Client
 from farm.cli.display import Column, lay_out_table, open_console, print_json, read_terminal_width
 from farm.cli.notices import print_notice
-from farm.cli.options import Json, with_places
+from farm.cli.options import Json, with_paths
 from farm.model import KeyKind, Role
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.wording import format_time
 
 _COLUMNS = (
@@ -38,9 +38,9 @@ class KeyAction(StrEnum):
     DENY = "deny"
 
 
-@with_places
+@with_paths
 def key(
-    places: Places,
+    paths: FarmPaths,
     action: Annotated[KeyAction | None, typer.Argument(help="The action; none: list the keys.")] = None,
     name: Annotated[
         str | None,
@@ -60,7 +60,7 @@ def key(
     Sessions of browsers (`farm web`) are listed too, and `revoke` ends them by their id. A new key is printed
     only once, on stdout; the farm stores only its hash. Only operators may use this command.
     """
-    client = Client(places.socket)
+    client = Client(paths.socket)
     if action is None:
         _list(client.keys(), json)
     elif name is None:

@@ -15,7 +15,7 @@ from farm.cli.display import print_json
 from farm.cli.options import Job, Json, Printer, ReasonOption, with_farm
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.text import format_duration
 from farm.wording import describe_material
 
@@ -60,7 +60,7 @@ def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
 
 @with_farm
 def cleared(
-    places: Places,
+    paths: FarmPaths,
     printers: Annotated[
         list[str],
         typer.Argument(
@@ -85,14 +85,14 @@ def cleared(
         raise typer.BadParameter(
             "give exactly one printer: the one that printed the part", param_hint="--good"
         )
-    client = connect(places)
+    client = connect(paths)
     fleet = {p.name: p for p in client.status_summary().printers}
     if printers == ["all"]:
         if bad:
             raise typer.BadParameter("give the printers whose parts are bad, not all", param_hint="--bad")
         printers = select_beds_to_clear(fleet.values())
         if not printers:
-            print("no bed waits to be cleared")
+            print("no bed needs clearing")
     unknown = [name for name in printers if name not in fleet]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet)}")
@@ -117,9 +117,9 @@ def _describe_part(request: ClearedRequest, answer: ClearedResponse) -> list[str
 
 
 @with_farm
-def fail(places: Places, printer: Printer, why: ReasonOption = "") -> None:
+def fail(paths: FarmPaths, printer: Printer, why: ReasonOption = "") -> None:
     """End a failing print safely, and print its part again."""
-    connect(places).send_command(f"/printers/{printer}/fail", why)
+    connect(paths).send_command(f"/printers/{printer}/fail", why)
     print(
         f"{printer}: its print ends, its part will be printed again; remove it, then `farm cleared {printer}`"
     )
@@ -127,7 +127,7 @@ def fail(places: Places, printer: Printer, why: ReasonOption = "") -> None:
 
 @with_farm
 def reprint(
-    places: Places,
+    paths: FarmPaths,
     job: Job,
     part: Annotated[
         str, typer.Argument(help="The part, as shown by `farm status JOB`.", autocompletion=completion.parts)
@@ -136,17 +136,17 @@ def reprint(
 ) -> None:
     """Print a part again, even if it was printed, cancelled or failed too often."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
-    name = connect(places).send_command(path, why)
+    name = connect(paths).send_command(path, why)
     print(f"part {name} will be printed again")
 
 
 @with_farm
 def cancel(
-    places: Places,
+    paths: FarmPaths,
     target: Target,
 ) -> None:
     """Cancel a job or a part: its prints end safely, and it is not printed again."""
-    client = connect(places)
+    client = connect(paths)
     if not target.isdigit():
         name = client.send_command(f"{find_target_path(target)}/cancel")
         print(
@@ -168,12 +168,12 @@ def _describe_ending(printing_printers: list[str]) -> str:
 
 
 @with_farm
-def pause(places: Places, targets: Targets) -> None:
+def pause(paths: FarmPaths, targets: Targets) -> None:
     """Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.
 
     A print that is not resumed within two hours is ended. Parts of a paused job that wait do not start.
     """
-    client = connect(places)
+    client = connect(paths)
     for target in targets:
         path = find_target_path(target)
         printer = client.send_command(f"{path}/pause")
@@ -184,9 +184,9 @@ def pause(places: Places, targets: Targets) -> None:
 
 
 @with_farm
-def resume(places: Places, targets: OptionalTargets = None) -> None:
+def resume(paths: FarmPaths, targets: OptionalTargets = None) -> None:
     """Resume a paused job, part or printer; without a name, the whole farm after an outage."""
-    client = connect(places)
+    client = connect(paths)
     if not targets:
         printers = client.send_command("/outage/confirm")
         print(
@@ -207,7 +207,7 @@ def _format_target(target: str) -> str:
 
 @with_farm
 def load(
-    places: Places,
+    paths: FarmPaths,
     printer: Printer,
     filament: Annotated[
         str | None, typer.Argument(help="The new reel: a material, with or without its colour: 'black PLA'.")
@@ -226,7 +226,7 @@ def load(
     if material is None and colour is None and grams is None and nozzle is None:
         raise typer.BadParameter("give the filament, or one of --material, --colour, --grams and --nozzle")
     request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
-    reel = connect(places).load(printer, request)
+    reel = connect(paths).load(printer, request)
     amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
     colour_and_kind = " ".join(filter(None, (reel.colour, describe_material(reel.material, reel.kind))))
     print(f"{printer}: {colour_and_kind}{amount}, nozzle {reel.nozzle_mm:g} mm")
@@ -234,13 +234,13 @@ def load(
 
 @with_farm
 def maintenance(
-    places: Places,
+    paths: FarmPaths,
     printer: Printer,
     why: ReasonOption = "",
     done: Annotated[bool, typer.Option("--done", help="Put it back into use.")] = False,
 ) -> None:
     """Take a printer out of use after its current print, or put it back into use (--done)."""
-    client = connect(places)
+    client = connect(paths)
     if done:
         client.send_command(f"/printers/{printer}/maintained")
         print(f"{printer}: back in use")
@@ -253,18 +253,18 @@ def maintenance(
 
 @with_farm
 def assembled(
-    places: Places,
+    paths: FarmPaths,
     job: Job,
     minutes: Annotated[float, typer.Option(min=0.1, max=10_000, help="Time that it took, in minutes.")],
     json: Json = False,
 ) -> None:
     """Report that the parts of a job are glued, and how long that took."""
-    answer = connect(places).record_assembly(job, AssembledRequest(minutes=minutes))
+    answer = connect(paths).record_assembly(job, AssembledRequest(minutes=minutes))
     if json:
         print_json(answer)
         return
-    whole = answer.job.submitted_to_assembled_s
+    total_s = answer.job.submitted_to_assembled_s
     print(
         f"job {job}: assembled in {format_duration(60.0 * minutes)}"
-        + (f", {format_duration(whole)} after its submission" if whole is not None else "")
+        + (f", {format_duration(total_s)} after its submission" if total_s is not None else "")
     )

@@ -9,16 +9,16 @@ import typer
 from farm import api
 from farm.cli.client import Client
 from farm.cli.display import print_json
-from farm.cli.options import Json, with_places
-from farm.paths import Places
+from farm.cli.options import Json, with_paths
+from farm.paths import FarmPaths
 from farm.text import format_count
 
 _GB = 1e9
 
 
-@with_places
+@with_paths
 def prune(
-    places: Places,
+    paths: FarmPaths,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list what would be deleted.")] = False,
     json: Json = False,
 ) -> None:
@@ -27,7 +27,7 @@ def prune(
     The database is backed up first. Files of open jobs, and of jobs that ended in the last two days, always
     stay.
     """
-    answer = Client(places.socket).prune(dry_run)
+    answer = Client(paths.socket).prune(dry_run)
     if json:
         print_json(answer)
         return

@@ -12,7 +12,7 @@ from farm.cli.client import connect
 from farm.cli.display import open_console, print_json, read_terminal_width
 from farm.cli.display.table import Column, lay_out_table
 from farm.cli.options import Json, with_farm
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.wording import format_time
 
 _COLUMNS = (
@@ -28,7 +28,7 @@ _COLUMNS = (
 
 @with_farm
 def queue(
-    places: Places,
+    paths: FarmPaths,
     job: Annotated[
         int | None, typer.Argument(help="The job to move; none: only show.", autocompletion=completion.jobs)
     ] = None,
@@ -48,7 +48,7 @@ def queue(
         )
     if job is None and (before is not None or at is not None):
         raise typer.BadParameter("give the job too", param_hint="--before" if at is None else "--at")
-    client = connect(places)
+    client = connect(paths)
     if job is not None and at is not None:
         client.reschedule(job, api.JobStart(at=at))
     elif job is not None:

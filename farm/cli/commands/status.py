@@ -29,7 +29,7 @@ from farm.cli.display import (
 from farm.cli.notices import print_notice
 from farm.cli.options import Job, Json, with_farm
 from farm.errors import FarmError
-from farm.paths import Places
+from farm.paths import FarmPaths
 from farm.text import format_count, format_duration, format_mass
 from farm.wording import format_deviation, format_time
 
@@ -70,13 +70,13 @@ _NOTE = Column("NOTE", rank=7, min_width=10)
 
 @with_farm
 def status(
-    places: Places,
+    paths: FarmPaths,
     job: Annotated[int | None, typer.Argument(help="Only this job.", autocompletion=completion.jobs)] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Refresh every second until Ctrl-C.")] = False,
     json: Json = False,
 ) -> None:
     """Show what you have to do now, the printers, the jobs, and why each waiting plate waits."""
-    client = connect(places)
+    client = connect(paths)
     if watch and not json:
         _watch(client, job)
     elif job is not None:
@@ -115,7 +115,7 @@ def _watch(client: Client, number: int | None) -> None:
 
 @with_farm
 def history(
-    places: Places,
+    paths: FarmPaths,
     job: Annotated[
         int | None, typer.Option(help="Only prints of this job.", autocompletion=completion.jobs)
     ] = None,
@@ -126,7 +126,7 @@ def history(
     json: Json = False,
 ) -> None:
     """List the latest prints: duration, deviation from the plan, filament and outcome."""
-    answer = connect(places).history(job, printer, last)
+    answer = connect(paths).history(job, printer, last)
     if json:
         print_json(answer)
         return
@@ -182,7 +182,7 @@ def _show_speeds(speeds: Sequence[api.PrinterSpeed], screen: Console) -> None:
 
 @with_farm
 def report(
-    places: Places,
+    paths: FarmPaths,
     job: Job,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="The file to write; default job-N.html in this folder.")
@@ -190,11 +190,11 @@ def report(
 ) -> None:
     """Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts."""
     from farm.cli.job_files import fetch_files, is_picture
-    from farm.cli.job_report import find_local, render_report  # slow to load
+    from farm.cli.job_report import find_local_file, render_report  # slow to load
 
-    client, target = connect(places), out or Path(f"job-{job}.html")
-    if places.url is None:
-        page = render_report(client, job, find_local)
+    client, target = connect(paths), out or Path(f"job-{job}.html")
+    if paths.url is None:
+        page = render_report(client, job, find_local_file)
     else:
         with TemporaryDirectory() as folder:
             result = fetch_files(client, job, Path(folder), select=is_picture)
@@ -211,7 +211,7 @@ def report(
 
 @with_farm
 def hosts(
-    places: Places,
+    paths: FarmPaths,
     update: Annotated[
         bool,
         typer.Option(
@@ -222,7 +222,7 @@ def hosts(
     json: Json = False,
 ) -> None:
     """Show the hosts whose printers share one connection; update their agents (--update)."""
-    client = connect(places)
+    client = connect(paths)
     if update:
         updated_hosts = client.update_hosts()
         if not json:

@@ -28,12 +28,12 @@ from farm.cli.options import (
 from farm.cli.submission import Submitter, expand_patterns
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import JobOptions
-from farm.paths import Places
+from farm.paths import FarmPaths
 
 
 @with_farm
 def submit(
-    places: Places,
+    paths: FarmPaths,
     models: Annotated[
         list[Path],
         typer.Argument(
@@ -110,7 +110,7 @@ def submit(
         hold=hold or dry_run,
         dry_run=dry_run,
     )
-    submitter = Submitter(connect(places), options, wait, quiet=json)
+    submitter = Submitter(connect(paths), options, wait, quiet=json)
     code = submitter.submit_one(models[0]) if len(models) == 1 else submitter.submit_each(models)
     if code:
         raise typer.Exit(code)
@@ -128,12 +128,12 @@ def _check_options(**values: Any) -> JobOptions:
 
 @with_farm
 def approve(
-    places: Places,
+    paths: FarmPaths,
     job: Job,
     plan: Annotated[str | None, typer.Option(help="Approve only this plan (see `farm status JOB`).")] = None,
 ) -> None:
     """Release a held job, to print exactly as planned."""
-    client = connect(places)
+    client = connect(paths)
     job_view = client.job(job).job
     if not job_view.plates:
         raise Refused(f"job {job} has no plan yet: it is {job_view.state}")

@@ -9,14 +9,14 @@ import typer
 from farm.cli.client import Client
 from farm.cli.display import print_json
 from farm.cli.notices import print_notice
-from farm.cli.options import Json, with_places
-from farm.paths import Places
+from farm.cli.options import Json, with_paths
+from farm.paths import FarmPaths
 from farm.text import format_count, format_duration
 
 
-@with_places
+@with_paths
 def web(
-    places: Places,
+    paths: FarmPaths,
     end_all: Annotated[
         bool, typer.Option("--end-all", help="End the sessions of all users instead; for operators.")
     ] = False,
@@ -26,7 +26,7 @@ def web(
 
     Operators may do everything there, others what `farm key add --role print` allows.
     """
-    client = Client(places.socket)
+    client = Client(paths.socket)
     if end_all:
         answer = client.end_sessions()
         if json:

@@ -57,8 +57,8 @@ def render_status(view: api.StatusSummary, width: int | None = None, height: int
 def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None) -> list[Block]:
     """List the blocks of the page; with a `height`, one line for each job, and urgent printers first."""
     time, brief = view.fleet.now, height is not None
-    open_jobs = [job for job in view.jobs if not _is_over(job)]
-    ended_jobs = [job for job in view.jobs if _is_over(job)]
+    open_jobs = [job for job in view.jobs if not _is_finished(job)]
+    ended_jobs = [job for job in view.jobs if _is_finished(job)]
     printers = view.printers
     if height is not None and len(printers) > height - _OTHER_LINES:
         printers = sorted(printers, key=rank_urgency)
@@ -81,7 +81,7 @@ def _list_blocks(view: api.StatusSummary, width: int | None, height: int | None)
     ]
 
 
-def _is_over(job: api.JobSummary) -> bool:
+def _is_finished(job: api.JobSummary) -> bool:
     """Return whether a job is finished; a printed one still waits for verdicts."""
     return JobState(job.state).ended and job.state != JobState.PRINTED
 
@@ -196,7 +196,7 @@ def _list_job_lines(job: api.JobSummary, now: str, width: int | None) -> list[Te
     submitter = f" by {job.submitted_by}" if job.submitted_by else ""
     facts = [f"{job.name[:_NAME_WIDTH]}{submitter}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
-    label_style, text_style = (NOTE, NOTE) if _is_over(job) else (HEADING, "")
+    label_style, text_style = (NOTE, NOTE) if _is_finished(job) else (HEADING, "")
     lines = _fold_texts(f"JOB {job.id}", texts, " ", width, label_style, text_style)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
         lines += _fold_texts("", [job.reason], "", width, text_style=ERROR)

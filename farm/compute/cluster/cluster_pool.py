@@ -40,7 +40,7 @@ from farm.compute.pool import Pool
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-_ATTEMPTS = 3  # number of attempts on the cluster; then the task runs here
+_MAX_ATTEMPTS = 3  # number of attempts on the cluster; then the task runs here
 
 
 class Link(Protocol):
@@ -155,14 +155,14 @@ class ClusterPool:
             caches=tuple(map(str, files.caches)),
             live=tuple(map(str, files.live)),
         )
-        for _ in range(_ATTEMPTS):
+        for _ in range(_MAX_ATTEMPTS):
             async with self._slot_queue.take(group, limit.urgent) as has_slot:
                 if not has_slot:
                     break
                 try:
                     answer = await self._attempt(task, group)
                 except AttemptLost as lost:
-                    log.warning("%s is submitted again: %s", limit.what, lost)
+                    log.warning("%s is submitted again: %s", limit.work, lost)
                     continue
             if answer.error is not None:
                 raise answer.error
@@ -188,34 +188,34 @@ class ClusterPool:
 
     async def _attempt(self, task: RemoteTask, group: Hashable) -> RemoteAnswer:
         """Run a task on the cluster, first without files that were sent before. Raises AttemptLost."""
-        new = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
-        for files in (new, task.reads):
+        new_files = tuple(file for file in task.reads if file.sha256 not in self._sent_hashes)
+        for files in (new_files, task.reads):
             contents = await asyncio.to_thread(_read_contents, files)
             answer = await self._submit(task, contents, group)
             self._sent_hashes.update(contents)
-            if answer.unfit is not None:
-                raise AttemptLost(f"worker {answer.host}: {answer.unfit}")
+            if answer.mismatch is not None:
+                raise AttemptLost(f"worker {answer.host}: {answer.mismatch}")
             if not answer.missing:
                 return answer
         raise AttemptLost(f"worker {answer.host} did not keep its files")
 
     async def _submit(self, task: RemoteTask, contents: dict[str, bytes], group: Hashable) -> RemoteAnswer:
         """Submit a task under a new name, and wait for the answer, or until the cluster is abandoned."""
-        kind = re.sub(r"[^a-z]+", "_", task.limit.what.lower())
+        kind = re.sub(r"[^a-z]+", "_", task.limit.work.lower())
         named_task = replace(task, id=f"{kind}-{uuid.uuid4().hex}")  # Dask learns durations by this prefix
-        self._running[named_task.id] = (RunningTask(task.limit.what, group), named_task)
+        self._running[named_task.id] = (RunningTask(task.limit.work, group), named_task)
         answer_future = asyncio.ensure_future(self._link.submit(named_task, contents))
-        closure = asyncio.ensure_future(self._close_event.wait())
+        close_future = asyncio.ensure_future(self._close_event.wait())
         try:
-            await asyncio.wait({answer_future, closure}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({answer_future, close_future}, return_when=asyncio.FIRST_COMPLETED)
             if not answer_future.done():
                 raise AttemptLost("the cluster does not answer")
             return answer_future.result()
         finally:
             del self._running[named_task.id]
-            for future in (answer_future, closure):
+            for future in (answer_future, close_future):
                 future.cancel()
-            await asyncio.gather(answer_future, closure, return_exceptions=True)
+            await asyncio.gather(answer_future, close_future, return_exceptions=True)
 
     def _lost_s(self) -> float:
         return 0.0 if self._lost_since_s is None else max(1e-9, self._read_clock_s() - self._lost_since_s)
@@ -262,12 +262,12 @@ def _read_contents(files: tuple[InputFile, ...]) -> dict[str, bytes]:
         raise AttemptLost(str(error)) from error
 
 
-def connect_cluster(own: Pool, scheduler: str, certificates: Path | None) -> ClusterPool:
+def connect_cluster(local_pool: Pool, scheduler: str, certificates: Path | None) -> ClusterPool:
     """Make a pool on the cluster of a scheduler; reads the versions on this computer, which takes a second.
 
     Parameters
     ----------
-    own
+    local_pool
         Pool of this computer, which the new one closes.
     scheduler, certificates
         See `check_cluster`.
@@ -284,7 +284,7 @@ def connect_cluster(own: Pool, scheduler: str, certificates: Path | None) -> Clu
 
     installation = read_installation()
     return ClusterPool(
-        own,
+        local_pool,
         scheduler,
         installation,
         lambda on_workers, on_message: Connection(

@@ -191,7 +191,7 @@ class Connection:
         Dask removes them after five minutes by default. Their tasks go to other workers.
         """
         now_s = time.monotonic()
-        for address in list_stuck(records, self._heartbeats, now_s):
+        for address in list_stuck_workers(records, self._heartbeats, now_s):
             if self._client is not None:
                 log.warning("worker %s is silent: its tasks go to others", records[address]["name"])
                 await self._client.scheduler.unregister(address=address, stimulus_id=f"farm-silent-{now_s}")
@@ -220,7 +220,7 @@ def list_workers(records: dict[str, dict[str, Any]], installation: Installation)
     return tuple(workers)
 
 
-def list_stuck(
+def list_stuck_workers(
     records: dict[str, dict[str, Any]], heartbeats: dict[str, tuple[float, float]], now_s: float
 ) -> list[str]:
     """Return the addresses of the workers without a recent heartbeat, and update `heartbeats`.

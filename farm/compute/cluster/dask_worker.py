@@ -64,7 +64,7 @@ class FarmWorker(Worker):  # type: ignore[misc]
 async def run_task(task: RemoteTask, contents: dict[str, bytes], client: str) -> RemoteAnswer:
     """Run a task on the worker that Dask chose; stop it when nothing needs its result.
 
-    That is so when the task was cancelled, or its client or the scheduler is gone. Dask lets a coroutine
+    Nothing needs it once the task is cancelled, or its client or the scheduler is gone. Dask lets a coroutine
     continue in these cases.
 
     Parameters

@@ -60,7 +60,7 @@ class FileCache:
             Path(name).unlink(missing_ok=True)
             raise
 
-    def list_missing(self, names: Iterable[str]) -> tuple[str, ...]:
+    def list_missing_files(self, names: Iterable[str]) -> tuple[str, ...]:
         """Return the files that are not in the cache, each once."""
         return tuple(dict.fromkeys(name for name in names if not self.path(name).exists()))
 

@@ -58,7 +58,7 @@ class Installation:
             own_value, wanted_value = getattr(self, name), getattr(expected, name)
             if own_value != wanted_value:
                 if name == "libraries":
-                    own_value, wanted_value = _list_differing(own_value, wanted_value)
+                    own_value, wanted_value = _find_differing_entries(own_value, wanted_value)
                 return f"it has {title} {own_value}, not {wanted_value}".replace("  ", " ")
         return None
 
@@ -113,7 +113,7 @@ def _find_version(name: str) -> str:
         return "missing"
 
 
-def _list_differing(own: str, expected: str) -> tuple[str, str]:
+def _find_differing_entries(own: str, expected: str) -> tuple[str, str]:
     """Return the entries of two lists of versions that differ."""
     pairs = [(a, b) for a, b in zip(own.split(", "), expected.split(", "), strict=False) if a != b]
     return (", ".join(a for a, _ in pairs), ", ".join(b for _, b in pairs)) if pairs else (own, expected)

@@ -70,7 +70,7 @@ class RemoteAnswer:
         Result, by `relocation.dump`; None if there is none.
     error
         Exception of the work; None if it succeeded.
-    unfit
+    mismatch
         Reason why this worker could not run the task, though another may; None if it could.
     files
         The files that the task wrote, by their paths on the submitting computer.
@@ -80,7 +80,7 @@ class RemoteAnswer:
     missing: tuple[str, ...] = ()
     result: bytes | None = None
     error: Exception | None = None
-    unfit: str | None = None
+    mismatch: str | None = None
     files: dict[str, bytes] = field(default_factory=dict)
 
 
@@ -106,7 +106,7 @@ def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
     """
     for name, content in files.items():
         path = Path(name)
-        if ".." in path.parts or not (name in task.writes or _is_below(name, task.folders)):
+        if ".." in path.parts or not (name in task.writes or _is_in_folder(name, task.folders)):
             raise ValueError(f"the worker wrote {name}, which is not a file of its task")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.new")
@@ -114,5 +114,5 @@ def write_files(task: RemoteTask, files: dict[str, bytes]) -> None:
         partial.replace(path)
 
 
-def _is_below(name: str, folders: Iterable[str]) -> bool:
+def _is_in_folder(name: str, folders: Iterable[str]) -> bool:
     return any(name.startswith(f"{folder}/") for folder in folders)

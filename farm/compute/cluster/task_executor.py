@@ -58,14 +58,14 @@ class TaskExecutor:
         """
         difference = self.installation.describe_difference(task.installation)
         if difference is not None:
-            return RemoteAnswer(self.host, unfit=difference)
+            return RemoteAnswer(self.host, mismatch=difference)
         with self._files.use(task.hashes()):
             try:
                 for sha256, content in contents.items():
                     await asyncio.to_thread(self._files.store, sha256, content)
             except (OSError, ValueError) as error:
-                return RemoteAnswer(self.host, unfit=str(error))
-            missing_files = self._files.list_missing(task.hashes())
+                return RemoteAnswer(self.host, mismatch=str(error))
+            missing_files = self._files.list_missing_files(task.hashes())
             if missing_files:
                 return RemoteAnswer(self.host, missing=missing_files)
             folder = self._tasks / task.id
@@ -73,7 +73,7 @@ class TaskExecutor:
                 folder.mkdir()
                 return await self._run(task, self._place_files(task, folder), on_live)
             except OSError as error:  # a full disk of this computer
-                return RemoteAnswer(self.host, unfit=str(error))
+                return RemoteAnswer(self.host, mismatch=str(error))
             except Exception as error:
                 return RemoteAnswer(self.host, error=error)
             finally:

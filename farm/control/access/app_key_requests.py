@@ -53,7 +53,7 @@ class AppKeyRequests:
 
     def add(self, app: str, address: str, now_s: float) -> str:
         """Add a request, and return its token. Raises Refused if there are too many."""
-        open_requests = self.list_open(now_s)
+        open_requests = self.list_open_requests(now_s)
         if (
             len(open_requests) >= MAX_REQUESTS
             or sum(request.address == address for request in open_requests) >= MAX_REQUESTS_PER_ADDRESS
@@ -65,16 +65,18 @@ class AppKeyRequests:
         self._requests[token] = AppKeyRequest(code, name, address, now_s + REQUEST_S)
         return token
 
-    def list_open(self, now_s: float) -> list[AppKeyRequest]:
+    def list_open_requests(self, now_s: float) -> list[AppKeyRequest]:
         """List the unanswered requests."""
         self._requests = {
             token: request for token, request in self._requests.items() if now_s < request.ends_s
         }
         return [request for request in self._requests.values() if request.key is None]
 
-    def find_open(self, code: str, now_s: float) -> AppKeyRequest:
+    def find_open_request(self, code: str, now_s: float) -> AppKeyRequest:
         """Return the unanswered request with a code. Raises NoSuchThing."""
-        app_request = next((request for request in self.list_open(now_s) if request.code == code), None)
+        app_request = next(
+            (request for request in self.list_open_requests(now_s) if request.code == code), None
+        )
         if app_request is None:
             raise NoSuchThing(f"no program asks for a key with the code {code}; `farm key` lists them")
         return app_request
@@ -89,21 +91,21 @@ class AppKeyRequests:
         Refused
             If a valid key has the same name.
         """
-        app_request = self.find_open(code, now_s)
+        app_request = self.find_open_request(code, now_s)
         key_request = api.KeyRequest(name=f"{app_request.app} {code}", role=grant.role, days=grant.days)
         app_request.key = keys.add(key_request, by).text
         return key_request.name
 
     def deny(self, code: str, now_s: float) -> None:
         """Remove a request. Raises NoSuchThing."""
-        denied_request = self.find_open(code, now_s)
+        denied_request = self.find_open_request(code, now_s)
         self._requests = {
             token: request for token, request in self._requests.items() if request is not denied_request
         }
 
     def take_key(self, token: str, now_s: float) -> str | None:
         """Return the granted key, once; None before the answer. Raises NoSuchThing."""
-        self.list_open(now_s)
+        self.list_open_requests(now_s)
         request = self._requests.get(token)
         if request is None:
             raise NoSuchThing("this request for a key was denied, or is too old: ask again")

@@ -16,7 +16,7 @@ from farm.http.stream_limit import STREAM_TYPE, StreamResponse
 from farm.state.event_rows import EventRow
 from farm.views import describe_event
 
-_LARGEST_NUMBER = 2**63 - 1  # largest integer of SQLite
+_MAX_NUMBER = 2**63 - 1  # largest integer of SQLite
 _RETRY = "retry: 5000\n\n"  # milliseconds after which a browser connects again
 _HEARTBEAT = ":\n\n"
 _ANSWERS: dict[int | str, dict[str, object]] = {
@@ -40,9 +40,9 @@ def event_routes(services: Services) -> APIRouter:
     async def events(
         request: Request,
         by: CallerName,
-        since: Annotated[int, Query(ge=0, le=_LARGEST_NUMBER)] | None = None,
+        since: Annotated[int, Query(ge=0, le=_MAX_NUMBER)] | None = None,
         wait: bool = True,
-        last_event_id: Annotated[int | None, Header(ge=0, le=_LARGEST_NUMBER)] = None,
+        last_event_id: Annotated[int | None, Header(ge=0, le=_MAX_NUMBER)] = None,
     ) -> StreamingResponse:
         """Send the events after a number and new ones as they happen; without a number, only new ones.
 

@@ -29,7 +29,7 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
     @router.get("/jobs/{number}/timeline")
     async def timeline(number: int) -> api.Timeline:
         context = controller.build_view_context(services.state)
-        return describe_timeline(context, number, controller.situations.build_expected())
+        return describe_timeline(context, number, controller.situations.build_for_forecast())
 
     @router.post("/jobs/{number}/approve")
     async def approve(number: int, request: api.ApproveRequest, by: OperatorName) -> None:

@@ -28,7 +28,7 @@ def key_routes(services: Services, keys: KeyCommands) -> APIRouter:
             keys=list_keys(context, services.key_uses_s),
             requests=[
                 api.AppKeyRequestView(code=request.code, app=request.app, address=request.address)
-                for request in services.app_key_requests.list_open(time.monotonic())
+                for request in services.app_key_requests.list_open_requests(time.monotonic())
             ],
         )
 

@@ -113,7 +113,7 @@ def _refuse_while_busy(services: Services) -> None:
         raise Refused(
             f"printing: {' '.join(busy)}; use --wait to let them finish, or --now to stop them safely"
         )
-    planning_jobs = services.controller.planning.list_running(books)
+    planning_jobs = services.controller.planning.list_running_jobs(books)
     if planning_jobs:
         jobs = " ".join(f"job {number}" for number in planning_jobs)
         raise Refused(

@@ -29,7 +29,7 @@ def complete_section(section: PrinterSection, fleet_section: FleetSection) -> Pr
     Raises
     ------
     FieldError
-        If Cura's files do not have a value; the error has its key and lists the possible values.
+        If Cura's files lack a value of the section; the error has its key and lists the possible values.
     """
     try:
         resources = find_resources(own_materials=fleet_section.materials)

@@ -33,7 +33,7 @@ from drivers.printers import PROFILES, compute_part_room
 from farm.compute import read_process_bytes
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import translate_errors
-from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced
+from farm.planning.local.sliced_parts import PartSlicer, level_by_slices, write_sliced_parts
 from farm.planning.parts.bed_places import Bed
 from farm.planning.parts.pricing import build_recipe, select_connectors
 from farm.planning.printer_settings import build_slicing_printer, list_model_sizes
@@ -124,7 +124,7 @@ def decompose_to_folder(
     if not room:
         raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
     options = _build_options(request)  # refused before the folder is emptied
-    empty_for_parts(out)
+    prepare_output_folder(out)
     with translate_errors(), ThreadPoolExecutor(os.cpu_count()) as executor:
         resources = find_resources()
         settings_request = SettingsRequest(build_slicing_printer(profile), request.quality, has_support=True)
@@ -142,7 +142,7 @@ def decompose_to_folder(
             slicer = PartSlicer(with_brim, resources, room, cache)
             with tempfile.TemporaryDirectory(prefix="farm-decompose-") as work:
                 sliced_parts = level_by_slices(model, decomposition, slicer, cost, executor, Path(work))
-                report = write_sliced(sliced_parts, out)
+                report = write_sliced_parts(sliced_parts, out)
             if cache is not None:
                 trim_cache(cache)
         else:
@@ -216,7 +216,7 @@ def _build_options(request: DecomposeRequest) -> Options:
     )
 
 
-def empty_for_parts(out: Path) -> None:
+def prepare_output_folder(out: Path) -> None:
     """Create the folder, and remove the parts of an earlier run.
 
     Raises

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from farm.compute import CHECKING, Deferred, Limit, TaskFiles, read_process_bytes
 from farm.compute.cluster import connect_cluster
 from farm.planning.error_translation import translate_errors
-from farm.planning.local.decompose_file import DecomposeRequest, empty_for_parts
+from farm.planning.local.decompose_file import DecomposeRequest, prepare_output_folder
 from farm.planning.local.slice_file import SliceOptions, check_writable
 
 T = TypeVar("T")
@@ -58,7 +58,7 @@ def decompose_on_cluster(
     cluster: Cluster, path: Path, out: Path, request: DecomposeRequest, cache: Path | None
 ) -> dict[str, Any]:
     """Cut a model on a cluster; see `decompose_to_folder`."""
-    empty_for_parts(out)
+    prepare_output_folder(out)
     return _run(cluster, _decompose, path.absolute(), out.absolute(), request, cache)
 
 

@@ -127,7 +127,7 @@ def level_by_slices(
     return best
 
 
-def write_sliced(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
+def write_sliced_parts(sliced_parts: SlicedParts, out: Path) -> dict[str, Any]:
     """Write parts, G-code, report and picture into a folder; return the report with the slices.
 
     Parameters

@@ -108,13 +108,13 @@ def _assign_copies(plan: Plan, task: DecomposeTask) -> tuple[dict[str, Plate], d
         candidates = [section for section in printers if _can_print(section, plate)]
         choices = [_move_plate(plate, s, task.time_factors_of(s.name)) for s in candidates] or [plate]
         for number in range(1, task.options.copies + 1):
-            busy_printer = min(
+            chosen_plate = min(
                 choices, key=lambda choice: (loads_s[choice.printer] + choice.expected_s, choice.printer)
             )
-            loads_s[busy_printer.printer] += busy_printer.expected_s
+            loads_s[chosen_plate.printer] += chosen_plate.expected_s
             name = _name_copy(plate.id, number)
             parts = tuple(_name_copy(part, number) for part in plate.parts)
-            plates[name] = busy_printer.model_copy(update={"id": name, "parts": parts})
+            plates[name] = chosen_plate.model_copy(update={"id": name, "parts": parts})
     return plates, loads_s
 
 

@@ -87,9 +87,9 @@ def decompose_job(task: DecomposeTask) -> DecomposedJob | PausedJob:
             elif task.within_s is not None:
                 decomposition = cutter.cut_in_time(task.within_s)
             elif task.options.printers is None:
-                decomposition = cutter.cut_for_one() or cutter.cut_for_worthwhile()
+                decomposition = cutter.keep_whole() or cutter.cut_for_worthwhile_printers()
             else:
-                decomposition = cutter.cut_for_all()
+                decomposition = cutter.cut_for_all_printers()
             if task.options.dry_run and task.options.printers is None and task.options.copies == 1:
                 decomposition = cutter.add_curve(decomposition)
             search = PausedSearch(decomposition, model, cost, threads)
@@ -117,10 +117,10 @@ def finish_job(search: PausedSearch, task: DecomposeTask) -> DecomposedJob | Pau
         task.printers, task.time_factors, search.model.solid, task.options.quality, find_resources()
     )
     assigned_parts = replace(best, parts=_reassign_parts(best.parts, task.printers, time_factors))
-    return write_decomposed(assigned_parts, search.model, task.folder)
+    return write_decomposed_job(assigned_parts, search.model, task.folder)
 
 
-def write_decomposed(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
+def write_decomposed_job(decomposition: Decomposition, model: Model, folder: Path) -> DecomposedJob:
     """Write the files of a decomposition into a folder, and describe its parts.
 
     The files are the parts, the report, the cut record and the drawing record.
@@ -167,7 +167,7 @@ def _reassign_parts(
     return tuple(replace(part, printer=new_printers[part.printer]) for part in parts)
 
 
-LATE_SHARE = 1.1
+DEADLINE_MARGIN = 1.1
 """Margin of `--done-by` for planning time and for prints that take longer."""
 
 
@@ -188,16 +188,16 @@ class ModelCutter:
     executor: Executor
     goal: CountGoal
 
-    def cut_for_all(self) -> Decomposition:
+    def cut_for_all_printers(self) -> Decomposition:
         """Cut the model for all of the printers."""
         return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
 
-    def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
+    def cut_for_worthwhile_printers(self, within_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as save time, or for the fewest that finish within a time."""
         goal = replace(self.goal, within_s=within_s)
         return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
-    def cut_for_one(self) -> Decomposition | None:
+    def keep_whole(self) -> Decomposition | None:
         """Keep the model whole, on the lowest printer into which it fits; None if it fits into none.
 
         A user who wants it sooner requests a number of printers.
@@ -228,9 +228,9 @@ class ModelCutter:
         would not be finished.
         """
         copies, printers = task.options.copies, len(task.printers)
-        limit_s = None if task.within_s is None else task.within_s / LATE_SHARE
+        limit_s = None if task.within_s is None else task.within_s / DEADLINE_MARGIN
         has_count = task.options.printers is not None and limit_s is None
-        one_part = None if has_count and copies < printers else self.cut_for_one()
+        one_part = None if has_count and copies < printers else self.keep_whole()
         if one_part is not None and (
             limit_s is None or one_part.makespan_s * -(-copies // printers) <= limit_s
         ):
@@ -244,8 +244,8 @@ class ModelCutter:
             cutter = replace(self, rooms=[self.rooms[i] for i in share])
             try:
                 if has_count:
-                    return cutter.cut_for_all()
-                return cutter.cut_for_worthwhile(None if limit_s is None else limit_s / rounds)
+                    return cutter.cut_for_all_printers()
+                return cutter.cut_for_worthwhile_printers(None if limit_s is None else limit_s / rounds)
             except NoFit as error:
                 if parts == part_limit:
                     raise
@@ -254,8 +254,8 @@ class ModelCutter:
 
     def cut_in_time(self, within_s: float) -> Decomposition:
         """Cut the model into the fewest parts that finish within a time, with a margin; else for speed."""
-        limit_s = within_s / LATE_SHARE
-        whole = self.cut_for_one()
+        limit_s = within_s / DEADLINE_MARGIN
+        whole = self.keep_whole()
         if whole is not None and whole.makespan_s <= limit_s:
             return whole
-        return self.cut_for_worthwhile(within_s=limit_s)
+        return self.cut_for_worthwhile_printers(within_s=limit_s)

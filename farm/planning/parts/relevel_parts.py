@@ -12,7 +12,7 @@ from farm.model import FeatureSeconds, TimeFactors
 from farm.planning.error_translation import translate_errors
 from farm.planning.inspection.inspect_submission import read_inspected
 from farm.planning.parts.cut_record import read_cut_record
-from farm.planning.parts.decompose_job import write_decomposed
+from farm.planning.parts.decompose_job import write_decomposed_job
 from farm.planning.parts.pricing import build_printer_cost, compute_time_ratio
 from farm.planning.plan import DecomposedJob, SlicedJob
 from farm.planning.printer_settings import resolve_printer_settings
@@ -61,7 +61,7 @@ def relevel_parts(sliced_job: SlicedJob, folder: Path) -> DecomposedJob | None:
         new_decomposition = relevel_planes(model, decomposition, part_times_s, cost, threads)
         if new_decomposition is None:
             return None
-        return write_decomposed(new_decomposition, model, folder)
+        return write_decomposed_job(new_decomposition, model, folder)
 
 
 def _compute_times_s(sliced_job: SlicedJob) -> list[float]:

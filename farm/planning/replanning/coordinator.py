@@ -60,7 +60,7 @@ class ReplanCoordinator:
         """Printers for which plates are being replanned, with the plate."""
         return {name: replan.plate for replan in self._running.values() for name in replan.printers}
 
-    def without_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
+    def exclude_reserved(self, books: Books, assignments: Iterable[Assignment]) -> list[Assignment]:
         """Return the assignments without those to reserved printers, for jobs that have not started."""
         reserved_printers = self.reserved_printers
         return [
@@ -70,7 +70,7 @@ class ReplanCoordinator:
             or books.has_started(books.plates[assignment.plate].job)
         ]
 
-    def clock_set(self) -> None:
+    def on_clock_set(self) -> None:
         """Allow the next search immediately, after a step of the host's clock."""
         self._search_due_s = -math.inf
 

@@ -23,7 +23,7 @@ from farm.scheduling import (
     forecast_prints,
 )
 
-MARGIN = 0.2
+MIN_GAIN_SHARE = 0.2
 """Least share of the remaining time of a part that replanning must save."""
 MIN_GAIN_S = 1800.0
 """Least time that replanning must save, as a new plan takes time too."""
@@ -66,7 +66,7 @@ class Recut:
 
 def saves_enough(before_s: float, after_s: float, now_s: float) -> bool:
     """Return whether an end at `after_s` instead of `before_s` saves enough time."""
-    return after_s + max(MIN_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
+    return after_s + max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - now_s)) <= before_s
 
 
 class ExpectedEnds:
@@ -235,8 +235,8 @@ def _estimate_sliced_s(plate: WaitingPlate, printer: FleetPrinter) -> float:
 
     A finer nozzle takes longer, as it prints finer lines; a coarser one is not assumed to be faster.
     """
-    finer = 1.0
+    line_ratio = 1.0
     if plate.requirements.nozzle_mm is not None:
-        finer = max(1.0, (plate.requirements.nozzle_mm / printer.capabilities.nozzle_mm) ** 2)
+        line_ratio = max(1.0, (plate.requirements.nozzle_mm / printer.capabilities.nozzle_mm) ** 2)
     prelude_s = plate.heating_s
-    return prelude_s + (compute_seconds_on(plate, printer) - prelude_s) * finer
+    return prelude_s + (compute_seconds_on(plate, printer) - prelude_s) * line_ratio

@@ -77,19 +77,20 @@ def choose_revision(
         Sets of printers for which it could be planned.
     """
     sets = list(dict.fromkeys(tuple(names) for names in candidates))
-    best = _find_best(job, situation, sets)
+    best = _find_best_printers(job, situation, sets)
     if best is None:
         return None
     plate_ids = {plate.id for plate in job.plates}
     plates = estimate_plates(job, best)
     new_situation = situation.with_waiting((*situation.waiting.without(plate_ids), *plates))
     is_final = (
-        _find_best(replace(job, plates=plates, planned_for=best, end_s=None), new_situation, sets) is None
+        _find_best_printers(replace(job, plates=plates, planned_for=best, end_s=None), new_situation, sets)
+        is None
     )
     return best if is_final else None
 
 
-def _find_best(
+def _find_best_printers(
     job: PlannedJob, situation: Situation, candidates: Sequence[tuple[str, ...]]
 ) -> tuple[str, ...] | None:
     """Find the set of printers whose plan ends soonest; None if no plan saves enough."""
@@ -159,7 +160,7 @@ def estimate_plates(job: PlannedJob, names: Sequence[str]) -> tuple[WaitingPlate
         time_factor=1.0,
     )
     return tuple(
-        replace(part_plate, id=f"{job.number}/revised-{index:02d}", planned=name)
+        replace(part_plate, id=f"{job.number}/revised-{index:02d}", planned_printer=name)
         for index, name in enumerate(names)
     )
 

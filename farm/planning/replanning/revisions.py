@@ -32,7 +32,7 @@ from farm.scheduling import (
     describe_plates,
     join_names,
     limit_availability,
-    list_coming,
+    list_usable_printers,
 )
 from farm.state import Books, PlateState
 from farm.state import events as ev
@@ -40,7 +40,7 @@ from farm.state.transitions import apply
 
 log = logging.getLogger(__name__)
 
-PATIENCE = 3.0
+PLANNING_TIMEOUT_RATIO = 3.0
 """Multiple of the expected planning time after which a job starts with its current plan."""
 MAX_FORECAST = 1000
 """Number of printers and plates in the forecasts of one run above which jobs wait for the next run."""
@@ -67,7 +67,7 @@ class PlanRevisions:
         self._began_s: dict[int, float] = {}
         self._held_until_s: dict[int, float] = {}
         self.has_more, self.postponed = False, frozenset[str]()
-        self._examined_keys: set[_Key] = set()  # jobs with their plans, free and coming printers
+        self._examined_keys: set[_Key] = set()  # jobs with their plans, idle and usable printers
         self._changeable: dict[int, tuple[object, bool]] = {}  # by job, with its revision in the books
 
     def is_running(self, number: int) -> bool:
@@ -140,22 +140,22 @@ class PlanRevisions:
                 for name, use in (*reservations.items(), *plate_by_printer.items())
                 if use not in own_uses
             }
-            idle, coming_printers = candidates.choose(job, taken_printers)
+            idle, usable_printers = candidates.choose(job, taken_printers)
             # Idle printers change often: a job that cannot start yet is examined again when it can.
-            key = (number, job.plan, frozenset(idle if starts else ()), frozenset(coming_printers))
+            key = (number, job.plan, frozenset(idle if starts else ()), frozenset(usable_printers))
             if key in self._examined_keys:
                 continue
             end_s = _find_end_s(plates, plate_by_printer, situation)
             candidate = _describe(job, plates, situation, ratio, end_s)
             names = None
-            if may_revise(candidate, situation, (idle, coming_printers)):
+            if may_revise(candidate, situation, (idle, usable_printers)):
                 if forecast_size > MAX_FORECAST:
                     self.has_more = True
                     if starts:
                         self.postponed |= {plate.id for plate in plates}
                     continue
                 forecast_size += len(situation.printers) + len(situation.waiting.up_to(plates[0].queue_rank))
-                names = choose_revision(candidate, situation, (idle, coming_printers))
+                names = choose_revision(candidate, situation, (idle, usable_printers))
             self._examined_keys = {
                 attempt_key for attempt_key in self._examined_keys if attempt_key[0] in changeable
             } | {key}
@@ -163,7 +163,7 @@ class PlanRevisions:
                 log.info("job %d is planned again for %s", number, " ".join(names), extra={"job": number})
                 self._running[number] = StartPlanning(number, names, rounds=1)
                 self._began_s[number] = situation.now_s
-                self._held_until_s[number] = situation.now_s + PATIENCE * candidate.planning_s
+                self._held_until_s[number] = situation.now_s + PLANNING_TIMEOUT_RATIO * candidate.planning_s
                 yield self._running[number]
 
     def _is_changeable(self, books: Books, job: Job) -> bool:
@@ -243,30 +243,30 @@ class _Candidates:
 
     def __init__(self, situation: Situation) -> None:
         self._situation = situation
-        self._coming: dict[Hashable, dict[str, FleetPrinter]] = {}
+        self._usable_printers: dict[Hashable, dict[str, FleetPrinter]] = {}
 
     def has_all(self, job: Job, names: Iterable[str]) -> bool:
         """Return whether a job could use all of some printers without a repair."""
-        return all(map(self._find_coming(job).__contains__, names))
+        return all(map(self._find_usable_printers(job).__contains__, names))
 
     def choose(self, job: Job, taken_printers: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Choose printers for a job: from those that are idle now, and from all that need no repair."""
         request = JobRequest(derive_job_requirements(job), job.options.printers, spares=job.options.spares)
-        coming_printers = list(self._find_coming(job).values())
-        idle = [p for p in coming_printers if p.obstacle() is None and p.name not in taken_printers]
-        return _take_largest(idle, request), _take_largest(coming_printers, request)
+        usable_printers = list(self._find_usable_printers(job).values())
+        idle = [p for p in usable_printers if p.obstacle() is None and p.name not in taken_printers]
+        return _take_largest(idle, request), _take_largest(usable_printers, request)
 
-    def _find_coming(self, job: Job) -> dict[str, FleetPrinter]:
+    def _find_usable_printers(self, job: Job) -> dict[str, FleetPrinter]:
         """Find the printers that a job could use without a repair, by name."""
         requirements, printers = derive_job_requirements(job), self._situation.printers
         key = requirements, job.not_before_s, job.options.hold
-        coming_printers = self._coming.get(key)
-        if coming_printers is None:
+        usable_printers = self._usable_printers.get(key)
+        if usable_printers is None:
             matching_printers = [p for p in printers if requirements.matches(p.capabilities)]
             availability = limit_availability(Availability(printers), self._situation, job)
-            coming_printers = {p.name: p for p in list_coming(matching_printers, availability)}
-            self._coming[key] = coming_printers
-        return coming_printers
+            usable_printers = {p.name: p for p in list_usable_printers(matching_printers, availability)}
+            self._usable_printers[key] = usable_printers
+        return usable_printers
 
 
 def _take_largest(printers: Sequence[FleetPrinter], request: JobRequest) -> tuple[str, ...]:

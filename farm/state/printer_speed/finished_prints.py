@@ -48,7 +48,7 @@ def learn_speed(books: Books, printer: Printer, attempt: Print) -> Printer:
 def list_timings(books: Books, printer: Printer) -> list[Timing]:
     """List the latest prints of a printer that show its speed, at most MAX_PRINTS, the newest first."""
     prints = (p for p in books.prints.values() if p.printer == printer.name)
-    return [timing for _, timing in _list_newest(books, prints)]
+    return [timing for _, timing in _list_latest_timings(books, prints)]
 
 
 def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Timing]:
@@ -56,11 +56,11 @@ def list_family_timings(books: Books, printer: Printer, plate: Plate) -> list[Ti
     prints = (p for p in books.prints.values() if books.plates[p.plate].family == plate.family)
     return [
         Timing(timing.shares, timing.ratio * printer.time_factor / books.printer(name).time_factor)
-        for name, timing in _list_newest(books, prints)
+        for name, timing in _list_latest_timings(books, prints)
     ]
 
 
-def _list_newest(books: Books, prints: Iterable[Print]) -> list[tuple[str, Timing]]:
+def _list_latest_timings(books: Books, prints: Iterable[Print]) -> list[tuple[str, Timing]]:
     """List the printers and timings of the latest prints that show the speed by feature."""
     done_prints = (p for p in prints if p.state is PrintState.DONE and not p.paused)
     candidates = heapq.nlargest(_CANDIDATES, done_prints, key=lambda p: (p.ended_s or 0.0, p.id))

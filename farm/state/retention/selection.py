@@ -26,7 +26,7 @@ class KeepRules:
 
 def find_keep_reason(books: Books, job: Job) -> str | None:
     """Find the reason to keep the files of a job; None if they may be deleted."""
-    return _find_keep_reason(books, job, _list_parts_on_beds(books))
+    return _find_keep_reason(books, job, _find_unjudged_jobs(books))
 
 
 def _find_keep_reason(books: Books, job: Job, on_beds: Mapping[int, str]) -> str | None:
@@ -39,8 +39,8 @@ def _find_keep_reason(books: Books, job: Job, on_beds: Mapping[int, str]) -> str
     return on_beds.get(job.id)
 
 
-def _list_parts_on_beds(books: Books) -> dict[int, str]:
-    """List the jobs with a part on a bed or without a verdict: a bad part is printed again."""
+def _find_unjudged_jobs(books: Books) -> dict[int, str]:
+    """Find the jobs with a part on a bed or without a verdict: a bad part is printed again."""
     parts = {}
     for printer in books.printers.values():
         last_print = books.last_print_on(printer.name)
@@ -110,7 +110,7 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
 
     Pruning keeps pictures. If these are missing too, the store may be unavailable: the job is not listed.
     """
-    on_beds = _list_parts_on_beds(books)
+    on_beds = _find_unjudged_jobs(books)
     by_job = group_file_names_by_job(books)
     if not any(name in names for job_names in by_job.values() for name in job_names):
         return []
@@ -125,7 +125,7 @@ def list_lost_jobs(books: Books, names: Container[str]) -> list[int]:
 
 def _list_candidates(books: Books, before_s: float) -> Iterable[tuple[Job, float]]:
     """List the jobs that ended before a time and whose files may be deleted, in the order of their ends."""
-    on_beds = _list_parts_on_beds(books)
+    on_beds = _find_unjudged_jobs(books)
     ended_jobs = [
         (job, job.ended_s)
         for job in books.jobs.values()

@@ -125,7 +125,7 @@ def _(event: ev.HostConnected, books: Books) -> Result:
 
 
 def _set_host_loss(books: Books, names: Iterable[str], loss: HostLoss | None) -> Books:
-    """Return the books in which these printers share the loss of their host, or None."""
+    """Set the loss of their host on printers; None if it is connected."""
     printers = (books.printers[name] for name in names if name in books.printers)
     return put(books, *(replace_fields(printer, host_loss=loss) for printer in printers))
 

@@ -1,4 +1,4 @@
-"""Figures of ended prints, in total and by printer, material and month: success, time, plastic. Pure."""
+"""Figures of ended prints, in total and by printer, material and month: success, time, filament. Pure."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def test_a_step_of_the_clock_neither_makes_nor_hides_a_loss(tmp_path):
             machine.lose_host("pc-a", "time-out")
             machine.wait(5.0, notices_first=True)
             machine.clock.now_s += step_s
-            machine.hosts.clock_set(step_s)
+            machine.hosts.on_clock_set(step_s)
             machine.hosts.watch()
             assert machine.losses["pc-a"] == losses
             machine.wait(10.0, notices_first=True)

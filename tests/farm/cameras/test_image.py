@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from farm.cameras.image import LARGEST_IMAGE_BYTES, NoImage, check_beginning, read_image
+from farm.cameras.image import MAX_IMAGE_BYTES, NoImage, check_beginning, read_image
 from hosts.fake_camera import make_jpeg, make_png
 
 
@@ -31,7 +31,7 @@ def test_jpeg_and_png_are_images():
         (make_jpeg(0, 480), "0 x 480 pixels"),
         (b"\xff\xd8\xff\xda" + bytes(100), "not a valid JPEG"),
         (b"\xff\xd8\xff\x00\x00\x02" + bytes(100), "not a valid JPEG"),
-        (make_jpeg() + bytes(LARGEST_IMAGE_BYTES), "larger than 5 MB"),
+        (make_jpeg() + bytes(MAX_IMAGE_BYTES), "larger than 5 MB"),
     ],
 )
 def test_other_bytes_are_not_an_image(content, message):

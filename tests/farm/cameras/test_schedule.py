@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.cameras.schedule import (
-    END_S,
-    LARGEST_INTERVAL_S,
+    END_STILL_S,
+    MAX_INTERVAL_S,
     MIN_INTERVAL_S,
     CameraState,
     DueStill,
@@ -26,7 +26,7 @@ def test_attempts_are_two_seconds_apart_and_at_least_one_a_minute_is_allowed(ste
     state, now_s, begin_times_s = CameraState(), 0.0, []
     for wait_s, succeeds in steps:
         now_s += wait_s
-        assert state.next_s <= (state.attempt_s or 0.0) + LARGEST_INTERVAL_S
+        assert state.next_s <= (state.attempt_s or 0.0) + MAX_INTERVAL_S
         if now_s >= state.next_s:
             begin_times_s.append(now_s)
             state = state.begin(now_s)
@@ -94,9 +94,9 @@ def test_still_of_the_first_layer_is_taken_when_complete(snapshots, due):
 def test_still_of_the_end_is_taken_within_a_minute(state, moment):
     books, _ = apply_events(open_print(), make_end_event("x", state, at_s=200.0))
     due = [DueStill("x", "a", moment)]
-    assert find(books, {}, 200.0) == find(books, {}, 200.0 + END_S) == due
-    assert find(books, {}, 201.0 + END_S) == find(books, {}, 199.0) == []
-    assert find(books, {}, 200.0 + 50 * END_S, scale=50.0) == due
+    assert find(books, {}, 200.0) == find(books, {}, 200.0 + END_STILL_S) == due
+    assert find(books, {}, 201.0 + END_STILL_S) == find(books, {}, 199.0) == []
+    assert find(books, {}, 200.0 + 50 * END_STILL_S, scale=50.0) == due
 
 
 def test_still_is_taken_once():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from books.example_night import make_night_books, make_status
-from farm.cli.job_report import find_local, render_report
+from farm.cli.job_report import find_local_file, render_report
 
 
 @pytest.mark.parametrize("zone", ["UTC", "Europe/London", "Asia/Kathmandu"])
@@ -17,4 +17,4 @@ def test_page_names_the_time_zone_of_the_fleet(zone):
         status=lambda: status,
         history=lambda *_: SimpleNamespace(prints=[]),
     )
-    assert f"the farm's time zone, {zone}." in render_report(client, 1, find_local).text
+    assert f"the farm's time zone, {zone}." in render_report(client, 1, find_local_file).text

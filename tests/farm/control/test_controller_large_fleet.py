@@ -147,7 +147,7 @@ def test_updated_situation_is_that_of_the_books_after_the_starts(plates, printer
         farm.controller.stopping = True  # nothing starts with the reports
         farm.ready(*farm.controller.fleet.names)
         situations = farm.controller.situations
-        before = situations.build(situations.find_held_back())
+        before = situations.build(situations.find_held_back_plates())
         assignments = assign_plates(before)
         starts = assignments[: data.draw(st.integers(0, len(assignments)))]
         now_s = before.now_s
@@ -157,7 +157,10 @@ def test_updated_situation_is_that_of_the_books_after_the_starts(plates, printer
                 for start in starts
             )
         )
-        updated, after = situations.update(before, starts), situations.build(situations.find_held_back())
+        updated, after = (
+            situations.update(before, starts),
+            situations.build(situations.find_held_back_plates()),
+        )
         farm.store.close()
     assert updated.printers == after.printers
     assert [plate.id for plate in updated.waiting] == [plate.id for plate in after.waiting]

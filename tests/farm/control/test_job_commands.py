@@ -65,7 +65,7 @@ def plan_for(number, state, plates=2):
 def describe_night_of(farm, state, number):
     controller = farm.controller
     return describe_timeline(
-        controller.build_view_context(state), number, controller.situations.build_expected()
+        controller.build_view_context(state), number, controller.situations.build_for_forecast()
     )
 
 

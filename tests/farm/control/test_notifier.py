@@ -104,7 +104,7 @@ def test_events_after_a_backward_clock_step_are_notified(server, tmp_path):
     posts, address = server
     file = tmp_path / "told.json"
     notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)
-    notifier.clock_set(-3900.0)
+    notifier.on_clock_set(-3900.0)
     notifier.notify(make_printed_books(), 500.0)
     assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
     file.write_text(json.dumps({"since_s": 4000.0, "told": {}}))

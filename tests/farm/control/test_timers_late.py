@@ -73,7 +73,7 @@ def test_clock_step_takes_effect_at_once(begin, step_h):
         time.set_s = step_h * HOUR_S
         await asyncio.sleep(1.0)
         time.follow_host()
-        timers.clock_set()
+        timers.on_clock_set()
         await asyncio.sleep(14 * HOUR_S)
         timers.stop()
         await asyncio.sleep(0)

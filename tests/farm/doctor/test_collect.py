@@ -10,42 +10,42 @@ from typer.testing import CliRunner
 from drivers.locks import AGENT_LOCK, acquire_lock
 from farm.cli.main import app
 from farm.doctor import Level, check_installation, collect_facts
-from farm.paths import Places, StateFolder
+from farm.paths import FarmPaths, StateFolder
 from farms.recorded_state import unpack_state
 
 
 @pytest.fixture
-def places(tmp_path):
+def paths(tmp_path):
     state = unpack_state(tmp_path)
-    return Places(StateFolder(state), tmp_path / "farm.sock", tmp_path / "fleet.yaml")
+    return FarmPaths(StateFolder(state), tmp_path / "farm.sock", tmp_path / "fleet.yaml")
 
 
-def list_findings(places, check):
-    result = check_installation(collect_facts(places, None, "it is down"))
+def list_findings(paths, check):
+    result = check_installation(collect_facts(paths, None, "it is down"))
     return [finding for finding in result if finding.check == check]
 
 
-def test_books_are_read_and_not_changed(places):
-    old_files = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
-    (books,) = list_findings(places, "database")
+def test_books_are_read_and_not_changed(paths):
+    old_files = {path.name: path.read_bytes() for path in paths.state.root.glob("farm.db*")}
+    (books,) = list_findings(paths, "database")
     assert (books.level, "5 jobs" in books.text) == (Level.OK, True)
-    new_files = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
+    new_files = {path.name: path.read_bytes() for path in paths.state.root.glob("farm.db*")}
     assert new_files["farm.db"] == old_files["farm.db"]
     assert new_files["farm.db-count"] == old_files["farm.db-count"]
 
 
-def test_files_that_are_missing_or_changed_are_named(places):
-    facts = collect_facts(places, None, None)
+def test_files_that_are_missing_or_changed_are_named(paths):
+    facts = collect_facts(paths, None, None)
     assert facts.files.checked > 4  # large ones were omitted from the recording
-    kept_file = next(path for path in sorted(places.state.files.iterdir()) if _is_needed(facts, path.name))
+    kept_file = next(path for path in sorted(paths.state.files.iterdir()) if _is_needed(facts, path.name))
     kept_file.chmod(0o600)
     kept_file.write_bytes(b"other")
     assert any(
         finding.text.endswith(f"{kept_file} has changed since it was planned")
-        for finding in list_findings(places, "files")
+        for finding in list_findings(paths, "files")
     )
     kept_file.unlink()
-    assert any(finding.text.endswith(f"{kept_file} is missing") for finding in list_findings(places, "files"))
+    assert any(finding.text.endswith(f"{kept_file} is missing") for finding in list_findings(paths, "files"))
 
 
 def _is_needed(facts, name):
@@ -53,42 +53,42 @@ def _is_needed(facts, name):
     return any(job.model_file == name for job in open_jobs)
 
 
-def test_row_that_was_changed_is_a_problem(places):
-    with sqlite3.connect(places.state.books) as db:
+def test_row_that_was_changed_is_a_problem(paths):
+    with sqlite3.connect(paths.state.books) as db:
         db.execute("UPDATE printer SET body = replace(body, 'clear', 'unknown')")
     db.close()
-    (books,) = list_findings(places, "database")
+    (books,) = list_findings(paths, "database")
     assert books.level is Level.PROBLEM and "was changed" in books.text
 
 
-def test_missing_and_invalid_books_are_reported(places):
-    for path in places.state.root.glob("farm.db*"):
+def test_missing_and_invalid_books_are_reported(paths):
+    for path in paths.state.root.glob("farm.db*"):
         path.unlink()
-    assert [finding.level for finding in list_findings(places, "database")] == [Level.OK]
-    places.state.books.write_bytes(b"no books" * 1000)
-    assert [finding.level for finding in list_findings(places, "database")] == [Level.PROBLEM]
+    assert [finding.level for finding in list_findings(paths, "database")] == [Level.OK]
+    paths.state.books.write_bytes(b"no books" * 1000)
+    assert [finding.level for finding in list_findings(paths, "database")] == [Level.PROBLEM]
 
 
-def test_silent_agent_is_a_problem(places):
-    lock = acquire_lock(places.state.agent("um2-01") / AGENT_LOCK)
+def test_silent_agent_is_a_problem(paths):
+    lock = acquire_lock(paths.state.agent("um2-01") / AGENT_LOCK)
     try:
         (agent,) = (
-            finding for finding in list_findings(places, "agents") if finding.text.startswith("um2-01:")
+            finding for finding in list_findings(paths, "agents") if finding.text.startswith("um2-01:")
         )
     finally:
         os.close(lock)
     assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent is running but does not answer")
 
 
-def test_command_prints_every_check_and_exits_with_1_on_problems(places):
-    places.state.books.write_bytes(b"no books" * 1000)
+def test_command_prints_every_check_and_exits_with_1_on_problems(paths):
+    paths.state.books.write_bytes(b"no books" * 1000)
     options = [
         "--state",
-        str(places.state.root),
+        str(paths.state.root),
         "--socket",
-        str(places.socket),
+        str(paths.socket),
         "--fleet",
-        str(places.fleet),
+        str(paths.fleet),
     ]
     run = CliRunner().invoke(app, ["doctor", "--json", *options])
     answer = json.loads(run.stdout)

@@ -17,7 +17,7 @@ from farm.config import Fleet
 from farm.control import DryRuns
 from farm.control.controller import Controller
 from farm.http import Services, make_app
-from farm.http.body_limit import LARGEST_BODY_BYTES
+from farm.http.body_limit import MAX_BODY_BYTES
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.printer_settings import list_bed_boxes
@@ -127,14 +127,14 @@ def endless_body(chunks):
 def test_endless_body_is_refused_without_being_read_further(daemon, path):
     chunks = []
     answer = ask(daemon, "POST", path, content=endless_body(chunks))
-    assert sum(chunks) <= LARGEST_BODY_BYTES + 4096
+    assert sum(chunks) <= MAX_BODY_BYTES + 4096
     assert (answer.status_code, answer.json()["exit_code"]) == (413, 5)
     assert answer.json()["error"] == f"the request to {path} is longer than 64 KiB"
 
 
 def test_body_of_the_largest_size_is_read(daemon):
     body_bytes = b'{"why": "w"}'
-    body = body_bytes + b" " * (LARGEST_BODY_BYTES - len(body_bytes))
+    body = body_bytes + b" " * (MAX_BODY_BYTES - len(body_bytes))
     path, json = "/printers/a/maintenance", {"Content-Type": "application/json"}
     assert ask(daemon, "POST", path, content=body, headers=json).status_code == 200
     assert ask(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413

@@ -21,7 +21,7 @@ from farm.http.connections import (
     REQUEST_S,
     RateLimitedLog,
     find_longest_waiting,
-    find_overdue,
+    find_overdue_connections,
 )
 from farms.real_farm import RealFarm, wait_for
 
@@ -51,7 +51,7 @@ def test_incomplete_requests_are_ended_the_oldest_first():
         WaitingClient(0.0),
         WaitingClient(5.0),
     )
-    assert find_overdue([busy_connection, old_connection, young_connection], REQUEST_S + 0.1) == [
+    assert find_overdue_connections([busy_connection, old_connection, young_connection], REQUEST_S + 0.1) == [
         old_connection
     ]
     assert find_longest_waiting([busy_connection, young_connection, old_connection]) is old_connection
@@ -202,7 +202,7 @@ def test_missing_descriptors_are_logged_once_and_retried(tmp_path, monkeypatch, 
 
 def test_errors_of_accept_are_logged_and_accepting_continues(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(connections, "_CHECK_INTERVAL_S", 0.01)
-    monkeypatch.setattr(connections, "_LOG_EVERY_S", 0.0)
+    monkeypatch.setattr(connections, "_LOG_INTERVAL_S", 0.0)
 
     async def scenario(server, path):
         loop, make = asyncio.get_running_loop(), server._make_protocol

@@ -116,12 +116,12 @@ class CountingWorkers(Workers):
 
     async def run(self, work, *args, limit=None, group=None):
         cls = CountingWorkers
-        cls.running_tasks[limit.what] += 1
-        cls.most_at_once[limit.what] = max(cls.most_at_once[limit.what], cls.running_tasks[limit.what])
+        cls.running_tasks[limit.work] += 1
+        cls.most_at_once[limit.work] = max(cls.most_at_once[limit.work], cls.running_tasks[limit.work])
         try:
             return await super().run(work, *args, limit=limit, group=group)
         finally:
-            cls.running_tasks[limit.what] -= 1
+            cls.running_tasks[limit.work] -= 1
 
 
 def read_attempts(state, result):
@@ -157,7 +157,7 @@ def test_attempts_side_by_side_have_the_plan_of_one_worker(bar, tmp_path):
         CountingWorkers.most_at_once.clear()
         states.append(StateFolder(tmp_path / name))
         plans.append(asyncio.run(make_plan(states[-1])))
-        most_at_once.append(CountingWorkers.most_at_once[DECOMPOSING.what])
+        most_at_once.append(CountingWorkers.most_at_once[DECOMPOSING.work])
     by_one, by_two = plans
     assert by_two == replace(by_one, decomposition=by_two.decomposition)
     assert list_stored(states[0]) == list_stored(states[1])

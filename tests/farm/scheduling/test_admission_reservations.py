@@ -6,11 +6,11 @@ from books.scheduling_examples import make_plate, make_printer, make_rules, make
 from farm.scheduling.admission import (
     Availability,
     JobRequest,
+    PendingPlan,
     PlanOrder,
-    Promise,
     choose_printers,
-    choose_printers_beside,
-    list_promised_printers,
+    choose_unreserved_printers,
+    list_pending_printers,
     list_reservations,
 )
 from farm.scheduling.matching import Requirements
@@ -47,16 +47,18 @@ def test_printers_are_reserved_for_replans_and_as_spares():
 def test_reserved_printers_are_avoided_while_another_is_free():
     fleet = (make_printer("a"), make_printer("b"), make_printer("c", booked=True))
     assert choose_printers(ANY_PRINTER, Availability(fleet, {"b": "6/03"})) == PlanOrder(("a",))
-    promise = Promise(job=8, priority=1, printers=frozenset("b"))
-    assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 5, [promise]) == PlanOrder(("a",))
-    shared_promise = Promise(job=8, priority=1, printers=frozenset("ab"))
-    assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 1, [shared_promise]) == PlanOrder(
+    pending_plan = PendingPlan(job=8, priority=1, printers=frozenset("b"))
+    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 5, [pending_plan]) == PlanOrder(
+        ("a",)
+    )
+    shared_plan = PendingPlan(job=8, priority=1, printers=frozenset("ab"))
+    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 1, [shared_plan]) == PlanOrder(
         ("a", "b", "c")
     )
-    assert choose_printers_beside(ANY_PRINTER, Availability(fleet), 2, [shared_promise]) == PlanOrder(
+    assert choose_unreserved_printers(ANY_PRINTER, Availability(fleet), 2, [shared_plan]) == PlanOrder(
         ("a", "b")
     )
-    assert list_promised_printers([shared_promise]) == {"a": "job 8", "b": "job 8"}
+    assert list_pending_printers([shared_plan]) == {"a": "job 8", "b": "job 8"}
 
 
 def test_printers_of_a_replan_are_avoided_while_others_exist():

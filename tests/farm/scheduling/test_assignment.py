@@ -241,7 +241,7 @@ ready_printers = st.lists(
 def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, fleet):
     moment = make_situation(waiting_plates, fleet, None, NOW_S)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plate_matching._Matching, "_find_untaken", lambda self, make_plate: None)
+        patch.setattr(plate_matching._Matching, "_find_unassigned_printer", lambda self, make_plate: None)
         expected = assignment.assign_plates(moment)
     assert assignment.assign_plates(moment) == expected
 
@@ -250,8 +250,8 @@ def test_short_cut_to_an_untaken_printer_changes_no_assignment(waiting_plates, f
 def test_only_starts_that_are_still_possible_are_selected(waiting_plates, fleet, later_fleet):
     moment, later_moment = (make_situation(waiting_plates, p, None, NOW_S) for p in (fleet, later_fleet))
     assignments = assignment.assign_plates(moment)
-    assert assignment.select_possible(assignments, moment) == assignments
-    possible = assignment.select_possible(assignments, later_moment)
+    assert assignment.select_possible_assignments(assignments, moment) == assignments
+    possible = assignment.select_possible_assignments(assignments, later_moment)
     free_names = {p.name for p in later_moment.free}
     assert all(item in assignments and item.printer in free_names for item in possible)
     extra_printers = {

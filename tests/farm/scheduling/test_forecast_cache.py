@@ -76,7 +76,7 @@ def test_no_caller_waits_for_the_forecast_of_a_large_queue(scene, monkeypatch):
     assert second_ends.at_s == 1091.0 and second_ends.by_plate.keys() == {"1/01", "1/02", "1/03"}
     scene.move(1200.0, plates=2)
     steps = cache.find_background_work()
-    cache.clock_set()
+    cache.on_clock_set()
     run(steps)  # it was computed with the former hours
     assert cache.find_ends().at_s == -math.inf
 

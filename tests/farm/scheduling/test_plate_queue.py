@@ -21,7 +21,7 @@ plates = st.lists(
         st.uuids().map(str),
         st.sampled_from(list(jobs)),
         st.sampled_from(["generic_pla", "generic_abs", None]),
-        planned=st.sampled_from("abc"),
+        planned_printer=st.sampled_from("abc"),
         expected_s=st.floats(60, 1e5),
         not_before_s=st.sampled_from([None, 10.0, 20.0]),
         is_repeat=st.booleans(),
@@ -36,7 +36,7 @@ def test_queue_gives_what_its_plates_give(waiting_plates):
     assert list(queue) == sorted(waiting_plates, key=lambda plate: plate.priority_key)
     assert len(queue) == len(waiting_plates) and bool(queue) is bool(waiting_plates)
     assert all(plate in queue for plate in waiting_plates)
-    assert queue.planned == {plate.planned for plate in waiting_plates}
+    assert queue.planned_printers == {plate.planned_printer for plate in waiting_plates}
     assert queue.demands == {plate.demand for plate in waiting_plates}
     assert queue.starts_s == {plate.not_before_s for plate in waiting_plates} - {None}
     assert list(queue.repeats) == [plate for plate in queue if plate.is_repeat]

@@ -87,7 +87,7 @@ def test_firmware_with_an_unverified_dead_man_prints_only_attended():
     results = [builder.printers(fleet, books, {})[0] for fleet in fleets]
     assert [item.unattended for item in results] == [False, True, True]
     reason = "it is not verified that Marlin 2 switches the heaters off when its host dies"
-    assert results[0].why_attended == reason
+    assert results[0].attended_reason == reason
 
 
 def test_one_printer_is_described_as_among_all_unless_it_is_disabled():

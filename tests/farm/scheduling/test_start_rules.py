@@ -145,7 +145,7 @@ def test_start_is_allowed_until_the_latest_start(waiting_plates, fleet, start_ru
 def test_attended_printer_ends_before_the_hours_and_names_the_next_start():
     start_rules, lone_printer = (
         make_rules(attended=WEEK[0]),
-        make_printer("a", unattended=False, why_attended="so"),
+        make_printer("a", unattended=False, attended_reason="so"),
     )
     assert start_rules.ends_by_s(lone_printer, FRIDAY) == parse_time("2026-11-20 17:45")
     assert start_rules.unattended_reason(lone_printer, parse_time("2026-11-20 17:44")) is None
@@ -226,7 +226,7 @@ def test_every_plate_is_served_eventually(waiting_plates, fleet, spares):
     }
     for candidate in waiting_plates:
         if holds[candidate.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
-            planned_printer = [p for p in fleet if p.name == candidate.planned]
+            planned_printer = [p for p in fleet if p.name == candidate.planned_printer]
             assert not assign([candidate], planned_printer, make_rules(max_heating=4), FRIDAY)[0]
         else:
             assert holds[candidate.id].code in final_codes

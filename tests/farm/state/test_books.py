@@ -27,7 +27,7 @@ from farm.model import (
 from farm.state import events as ev
 from farm.state.books import Books, _list_changes
 from farm.state.lifecycles import InvalidTransition
-from farm.state.plate_state import ATTEMPTS, PlateState, list_charged_failures
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState, list_charged_failures
 from farm.state.transitions import apply
 
 
@@ -86,7 +86,7 @@ def test_failed_print_needs_clearing_and_inspection_and_is_retried():
 
 def test_plate_that_fails_too_often_fails_its_job():
     books = make_printing_books(plates=1)
-    for attempt in range(ATTEMPTS):
+    for attempt in range(MAX_ATTEMPTS):
         assert books.jobs[1].state is JobState.PRINTING
         books, _ = apply_events(
             books,
@@ -236,8 +236,8 @@ class RandomNight(RuleBasedStateMachine):
     def check_attempts_within_budget(self):
         for plate in self.books.plates.values():
             prints = list(self.books.prints_of(plate))
-            assert len(list_charged_failures(plate, prints)) <= ATTEMPTS
-            if len(list_charged_failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
+            assert len(list_charged_failures(plate, prints)) <= MAX_ATTEMPTS
+            if len(list_charged_failures(plate, prints)) == MAX_ATTEMPTS and prints[-1].state.ended:
                 assert plate not in list(self.books.waiting_plates())
 
     @invariant()

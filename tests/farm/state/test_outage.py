@@ -11,7 +11,7 @@ from books.make_books import apply_events, make_end_event, make_printing_books
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
 from farm.state.outage import WINDOW_S, compute_outage_window_s, find_common_losses
-from farm.state.plate_state import ATTEMPTS, PlateState
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 
 
 def make_assigned_events(*pairs):
@@ -67,7 +67,7 @@ def test_failure_counts_as_an_attempt(second_failure):
 
 def test_job_continues_after_failures_by_an_outage():
     books = make_printing_books(plates=1)
-    for attempt in range(ATTEMPTS - 1):
+    for attempt in range(MAX_ATTEMPTS - 1):
         name = f"x{attempt}"
         books, _ = apply_events(
             books,

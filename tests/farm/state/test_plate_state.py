@@ -7,7 +7,7 @@ from farm.errors import ErrorCode
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.plate_state import ATTEMPTS, PlateState
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 
 CANCELLED_FIELDS = {"reason": "because", "state": PrintState.CANCELLED}
 
@@ -59,7 +59,7 @@ def test_bad_part_is_printed_again_without_an_attempt():
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.PRINTING, None)
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
-    books = make_failed_books(books, ATTEMPTS - 1)
+    books = make_failed_books(books, MAX_ATTEMPTS - 1)
     assert find_state(books) is PlateState.WAITING
     books, _ = apply_events(
         books,
@@ -109,7 +109,7 @@ def test_fault_while_a_print_is_ended_by_a_person_is_no_attempt():
 
 def test_plate_without_attempts_does_not_block_others():
     books, _ = apply_events(make_printing_books(plates=2), make_assigned_event("1/02", "b", "y"))
-    books = make_failed_books(books, ATTEMPTS)
+    books = make_failed_books(books, MAX_ATTEMPTS)
     assert find_state(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
     assert books.prints["y"].cancel_reason is None
@@ -121,7 +121,7 @@ def test_plate_without_attempts_does_not_block_others():
 def test_reprint_of_failed_cancelled_and_good_parts():
     repeated_event = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
-        make_failed_books(make_printing_books(plates=1), ATTEMPTS),
+        make_failed_books(make_printing_books(plates=1), MAX_ATTEMPTS),
         apply_events(make_printing_books(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
         apply_events(make_printed_books(1), make_cleared_event("a"))[0],
         make_printed_books(1),
@@ -131,8 +131,8 @@ def test_reprint_of_failed_cancelled_and_good_parts():
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
         assert find_state(books) is PlateState.WAITING
-        assert find_state(make_failed_books(books, ATTEMPTS - 1, start=10)) is PlateState.WAITING
-        assert find_state(make_failed_books(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
+        assert find_state(make_failed_books(books, MAX_ATTEMPTS - 1, start=10)) is PlateState.WAITING
+        assert find_state(make_failed_books(books, MAX_ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
 
 
 def test_cancelled_part_is_not_repeated_while_others_continue():

@@ -9,7 +9,7 @@ from farm.config import Fleet
 from farm.model import Bed, FilamentState, JobState, PrintState, Reel, Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
-from farm.state.plate_state import ATTEMPTS, PlateState
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 from farm.state.salvaged_parts import find_possibly_complete_print, list_reprinting_printers
 from farm.views import ViewContext, list_tasks
 
@@ -58,13 +58,13 @@ def test_complete_part_is_good_and_not_reprinted():
 
 def test_failed_job_is_done_if_its_last_part_is_complete():
     books = make_printing_books(plates=1)
-    for attempt in range(ATTEMPTS):
+    for attempt in range(MAX_ATTEMPTS):
         name = f"x{attempt}"
         cleared_event = ev.BedCleared(at_s=1.0, printer="a", by="ann")
         failed_event = make_end_event(name, PrintState.FAILED, 110.0, **AGENT_DEATH)
         books, _ = apply_events(books, cleared_event, make_assigned_event("1/01", "a", name), failed_event)
     assert books.jobs[1].state is JobState.FAILED
-    books, _ = apply_events(books, make_whole_part_event(f"x{ATTEMPTS - 1}"))
+    books, _ = apply_events(books, make_whole_part_event(f"x{MAX_ATTEMPTS - 1}"))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
 
 

@@ -96,7 +96,7 @@ def test_idle_connections_are_closed_for_their_own_client_only():
         flood = [await connect(address, "127.0.0.1", INCOMPLETE_REQUEST) for _ in range(40)]
         reader, writer = await connect(address, "127.0.0.1", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
-        assert len(server._list_own("127.0.0.1")) <= 4
+        assert len(server._list_connections("127.0.0.1")) <= 4
         other_client[1].write(b"Connection: close\r\n\r\n")  # it was not closed in favour of them
         assert b"well" in await other_client[0].read()
         for _, connection in (*flood, (reader, writer), other_client):
@@ -115,7 +115,7 @@ def test_client_with_too_many_open_requests_gets_no_connection_and_others_do():
         assert await reader.read() == b""
         reader, writer = await connect(address, "127.0.0.2", COMPLETE_REQUEST)
         assert b"well" in await reader.read()
-        assert len(server._list_own("127.0.0.1")) == 4
+        assert len(server._list_connections("127.0.0.1")) == 4
         for _, connection in (*busy_clients, (reader, writer), (reader, refused_writer)):
             connection.close()
 

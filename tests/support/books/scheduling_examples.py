@@ -42,14 +42,14 @@ def box(height_mm, half_mm=50.0):
     return (-half_mm, -half_mm, half_mm, half_mm, height_mm)
 
 
-def make_plate(name, planned, **changes):
+def make_plate(name, planned_printer, **changes):
     facts = {
         "requirements": Requirements("generic_pla", None, 0.4, box(100.0)),
         "job": 1,
         "expected_s": 3600.0,
         "failed_on": frozenset(),
     }
-    return WaitingPlate(id=name, planned=planned, **{**facts, **changes})
+    return WaitingPlate(id=name, planned_printer=planned_printer, **{**facts, **changes})
 
 
 def make_situation(plates, fleet, start_rules=None, now_s=0.0, spares=0, **changes):

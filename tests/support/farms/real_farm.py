@@ -15,7 +15,7 @@ from drivers.emulator.launch import Command, control, is_running
 from drivers.emulator.status import read_status
 from drivers.remote import kill_agent
 from farm.cli.client import connect
-from farm.paths import find_places
+from farm.paths import find_farm_paths
 
 FARM = Path(sys.executable).with_name("farm")
 PATIENCE_S = 240.0
@@ -88,7 +88,7 @@ class RealFarm:
         return self._read(self._client().job(number))["job"]
 
     def _client(self):
-        return connect(find_places(self.state, None, self.fleet))
+        return connect(find_farm_paths(self.state, None, self.fleet))
 
     @staticmethod
     def _read(answer):

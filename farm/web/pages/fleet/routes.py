@@ -42,7 +42,7 @@ def fleet_routes(pages: PageContext) -> APIRouter:
     async def render_timeline_page(reader: Reader, query: TimelineQuery, note: Note | None = None) -> str:
         context, situation = (
             controller.build_view_context(services.state),
-            controller.situations.build_expected(),
+            controller.situations.build_for_forecast(),
         )
         problem, change = None, None
         try:

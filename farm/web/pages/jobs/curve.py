@@ -78,7 +78,7 @@ def draw_curve(
         return None
     numbers = sorted(by_number)
     first, last, longest_s = numbers[0], numbers[-1], max(by_number.values())
-    every = -(-(last - first + 1) // _MAX_LABELS)
+    label_interval = -(-(last - first + 1) // _MAX_LABELS)
 
     def place(number: int) -> Choice:
         time_s = by_number[number]
@@ -88,7 +88,7 @@ def draw_curve(
             text=f"{format_count(number, 'printer')}: about {format_duration(time_s)}, ends {end.text}",
             x=_LEFT + (_WIDTH - _LEFT - _RIGHT) * (number - first) / (last - first),
             y=_TOP + (_HEIGHT - _TOP - _BOTTOM) * (1 - time_s / longest_s),
-            label=str(number) if (number - first) % every == 0 else "",
+            label=str(number) if (number - first) % label_interval == 0 else "",
             is_chosen=number == chosen_count,
             end=end,
         )

@@ -97,7 +97,7 @@ def list_part_rows(
                 if slot is not None
                 else (last_print.ended if last_print is not None else None),
                 expected=format_duration(plate.estimated_s),
-                now=_describe_now(last_print, open_print, job.now),
+                now=_estimate_total_time(last_print, open_print, job.now),
                 actual=_describe_actual(last_print, plate.estimated_s),
                 filament=format_filament(plate.grams, plate.filament_mm, plate.price, job.currency),
                 why=_explain(plate, last_print),
@@ -131,7 +131,9 @@ def _describe_remark(part: api.PartView, printer: api.PrinterView | None) -> str
     return ", ".join(remarks)
 
 
-def _describe_now(last_print: api.PrintView | None, open_print: api.PrintProgress | None, now: str) -> str:
+def _estimate_total_time(
+    last_print: api.PrintView | None, open_print: api.PrintProgress | None, now: str
+) -> str:
     if open_print is None or last_print is None or last_print.started is None:
         return ""
     duration = datetime.fromisoformat(now) - datetime.fromisoformat(last_print.started)

@@ -126,7 +126,7 @@ def describe_job_page(services: Services, number: int, report: Report, curve_job
     job = controller.books.job(number)
     timeline: api.Timeline | None = None
     if job.plates and not job.state.ended:
-        timeline = describe_timeline(context, number, controller.situations.build_expected())
+        timeline = describe_timeline(context, number, controller.situations.build_for_forecast())
     return JobData(
         describe_job(context, job),
         describe_farm(services).printers,

@@ -10,7 +10,7 @@ from drivers.safety import StopResult
 from farm.cli import estop_socket
 from farm.cli.commands import estop
 from farm.errors import ErrorCode, FarmError, NoSuchThing
-from farm.paths import find_places
+from farm.paths import find_farm_paths
 
 
 @pytest.fixture
@@ -113,31 +113,31 @@ def test_lost_connection_does_not_confirm_a_stop(tmp_path):
 
 def test_farm_of_another_user_without_a_socket_is_reported(tmp_path, monkeypatch):
     (tmp_path / "farm.sock").touch()
-    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    paths = find_farm_paths(tmp_path / "state", tmp_path / "farm.sock", None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 4711)
     with pytest.raises(FarmError, match="belongs to another user and has no"):
-        estop_socket.find_estop_socket(places)
+        estop_socket.find_estop_socket(paths)
     (tmp_path / "estop.sock").touch()
-    assert estop_socket.find_estop_socket(places) == tmp_path / "estop.sock"
+    assert estop_socket.find_estop_socket(paths) == tmp_path / "estop.sock"
 
 
 def test_root_with_a_state_folder_needs_no_socket(tmp_path, monkeypatch):
     (tmp_path / "estop.sock").touch()
     monkeypatch.setattr(estop_socket, "_find_owner", lambda path: 4711 if path.exists() else None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 0)
-    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
-    assert estop_socket.find_estop_socket(places) == tmp_path / "estop.sock"
+    paths = find_farm_paths(tmp_path / "state", tmp_path / "farm.sock", None)
+    assert estop_socket.find_estop_socket(paths) == tmp_path / "estop.sock"
     (tmp_path / "state" / "agents").mkdir(parents=True)
-    assert estop_socket.find_estop_socket(places) is None
+    assert estop_socket.find_estop_socket(paths) is None
 
 
 def test_owner_of_a_farm_does_not_use_the_estop_socket(tmp_path):
     (tmp_path / "estop.sock").touch()
-    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
-    assert estop_socket.find_estop_socket(places) is None
+    paths = find_farm_paths(tmp_path / "state", tmp_path / "farm.sock", None)
+    assert estop_socket.find_estop_socket(paths) is None
     assert (
         estop_socket.find_estop_socket(
-            find_places(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)
+            find_farm_paths(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)
         )
         is None
     )
@@ -183,8 +183,8 @@ def test_lines_of_several_printers_do_not_mix(tmp_path, monkeypatch):
         results.append(message.printer)
 
     targets = {name: end_stop(name) for name in "abcdefgh"}
-    monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
-    estop.stop_all(find_places(tmp_path, None, None), [], report)
+    monkeypatch.setattr(estop, "find_targets", lambda paths: (targets, None))
+    estop.stop_all(find_farm_paths(tmp_path, None, None), [], report)
     assert overlaps == [] and len(results) == 8 * 21
 
 
@@ -196,8 +196,8 @@ def test_unconfirmed_stop_is_an_error_with_the_name_of_the_printer(
     tmp_path, monkeypatch, seen_off, still, message
 ):
     targets = {"a": lambda tell: StopResult("a", 0.0, seen_off, "hm", still)}
-    monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
+    monkeypatch.setattr(estop, "find_targets", lambda paths: (targets, None))
     results = []
     with pytest.raises(FarmError, match=message):
-        estop.stop_all(find_places(tmp_path, None, None), [], results.append)
+        estop.stop_all(find_farm_paths(tmp_path, None, None), [], results.append)
     assert [(item.seen_off, item.still) for item in results] == [(seen_off, still)]

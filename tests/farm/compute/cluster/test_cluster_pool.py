@@ -189,7 +189,7 @@ class UnfitLink(LostLink):
 
     async def submit(self, task, files):
         self.tasks.append(sorted(files.values()))
-        return RemoteAnswer("w1", unfit="No space left on device")
+        return RemoteAnswer("w1", mismatch="No space left on device")
 
 
 def test_what_a_worker_could_not_do_is_done_here(tmp_path, source):
@@ -215,7 +215,7 @@ def test_a_worker_refuses_damaged_files_and_other_versions(tmp_path, sent):
         return await executor.execute(RemoteTask("t", b"", CHECKING, installation), sent)
 
     answer = asyncio.run(main())
-    assert answer.unfit == (
+    assert answer.mismatch == (
         "the file 000000000000 was damaged in transit" if sent else "it has Cura's settings abc, not other"
     )
 

@@ -17,7 +17,9 @@ def test_a_file_with_another_hash_is_not_kept(tmp_path):
     with pytest.raises(ValueError, match="damaged in transit"):
         cache.store(compute_name(b"right"), b"wrong")
     assert list((tmp_path / "files").iterdir()) == []
-    assert cache.list_missing([compute_name(b"right"), compute_name(b"right")]) == (compute_name(b"right"),)
+    assert cache.list_missing_files([compute_name(b"right"), compute_name(b"right")]) == (
+        compute_name(b"right"),
+    )
 
 
 def test_files_used_least_recently_go_first_and_those_in_use_stay(tmp_path):
@@ -40,5 +42,5 @@ def test_a_cache_that_is_too_small_keeps_what_a_task_uses(tmp_path):
         cache.store(compute_name(content), content)
         with cache.use([]):
             pass
-        assert cache.list_missing([compute_name(content)]) == ()
-    assert cache.list_missing([compute_name(content)]) == (compute_name(content),)
+        assert cache.list_missing_files([compute_name(content)]) == ()
+    assert cache.list_missing_files([compute_name(content)]) == (compute_name(content),)

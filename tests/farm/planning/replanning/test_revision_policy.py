@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from books.scheduling_examples import make_plate, make_printer, make_rules, make_situation
 from farm.model import Bed
 from farm.planning.replanning import revision_policy
-from farm.planning.replanning.policy import MARGIN, MIN_GAIN_S
+from farm.planning.replanning.policy import MIN_GAIN_S, MIN_GAIN_SHARE
 from farm.planning.replanning.revision_policy import (
     PlannedJob,
     _may_help,
@@ -119,7 +119,7 @@ def test_revision_saves_the_margin_with_its_planning_time_and_is_the_last(
     next_situation = moment.with_waiting(plates)
     after_s = find_end_s({p.id for p in plates}, next_situation)
     gain_s = before_s - (after_s + planning_s)
-    assert gain_s >= max(MIN_GAIN_S, MARGIN * (before_s - moment.now_s))
+    assert gain_s >= max(MIN_GAIN_S, MIN_GAIN_SHARE * (before_s - moment.now_s))
     revised_job = replace(job, plates=plates, planned_for=revision)
     assert choose_revision(revised_job, next_situation, (free_printers, names)) is None
 

@@ -10,7 +10,7 @@ from farm.model import Bed, JobState, PrintState, Verdict
 from farm.planning.booking import list_job_files
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
-from farm.state.plate_state import ATTEMPTS, PlateState
+from farm.state.plate_state import MAX_ATTEMPTS, PlateState
 from farm.views import describe_job
 from farm.views.accounting import summarise_job
 
@@ -68,7 +68,7 @@ def test_pieces_replace_their_part_and_continue_its_attempts():
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
     assert summarise_job(books, job).wasted_s == 198.0  # of the one print that failed, once
-    for attempt in range(1, ATTEMPTS):
+    for attempt in range(1, MAX_ATTEMPTS):
         name = f"y{attempt}"
         events = (
             make_cleared_event("b"),

@@ -76,10 +76,10 @@ def test_open_requests_are_limited_by_address_and_in_all():
 def test_request_and_granted_key_are_forgotten_after_their_time():
     requests = AppKeyRequests()
     token = requests.add("\x1b[31m\n", "1.2.3.4", 0.0)
-    (request,) = requests.list_open(1.0)
+    (request,) = requests.list_open_requests(1.0)
     assert request.app == "31m"
     request.key = "secret"
     with pytest.raises(NoSuchThing):
         requests.take_key(token, REQUEST_S)
     with pytest.raises(NoSuchThing):
-        requests.find_open(request.code, 1.0)
+        requests.find_open_request(request.code, 1.0)
