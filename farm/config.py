@@ -34,16 +34,16 @@ _MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 PinFit = Annotated[float, Field(ge=0, le=2)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Place = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Path of a value in the file: keys, and indices of lists."""
 
 
 class FieldError(ValueError):
-    """Error in one field that depends on other fields; `place` is the path of the field."""
+    """Error in one field that depends on other fields; `key_path` is the path of the field."""
 
-    def __init__(self, message: str, *place: str | int) -> None:
+    def __init__(self, message: str, *key_path: str | int) -> None:
         super().__init__(message)
-        self.place = place
+        self.key_path = key_path
 
 
 def _parse_windows(value: object) -> object:
@@ -67,7 +67,9 @@ def check_scheduler(value: str) -> str:
     if match is None or not 0 < int(match[3]) < 65536:
         raise ValueError(f"{value!r} is not the address of a scheduler: use tls://HOST:PORT")
     if match[1] == "tcp" and match[2] not in ("localhost", "127.0.0.1", "[::1]"):
-        raise ValueError(f"{value!r} is not encrypted, which only this computer may be: use tls://HOST:PORT")
+        raise ValueError(
+            f"{value!r} is not encrypted, which is allowed only on this computer: use tls://HOST:PORT"
+        )
     return value
 
 

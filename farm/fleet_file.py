@@ -19,7 +19,7 @@ from farm.config import (
     Fleet,
     FleetSection,
     KeepSection,
-    Place,
+    KeyPath,
     PrinterSection,
     TlsSection,
     UploadsSection,
@@ -99,9 +99,9 @@ def load_fleet(
         try:
             sections.append(complete(section, fleet_section))
         except FieldError as error:
-            is_fleet_key = error.place[0] == "fleet"
-            place = error.place if is_fleet_key else ("printers", index, *error.place)
-            raise document.error_at(place, str(error)) from error
+            is_fleet_key = error.key_path[0] == "fleet"
+            key_path = error.key_path if is_fleet_key else ("printers", index, *error.key_path)
+            raise document.error_at(key_path, str(error)) from error
     printers = (
         section.model_copy(update={"pin_fit_mm": fleet_section.pin_fit_mm})
         if section.pin_fit_mm is None
@@ -129,9 +129,9 @@ class _Document:
     path: Path
     node: yaml.Node | None
 
-    def error_at(self, place: Place, message: str) -> FleetFileError:
+    def error_at(self, key_path: KeyPath, message: str) -> FleetFileError:
         """Make an error of one line: the file, the line of the value, the field, and the message."""
-        source = self._find_source(place)
+        source = self._find_source(key_path)
         field = ".".join(map(str, source))
         text = f"{field}: {message}" if field else message
         return FleetFileError(f"{self.path}:{self.find_line(source)}: {text}")
@@ -139,38 +139,38 @@ class _Document:
     def describe(self, error: ErrorDetails) -> FleetFileError:
         """Convert a pydantic error into one in plain words."""
         cause = error.get("ctx", {}).get("error")
-        place = cause.place if isinstance(cause, FieldError) else error["loc"]
+        key_path = cause.key_path if isinstance(cause, FieldError) else error["loc"]
         if error["type"] == "extra_forbidden":
-            section = _find_section(self._find_source(place))
+            section = _find_section(self._find_source(key_path))
             keys = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
-            return self.error_at(place, f"unknown key; known are {', '.join(keys)}")
-        return self.error_at(place, _reword(error, _PATTERNS.get(str(place[-1])) if place else None))
+            return self.error_at(key_path, f"unknown key; known are {', '.join(keys)}")
+        return self.error_at(key_path, _reword(error, _PATTERNS.get(str(key_path[-1])) if key_path else None))
 
-    def find_line(self, place: Place) -> int:
-        """Find the line (from 1) of the deepest node on the way to `place`."""
+    def find_line(self, key_path: KeyPath) -> int:
+        """Find the line (from 1) of the deepest node on the path."""
         line, node = 1, self.node
-        for step in place:
+        for step in key_path:
             node = _find_child(node, step)
             if node is None:
                 break
             line = node.start_mark.line + 1
         return line
 
-    def find_duplicate(self) -> Place | None:
+    def find_duplicate(self) -> KeyPath | None:
         """Find a key that appears twice in one mapping, of which YAML silently uses the last."""
         visited: set[int] = set()  # an alias may lead to a node again, even to one that contains it
 
-        def search(node: yaml.Node | None, place: Place) -> Place | None:
+        def search(node: yaml.Node | None, key_path: KeyPath) -> KeyPath | None:
             if id(node) in visited:
                 return None
             visited.add(id(node))
             keys: set[Any] = set()
             for key, child in _list_children(node):
-                key_path = (*place, key)
+                child_path = (*key_path, key)
                 if key in keys:
-                    return key_path
+                    return child_path
                 keys.add(key)
-                duplicate = search(child, key_path)
+                duplicate = search(child, child_path)
                 if duplicate is not None:
                     return duplicate
             return None
@@ -191,15 +191,15 @@ class _Document:
 
         return 0 if self.node is None else count(self.node)
 
-    def _find_source(self, place: Place) -> Place:
-        """Find the place that a value comes from: a printer's key may be in `defaults`."""
-        if len(place) < 3 or place[0] != "printers":
-            return place
-        section = _find_child(_find_child(self.node, "printers"), place[1])
+    def _find_source(self, key_path: KeyPath) -> KeyPath:
+        """Find the path from which a value comes: a printer's key may be in `defaults`."""
+        if len(key_path) < 3 or key_path[0] != "printers":
+            return key_path
+        section = _find_child(_find_child(self.node, "printers"), key_path[1])
         default_node = _find_child(self.node, "defaults")
-        if _find_child(section, place[2]) is None and _find_child(default_node, place[2]) is not None:
-            return ("defaults", *place[2:])
-        return place
+        if _find_child(section, key_path[2]) is None and _find_child(default_node, key_path[2]) is not None:
+            return ("defaults", *key_path[2:])
+        return key_path
 
 
 class _Loader(yaml.SafeLoader):
@@ -282,20 +282,20 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
     return f"must be {type_name}" if type_name else error["msg"].removeprefix("Value error, ")
 
 
-def _find_section(place: Place) -> type[BaseModel]:
+def _find_section(key_path: KeyPath) -> type[BaseModel]:
     """Return the record to which a key belongs."""
-    if len(place) > 2 and place[0] == "fleet":
+    if len(key_path) > 2 and key_path[0] == "fleet":
         sections: dict[object, type[BaseModel]] = {
             "compute": ComputeSection,
             "keep": KeepSection,
             "uploads": UploadsSection,
         }
-        return sections.get(place[1], FleetSection)
-    if len(place) > 2 and place[:2] == ("web", "tls"):
+        return sections.get(key_path[1], FleetSection)
+    if len(key_path) > 2 and key_path[:2] == ("web", "tls"):
         return TlsSection
     owners: dict[str, type[BaseModel]] = {"fleet": FleetSection, "web": WebSection}
     owners |= {"printers": PrinterSection, "defaults": PrinterSection}
-    return owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
+    return owners.get(str(key_path[0]), Fleet) if len(key_path) > 1 else Fleet
 
 
 def _find_child(node: yaml.Node | None, step: str | int) -> yaml.Node | None:

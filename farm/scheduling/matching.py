@@ -27,8 +27,8 @@ class Capabilities:
         Boxes; one of them must contain all extrusion of a plate.
     family
         Printer family, whose members accept the same G-code; None: any.
-    named
-        Its name if an open job asks for it by name; else None, so all other printers of a kind are equal.
+    requested_name
+        Its name if an open job asks for it by name; else None, so that other printers of one kind are equal.
     """
 
     room: tuple[Box, ...]
@@ -37,7 +37,7 @@ class Capabilities:
     nozzle_mm: float
     family: str | None = None
     material_kind: str | None = None
-    named: str | None = None
+    requested_name: str | None = None
 
     def has_material(self, material: str | None) -> bool:
         """Return whether the printer has a material, requested by the name of its file or its kind."""
@@ -55,7 +55,7 @@ class Capabilities:
             and colour in (None, self.colour)
             and nozzle_mm in (None, self.nozzle_mm)
             and family in (None, self.family)
-            and (not only or self.named in only)
+            and (not only or self.requested_name in only)
         )
 
     def holds(self, box: Box) -> bool:
@@ -70,8 +70,8 @@ class Capabilities:
 
 
 TIME_TOLERANCE_S = 10.0
-"""Unit to which the times of plates are rounded when they are compared. The last part may end later by
-little more than this."""
+"""Unit to which the times of plates are rounded when they are compared. The rounding delays the end of the
+last part by little more than this."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class FleetPrinter:
     bed: Bed
     filament: FilamentState
     link: Link
-    booked: bool  # an open print is booked on it
+    booked: bool  # an open print is assigned to it
     attention_reason: str | None  # why a person has to inspect it
     maintenance: str | None = None  # why a person has taken it out of use
     heating: bool = False
@@ -177,7 +177,8 @@ class Requirements:
         ):
             texts.append(f"an {self.family}, which it was sliced for")
         if self.only and (
-            not missing_capabilities or any(kind.named not in self.only for kind in missing_capabilities)
+            not missing_capabilities
+            or any(kind.requested_name not in self.only for kind in missing_capabilities)
         ):
             texts.append(" or ".join(self.only))
         if self.box is not None:

@@ -226,7 +226,7 @@ class SituationBuilder:
         description = _describe_printer(section, books, report, attempt, self._build_volumes)
         if is_named:
             description = replace(
-                description, capabilities=replace(description.capabilities, named=section.name)
+                description, capabilities=replace(description.capabilities, requested_name=section.name)
             )
         self._printers[section.name] = _CachedPrinter(section, entry, attempt, report, is_named, description)
         return description

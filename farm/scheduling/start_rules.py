@@ -45,7 +45,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartWindow:
-    """Limits by the hours on prints that start at a given time, on printers with the same permissions.
+    """Limits by attended and quiet hours on prints that start at a time, on printers with equal permissions.
 
     Attributes
     ----------
@@ -241,7 +241,7 @@ class StartRules:
         hint = "" if next_span is None else f": from {self.format_moment(next_span[0], now_s)} ({self.zone})"
         return f"{printer.name} prints only in attended hours ({printer.attended_reason}){hint}"
 
-    def evening_s(self, now_s: float) -> float | None:
+    def night_start_s(self, now_s: float) -> float | None:
         """Return the start of the night: the end of the attended hours; None if it has started.
 
         Raises
@@ -274,7 +274,7 @@ class StartRules:
         return self.attended.span(at_s) is not None
 
     def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
-        """Return the time at which a present person can have cleared the bed of an ended print."""
+        """Return the earliest time at which a person can have cleared the bed of an ended print."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
         next_span = self.attended.next_span(ended_s)

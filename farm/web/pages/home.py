@@ -212,7 +212,7 @@ def describe_bed(printer: api.PrinterView, good: str | None = None) -> Bed:
 def list_tiles(status: api.Status) -> list[Tile]:
     """List the printers in the order in which their prints end; printers without a print are last.
 
-    Ends are rounded down to minutes: two printers with similar ends would change places all the time.
+    Ends are rounded down to minutes, so that two printers with similar ends rarely change places.
     """
     models, now = {job.id: job.name for job in status.jobs}, status.fleet.now
     tiles = [
@@ -260,7 +260,7 @@ def describe_night(night: api.NightView | None) -> str | None:
     if night is None:
         return None
     counts = {"failed": night.failed, "still printing": night.printing, "not started": night.waiting}
-    others = "".join(f", {count} {words}" for words, count in counts.items() if count)
+    other_counts = "".join(f", {count} {words}" for words, count in counts.items() if count)
     waste = f", {format_mass(night.wasted_grams)} of it wasted" if night.wasted_grams >= 0.5 else ""
-    plates = f"{night.printed} of {format_count(night.plates, 'plate')} printed{others}"
+    plates = f"{night.printed} of {format_count(night.plates, 'plate')} printed{other_counts}"
     return f"{plates}; {format_mass(night.grams)} of filament{waste}"

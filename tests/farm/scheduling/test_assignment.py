@@ -197,7 +197,7 @@ def test_gcode_for_another_kind_of_printer_waits():
 
 def name_printer(name, **changes):
     plain_printer = make_printer(name, **changes)
-    return replace(plain_printer, capabilities=replace(plain_printer.capabilities, named=name))
+    return replace(plain_printer, capabilities=replace(plain_printer.capabilities, requested_name=name))
 
 
 def test_plate_for_named_printers_is_assigned_to_one_or_held_with_their_names():

@@ -139,7 +139,7 @@ def test_capabilities_have_a_name_only_if_a_job_requests_it():
     ):
         books, _ = apply_events(books, *events)
         assert [
-            printer.capabilities.named for printer in builder.printers(FLEET, books, READY_SNAPSHOTS)
+            printer.capabilities.requested_name for printer in builder.printers(FLEET, books, READY_SNAPSHOTS)
         ] == names
     assert derive_job_requirements(asking_job).only == ("b",)
 

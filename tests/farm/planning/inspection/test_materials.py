@@ -99,7 +99,7 @@ def test_folder_of_own_materials_is_read_and_errors_are_reported(resources, tmp_
     path.write_text("<html/>")
     with pytest.raises(FieldError, match="is not a material file of Cura's") as error:
         complete_section(make_section(), FleetSection(materials=tmp_path))
-    assert error.value.place == ("fleet", "materials")
+    assert error.value.key_path == ("fleet", "materials")
     with pytest.raises(FieldError, match="cannot be read"):
         complete_section(make_section(), FleetSection(materials=tmp_path / "no"))
 
