@@ -79,16 +79,12 @@ def measure_loss(fleet: PrintingFleet, groups: list[str]) -> dict[str, Any]:
         core.
     """
     hosts = sum(len(fleet.names[name]) for name in groups)
-<<<<<<< Updated upstream:bench/fleets/faults.py
     fleet.agents.serve(_NOTICE_S)  # notices on prints and jobs that have ended are sent first
-    printing, noticed, begun_s = len(fleet.agents.printing), len(fleet.notices.lines), time.monotonic()
-=======
     printing_count, notice_count, begun_s = (
         len(fleet.agents.printing),
         len(fleet.notices.lines),
         time.monotonic(),
     )
->>>>>>> Stashed changes:bench/fleet_faults.py
     cpu_s = fleet.daemon.cpu_s()
     fleet.groups.lose(*groups)
     loss_task_s = fleet.wait(

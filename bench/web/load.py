@@ -1,12 +1,7 @@
 """Delays of other clients while thousands of clients on the network stop in the middle of a request.
 
-<<<<<<< Updated upstream:bench/web/load.py
 ``python -m bench.web.load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
-that prints. Clients on the network hang in every way: they are silent, send half a head, half a body of
-=======
-``python -m bench.web_load [--connections N] [--seconds S] [--json]``. A real daemon, one simulated printer
 that prints. Clients on the network stop in every way: they are silent, send half a head, half a body of
->>>>>>> Stashed changes:bench/web_load.py
 JSON, half an upload, or never read the answers to many requests; a disconnected client connects again.
 Meanwhile another process requests `GET /status` on the Unix socket every 50 ms, and on the network every
 second. At the end the daemon gets SIGTERM with all of them connected. The exit status is 1 if a goal is
