@@ -34,6 +34,15 @@ _WORD = re.compile(r"([XYZEF])(-?[\d.]+)")
 
 def measure_features_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of the moves of each of `KINDS`, by their names."""
+    moves, kinds, stops = read_moves(gcode)
+    seconds = plan_moves_s(moves, stops)
+    first_stop = stops[0]
+    sums = np.bincount(kinds[first_stop:], weights=seconds[first_stop:], minlength=len(KINDS))
+    return dict(zip(KINDS, sums.tolist(), strict=True))
+
+
+def read_moves(gcode: str) -> tuple[Floats, Ints, Ints]:
+    """Read moves (n, 5), as `plan_moves_s` takes them, the index of each in `KINDS` (n,), and the stops."""
     position, feed, kind = dict.fromkeys("XYZE", 0.0), 1.0, 0
     moves, kinds, stops = [], [], []
     for line in gcode.splitlines():
@@ -53,10 +62,7 @@ def measure_features_s(gcode: str) -> dict[str, float]:
         elif line.startswith(";LAYER:"):
             stops.append(len(moves))
     stops.append(len(moves))
-    seconds = plan_moves_s(np.array(moves), np.array(stops))
-    first_stop = stops[0]
-    sums = np.bincount(np.array(kinds)[first_stop:], weights=seconds[first_stop:], minlength=len(KINDS))
-    return dict(zip(KINDS, sums.tolist(), strict=True))
+    return np.array(moves), np.array(kinds), np.array(stops)
 
 
 @jit

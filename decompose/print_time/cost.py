@@ -82,6 +82,8 @@ class CostModel:
     ring_cos: float = 1.0  # slopes with a larger n have denser infill below them
     hidden_bed_share: float = 0.0  # saved share of the skin of a hidden face on the bed; see `hidden_faces`
     hidden_top_share: float = 0.0  # saved share of the skin of hidden tops
+    hidden_bed_mm: float = 0.0  # saved height of the skin of a hidden face on the bed
+    hidden_top_mm: float = 0.0  # saved height of the skin of hidden tops
     shrinkage: float = 0.007  # decides the width of a brim against warping; not part of the price
 
     @property
@@ -132,8 +134,10 @@ class CostModel:
             walls_mm=2.0 * recipe.walls_mm,
             skins_mm=2.0 * recipe.skin_layers * recipe.layer_height_mm,
             ring_cos=recipe.ring_cos,
-            hidden_bed_share=recipe.bed_layers_saved / max(recipe.skin_layers, 1.0),
-            hidden_top_share=recipe.top_layers_saved / max(recipe.skin_layers, 1.0),
+            hidden_bed_share=recipe.hidden_bed_share,
+            hidden_top_share=recipe.hidden_top_share,
+            hidden_bed_mm=recipe.bed_layers_saved * recipe.layer_height_mm,
+            hidden_top_mm=recipe.top_layers_saved * recipe.layer_height_mm,
         )
 
     def price_support_s(

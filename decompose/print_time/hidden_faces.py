@@ -35,10 +35,9 @@ class HiddenFaces(NamedTuple):
         """Check whether all tops with skin are cut faces."""
         return self.cut_top_mm2 > 0.0 and self.seen_top_mm2 < SEEN_MM2
 
-    def compute_saved_share(self, bed_share: float, top_share: float) -> float:
-        """Compute the share of skin that a sheet between bed and top saves, by the shares of `CostModel`."""
-        saved = (bed_share if self.is_bed_hidden else 0.0) + (top_share if self.are_tops_hidden else 0.0)
-        return saved / 2.0
+    def compute_saved_mm(self, bed_mm: float, top_mm: float) -> float:
+        """Compute the height of skin that a sheet on the bed saves, by the heights of `CostModel`."""
+        return (bed_mm if self.is_bed_hidden else 0.0) + (top_mm if self.are_tops_hidden else 0.0)
 
     def compute_saved_skin_mm2(self, bed_share: float, top_share: float) -> float:
         """Compute the area of skin that is saved, by the shares of `CostModel`."""

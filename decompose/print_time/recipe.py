@@ -89,6 +89,10 @@ HOLE_VISITS = 4.0
 this multiple of their distance, with a stop for each."""
 
 
+MAX_STOP_MM_S = 30.0
+"""Speed of skin above which the ends of its lines lose no more time in slices: the same at 30 and 50 mm/s."""
+
+
 TURN_TIME_SHARE = 0.5
 """Time lost at a turn of an infill line along the wall, as a share of the time lost at its end."""
 
@@ -113,6 +117,8 @@ class Recipe:
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
     skin_mm_s: float = 30.0
+    roof_layers: int = 0  # uppermost layers of a top, printed at another speed unless all tops are hidden
+    roof_mm_s: float = 30.0
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces at a larger angle get support
     brim_mm: float = 8.0
@@ -144,7 +150,29 @@ class Recipe:
         layers = min(self.speeding_layers, round(self.skin_layers))
         speed_gain = (self.skin_mm_s - self.brim_mm_s) / max(self.speeding_layers, 1)
         first = sum(1.0 / (self.brim_mm_s + i * speed_gain) for i in range(layers))
-        return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s) / 2.0
+        return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s + self.roof_s_mm) / 2.0
+
+    @property
+    def skin_stop_s(self) -> float:
+        """Seconds lost at the end of a line of skin, before factors."""
+        return min(self.skin_mm_s, MAX_STOP_MM_S) / self.acceleration_mm_s2
+
+    @property
+    def roof_s_mm(self) -> float:
+        """Additional seconds for a mm of line in all layers of a top, because of its uppermost ones."""
+        layers = min(self.roof_layers, self.skin_layers)
+        return layers * (1.0 / self.roof_mm_s - 1.0 / self.skin_mm_s)
+
+    @property
+    def hidden_bed_share(self) -> float:
+        """Share of the time of a skin that is saved at a hidden face on the bed."""
+        return self.bed_layers_saved / self.skin_mm_s / self.skin_s_mm if self.skin_layers > 0.0 else 0.0
+
+    @property
+    def hidden_top_share(self) -> float:
+        """Share of the time of a skin that is saved at hidden tops."""
+        saved_s_mm = self.top_layers_saved / self.skin_mm_s + self.roof_s_mm
+        return saved_s_mm / self.skin_s_mm if self.skin_layers > 0.0 else 0.0
 
     @property
     def deep_lines_mm(self) -> float:
@@ -230,7 +258,7 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
         ),
         "skin": _vector(skin_mm2=skin),
         "skin rim": _vector(skin_rim_mm=-skin * r.walls_mm),
-        "slope ends": _vector(slope_mm2=r.skin_mm_s / r.acceleration_mm_s2 / (layer * r.line_width_mm)),
+        "slope ends": _vector(slope_mm2=r.skin_stop_s / (layer * r.line_width_mm)),
         "columns": _vector(column_mm3=supports / (layer * r.support_mm_s)),
         "support": _vector(support_mm3=supports / (layer * r.support_mm_s)),
         "support sides": _vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
@@ -256,9 +284,7 @@ def _pose_terms(recipe: Recipe) -> dict[str, Floats]:
         ),
         "rims": _vector(rim_mm=-skin * r.walls_mm),
         # In the mean over all directions, a line ends at the rim once for every pi widths.
-        "rim ends": _vector(
-            rim_ends_mm=r.skin_layers * r.skin_mm_s / r.acceleration_mm_s2 / (math.pi * r.line_width_mm)
-        ),
+        "rim ends": _vector(rim_ends_mm=r.skin_layers * r.skin_stop_s / (math.pi * r.line_width_mm)),
         "rings": _vector(ring_mm2=r.connection_s_mm2 if r.infill_steps else 0.0),
         "thin walls": _vector(
             bare_mm2=-max(r.wall_count - 1, 0) / r.inner_wall_mm_s / layer,

@@ -65,7 +65,7 @@ class PartSettings:
         Horizontal expansion of the first layer on each side; negative to compensate an elephant's foot.
     bed_face_hidden, tops_hidden
         Whether the faces on the bed, and all top faces, are hidden once the parts are glued. Hidden faces get
-        the layers of `Quality.hidden`.
+        the layers of `Quality.hidden`, and hidden tops no slow uppermost layer.
     """
 
     height_mm: float | None = None
@@ -187,7 +187,7 @@ def _reduce_hidden_layers(
     if part.bed_face_hidden:
         layers["initial_bottom_layers"] = str(reduced.bed_layers)
     if part.tops_hidden:
-        layers["top_layers"] = str(reduced.top_layers)
+        layers |= {"top_layers": str(reduced.top_layers), "roofing_layer_count": "0"}
     return replace(settings, hidden=reduced, extruder={**settings.extruder, **layers})
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from slicing.settings.formula import Formula
+from slicing.settings.resolver import ProfileIndex
 
 SUPPORT_VALUES = {"support_enable": True, "support_type": "everywhere"}
 _BRIM_SETTINGS = {
@@ -17,6 +18,11 @@ _BRIM_SETTINGS = {
         "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0))"
     ),
 }
+# Values of Cura's own profiles, below the changes of a quality and the user's settings.
+_CURA_SKIN_SPEED, _CURA_ROOF_SPEED = (
+    f"extruderValueFromContainer(0, '{key}', {int(ProfileIndex.QUALITY)})"
+    for key in ("speed_topbottom", "speed_roofing")
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +34,7 @@ class HiddenLayers:
     bed_layers
         On a cut face that lies on the bed.
     top_layers
-        At the top of a part whose tops are all cut faces.
+        At the top of a part whose tops are all cut faces. None of them is printed at the speed of a roof.
     """
 
     bed_layers: int
@@ -84,6 +90,13 @@ FARM_QUALITIES: Mapping[str, Quality] = {
             "top_layers": Formula(
                 "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
             ),
+            # [assumed] Only the uppermost layer of a top that is seen needs Cura's slow speed of skins. The
+            # others are printed like inner walls, with less flow than infill has.
+            "speed_topbottom": Formula(
+                f"max({_CURA_SKIN_SPEED}, min(speed_wall_x, speed_infill, 2 * {_CURA_SKIN_SPEED}))"
+            ),
+            "speed_roofing": Formula(f"min(speed_topbottom, {_CURA_ROOF_SPEED})"),
+            "roofing_layer_count": Formula("1 if top_layers > 1 else 0"),
         },
         exact_height=True,
         compensates_shrinkage=True,

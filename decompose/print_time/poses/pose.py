@@ -156,8 +156,8 @@ def measure_from_features(
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
     surfaces, up = measure_surfaces(mesh.vertices, mesh.faces), np.ascontiguousarray(rotation[2])
     hidden_faces = find_hidden_faces(surfaces, mesh.cut, up, float(lo[2]), cost.skin_cos)
-    saved_share = hidden_faces.compute_saved_share(cost.hidden_bed_share, cost.hidden_top_share)
-    sheets = Sheets(cost.skins_mm * (1.0 - saved_share), cost.layer_mm, cost.skin_cos)
+    saved_mm = hidden_faces.compute_saved_mm(cost.hidden_bed_mm, cost.hidden_top_mm)
+    sheets = Sheets(cost.skins_mm - saved_mm, cost.layer_mm, cost.skin_cos)
     columns = measure_columns(triangles, mesh.cut, cost.overhang_cos)
     thin = measure_thin_walls(triangles, WallWidths(cost.line_mm, cost.outer_walls_mm, cost.walls_mm), sheets)
     footing = Footing.from_mesh(triangles, columns.props_mm)

@@ -134,6 +134,8 @@ def build_recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
         inner_wall_mm_s=settings.speed_wall_x_mm_s,
         infill_mm_s=settings.speed_infill_mm_s,
         skin_mm_s=settings.speed_topbottom_mm_s,
+        roof_layers=int(extruder["roofing_layer_count"]),
+        roof_mm_s=float(extruder["speed_roofing"]),
         support_mm_s=settings.speed_support_mm_s,
         support_angle_deg=settings.support_angle_deg,
         brim_mm=settings.brim_width_mm if global_settings["adhesion_type"] == "brim" else 0.0,

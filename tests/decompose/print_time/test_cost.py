@@ -81,6 +81,21 @@ def test_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
     assert recipe.skin_s_mm == pytest.approx((on_bed + above) / 2.0)
 
 
+def test_uppermost_layer_of_a_top_has_its_own_speed() -> None:
+    recipe = Recipe(skin_layers=4.0, skin_mm_s=50.0, brim_mm_s=50.0, roof_layers=1, roof_mm_s=25.0)
+    assert recipe.skin_s_mm == pytest.approx((4.0 / 50.0 + 3.0 / 50.0 + 1.0 / 25.0) / 2.0)
+    hidden = replace(recipe, bed_layers_saved=2.0, top_layers_saved=1.0)
+    assert hidden.hidden_bed_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)
+    assert hidden.hidden_top_share * recipe.skin_s_mm == pytest.approx(2.0 / 50.0)  # a layer and a roof
+    assert recipe.hidden_top_share * recipe.skin_s_mm == pytest.approx(1.0 / 50.0)
+    assert replace(recipe, skin_layers=0.0).hidden_top_share == 0.0
+
+
+def test_ends_of_skin_lines_take_as_long_above_a_speed() -> None:
+    slopes_s = [time_terms(Recipe(skin_mm_s=speed))["slope ends"].max() for speed in (15.0, 30.0, 50.0)]
+    assert slopes_s[1:] == pytest.approx([2.0 * slopes_s[0]] * 2)
+
+
 @pytest.mark.parametrize(("steps", "denser_mm"), [(0, 0.0), (1, 2.0 * 0.125), (2, 2.0 * (0.1875 + 0.0625))])
 def test_infill_gets_sparser_below_the_tops(steps, denser_mm):
     """Halve the number of lines, which are 4 mm apart, by each step of 2 mm of height."""

@@ -78,6 +78,37 @@ def test_hidden_faces_get_fewer_solid_layers(resources, settings_of, quality, be
     assert settings_of("paper-hidden").extruder == settings_of("paper").extruder
 
 
+@pytest.mark.parametrize(
+    ("request_changes", "skin_mm_s", "roof_mm_s"),
+    [
+        ({}, 50.0, 30.0),
+        ({"quality": "paper"}, 30.0, 30.0),
+        ({"nozzle_mm": 0.8}, 40.0, 20.0),  # infill is slower than inner walls
+        ({"material": "generic_abs"}, 60.0, 30.0),  # inner walls of 80 mm/s: twice Cura's speed is enough
+        ({"material": "generic_tpu"}, 35.0, 35.0),
+        ({"printer": PRINTERS["ultimaker2"]}, 60.0, 30.0),
+        ({"printer": PRINTERS["creality_ender3"], "material": "generic_pla_175"}, 25.0, 25.0),
+        ({"overrides": {"speed_topbottom": "20"}}, 20.0, 20.0),
+        ({"overrides": {"speed_roofing": "25"}}, 50.0, 25.0),
+    ],
+)
+def test_skins_are_as_fast_as_inner_walls_and_roofs_as_cura_has_them(
+    resources, request_changes, skin_mm_s, roof_mm_s
+):
+    s = resolve_settings(SettingsRequest(**{"printer": UM2_PLUS, **request_changes}), resources)
+    assert (s.speed_topbottom_mm_s, float(s.extruder["speed_roofing"])) == (skin_mm_s, roof_mm_s)
+
+
+def test_only_seen_tops_have_a_roof(resources):
+    def count_roofs(part, **overrides):
+        settings = resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides), resources, part)
+        return int(settings.extruder["roofing_layer_count"])
+
+    assert count_roofs(PartSettings()) == count_roofs(PartSettings(bed_face_hidden=True)) == 1
+    assert count_roofs(PartSettings(tops_hidden=True)) == 0
+    assert count_roofs(PartSettings(), top_layers="1") == 0
+
+
 def test_glue_closes_its_tops_at_any_layer_height(settings_of):
     assert settings_of("glue").top_layers >= 4
     assert settings_of("glue", layer_height="0.3").top_layers == 4

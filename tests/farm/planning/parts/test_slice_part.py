@@ -104,6 +104,29 @@ def test_part_whose_brim_passes_the_edge_is_shifted(task):
     assert 0.5 < (low_mm + high_mm) / 2 < 1.5
 
 
+@pytest.mark.parametrize("tops_hidden", [False, True])
+def test_only_the_uppermost_layer_of_a_seen_top_is_printed_slowly(task, tops_hidden):
+    work = task(trimesh.creation.box((40.0, 30.0, 6.0)), brim_width_mm=0.0, tops_hidden=tops_hidden)
+    *lower_layers, top = slice_part(work).gcode.read_text().split(";LAYER:")[1:]
+    lower_mm_s = [read_skin_speeds_mm_s(layer) for layer in lower_layers]
+    assert lower_mm_s[0] == {30.0}  # the first layer
+    assert lower_mm_s[2] == lower_mm_s[-1] == {50.0}  # as inner walls
+    assert max(read_skin_speeds_mm_s(top)) == 50.0
+    assert (30.0 in read_skin_speeds_mm_s(top)) == (not tops_hidden)
+
+
+def read_skin_speeds_mm_s(layer):
+    """Read the speeds of the lines of skin in a layer of G-code."""
+    speeds_mm_s, is_skin, speed_mm_s = set(), False, 0.0
+    for line in layer.splitlines():
+        is_skin = line == ";TYPE:SKIN" if line.startswith(";TYPE:") else is_skin
+        words = {word[0]: word[1:] for word in line.split(";")[0].split()}
+        speed_mm_s = float(words.get("F", 60.0 * speed_mm_s)) / 60.0
+        if is_skin and words.keys() >= {"G", "X", "E"} and words["G"] == "1":
+            speeds_mm_s.add(round(speed_mm_s, 1))
+    return speeds_mm_s
+
+
 def test_hidden_faces_are_printed_with_fewer_solid_layers(task):
     """Print a tee on its foot: the undersides of its arms, on supports, keep their skin."""
     tee = trimesh.util.concatenate(
