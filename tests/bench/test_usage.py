@@ -12,14 +12,14 @@ OPTION = r"(?<![\w-])--[a-z][a-z-]*"
 
 
 def list_benches() -> list[Path]:
-    return [path for path in sorted(BENCH.glob("*.py")) if "[--json]" in read_docstring(path)]
+    return [path for path in sorted(BENCH.rglob("*.py")) if "[--json]" in read_docstring(path)]
 
 
 def read_docstring(path: Path) -> str:
     return ast.get_docstring(ast.parse(path.read_text())) or ""
 
 
-@pytest.mark.parametrize("path", list_benches(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", list_benches(), ids=lambda path: str(path.relative_to(BENCH)))
 def test_usage_names_the_options_of_the_parser(path: Path):
     text = path.read_text()
     parsed = set(re.findall(rf'add_argument\(\s*"({OPTION})"', text))
